@@ -1,4 +1,4 @@
-//! Why an output file was not written.
+//! Errors of output files.
 
 use std::path::{Path, PathBuf};
 
@@ -23,27 +23,27 @@ pub enum OutputError {
 }
 
 impl OutputError {
-    /// The file at `path` cannot be written.
+    /// Error for a file at `path` that cannot be written.
     #[must_use]
     pub fn write(path: &Path, source: std::io::Error) -> Self {
         Self::Write { path: path.into(), source }
     }
 
-    /// Whether the disk is full, the user's share of it is used up, or the file would be longer than allowed.
+    /// Whether the disk is full, a quota is used up, or the file would be longer than allowed.
     #[must_use]
     pub fn is_full_disk(&self) -> bool {
         matches!(self, Self::Write { source, .. } if is_full_disk(source))
     }
 }
 
-/// Whether an I/O error says that the disk is full, a share of it is used up, or a file would be longer than allowed.
+/// Whether an I/O error means that the disk is full, a quota is used up, or the file would be longer than allowed.
 #[must_use]
 pub fn is_full_disk(error: &std::io::Error) -> bool {
     use std::io::ErrorKind::{FileTooLarge, QuotaExceeded, StorageFull};
     matches!(error.kind(), StorageFull | QuotaExceeded | FileTooLarge)
 }
 
-/// A sentence on how to go on after an I/O error on an output; empty where there is nothing to add.
+/// Advice for an I/O error on an output, as a sentence; empty if there is none.
 #[must_use]
 pub fn advice(error: &std::io::Error) -> &'static str {
     match error.kind() {

@@ -1,4 +1,4 @@
-//! What a file is, by what it holds and not by its name: what may be replaced without being asked.
+//! Kind of a file, from its contents, not from its name. It decides whether a file may be replaced without `--force`.
 
 use std::collections::BTreeSet;
 use std::fs::File;
@@ -7,25 +7,25 @@ use std::path::Path;
 
 use supervol_format::container::header::MAGIC;
 
-/// Bytes that tell a binary file.
+/// Bytes that are examined of a binary file.
 const HEAD_BYTES: u64 = 4096;
-/// Longest text that is looked into.
+/// Longest text that is examined, in bytes.
 const TEXT_LIMIT_BYTES: u64 = 64 << 20;
 /// Keys that only statistics of a picture have.
 const STATISTICS_KEYS: [&str; 3] = ["render_ms", "page_ins", "peak_rss_bytes"];
 
-/// What a file holds.
+/// Contents of a file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum FileKind {
-    /// Nothing.
+    /// An empty file.
     Empty,
     /// A `.svol` container.
     Container,
     /// A picture: PNG, OpenEXR, SVG as it is written here, or a NumPy array of (height, width, 4) floats.
     Picture,
-    /// What `--stats` writes.
+    /// Statistics written by `--stats`.
     Statistics,
-    /// A page, table or record, with what all of its kind have in common: title, columns or keys.
+    /// A page, table or record, with the text that all of its kind share: title, columns or keys.
     Report(String),
     /// Anything else.
     Other,
@@ -45,10 +45,10 @@ impl std::fmt::Display for FileKind {
 }
 
 impl FileKind {
-    /// What a file holds.
+    /// Kind of a file.
     ///
     /// # Errors
-    /// If it cannot be read.
+    /// If the file cannot be read.
     pub fn of(path: &Path) -> io::Result<Self> {
         let mut file = File::open(path)?;
         let mut bytes = Vec::new();
@@ -60,7 +60,7 @@ impl FileKind {
         Ok(Self::of_bytes(&bytes))
     }
 
-    /// What a file of these bytes holds; of binary files the first 4096 suffice.
+    /// Kind of a file with these bytes; for binary files the first 4096 suffice.
     #[must_use]
     pub fn of_bytes(bytes: &[u8]) -> Self {
         match bytes {
@@ -73,7 +73,7 @@ impl FileKind {
     }
 }
 
-/// Whether this is the array that a picture is written as; a volume has other axes or other numbers.
+/// Whether this is a NumPy array with the shape and type of a picture; volumes have others.
 fn is_numpy_picture(bytes: &[u8]) -> bool {
     let Some(rest) = bytes.strip_prefix(b"\x93NUMPY\x01\x00") else { return false };
     let header = String::from_utf8_lossy(rest.split(|b| *b == b'\n').next().unwrap_or_default());
@@ -98,7 +98,8 @@ fn of_text(text: &str) -> Option<FileKind> {
     let first = title.or_else(|| text.lines().next()).unwrap_or_default();
     let words: Vec<&str> = first.split_whitespace().collect();
     let line = words.join(" ");
-    // Dates and counts differ from one report to the next; columns of a table have no blank behind the comma.
+    // Dates and counts differ between reports of a kind. A comma followed by a blank separates sentences, not columns
+    // of a table.
     let before_number = line.split(" ").take_while(|word| !word.starts_with(|c: char| c.is_ascii_digit()));
     let line = before_number.collect::<Vec<_>>().join(" ");
     Some(FileKind::Report(line.split(", ").next().unwrap_or_default().into()))

@@ -1,15 +1,15 @@
-//! Outputs: the one rule for every command that writes a file, and files that appear only when they are whole.
+//! Output files: one rule for every command that writes a file, and files that appear only when they are whole.
 //!
-//! 1. An output is never an input of the same command, nor another output of it: by device and inode, links followed, so
-//!    that no other name helps, nor `--force` ([`check_distinct`]).
-//! 2. A file that exists is not replaced ([`Existing::Keep`]), except pictures by pictures and statistics by statistics
-//!    ([`Existing::ReplacePicture`], [`Existing::ReplaceStatistics`]; what it is, its bytes say: [`kind`]). `--force`
-//!    replaces any file ([`Existing::Replace`]).
-//! 3. A symbolic link is followed: the file it names is replaced, the link stays. One that names nothing is refused.
-//! 4. What is no file is never replaced. FIFOs, character devices and the program's own standard output are written to
-//!    directly; a container cannot be, since it is read back while it is built. Folders, disks and sockets are refused.
-//! 5. A file is written under a temporary name beside its own ([`unfinished`]), synced, and renamed. It gets the mode and
-//!    owner of the file it replaces, or those that the process's mask leaves.
+//! 1. An output is never an input or another output of the same command, not even with `--force`. Files are compared by
+//!    device and inode, with links followed ([`check_distinct`]).
+//! 2. An existing file is not replaced ([`Existing::Keep`]), except pictures by pictures and statistics by statistics
+//!    ([`Existing::ReplacePicture`], [`Existing::ReplaceStatistics`]). The contents decide which a file is ([`kind`]).
+//!    `--force` replaces any file ([`Existing::Replace`]).
+//! 3. A symbolic link is followed: the file it names is replaced, the link stays. A link to a missing file is refused.
+//! 4. Only files are replaced. FIFOs, character devices and the program's own standard output are written to directly.
+//!    A container cannot be, because it is read back while it is built. Folders, disks and sockets are refused.
+//! 5. A file is written under a temporary name in the same folder ([`unfinished`]), synced, and renamed. It gets the
+//!    mode and owner of the file it replaces; a new file gets the process's default mode.
 
 mod error;
 pub mod kind;
@@ -23,56 +23,56 @@ pub use error::{OutputError, advice, is_full_disk};
 use kind::FileKind;
 use unfinished::UnfinishedFile;
 
-/// What to do with a file that is already there.
+/// Reaction to an existing file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Existing {
     /// Refuse.
     Keep,
-    /// Replace a picture, refuse all else.
+    /// Replace a picture, refuse all other files.
     ReplacePicture,
-    /// Replace statistics of a picture, refuse all else.
+    /// Replace statistics of a picture, refuse all other files.
     ReplaceStatistics,
-    /// Replace it once the new one is whole.
+    /// Replace any file once the new one is whole.
     Replace,
 }
 
-/// A file being written. Dropped without [`OutputFile::publish`], it leaves nothing behind.
+/// A file being written. If it is dropped without [`OutputFile::publish`], nothing remains.
 #[derive(Debug)]
 pub struct OutputFile(Target);
 
 #[derive(Debug)]
 enum Target {
-    /// Renamed to `path`, with links followed, when it is whole.
+    /// Renamed to `path` (with links resolved) when it is whole.
     File { unfinished: UnfinishedFile, path: PathBuf, existing: Existing },
-    /// Written to as it is.
+    /// A FIFO or device, written to directly.
     Stream { stream: File, path: PathBuf },
 }
 
-/// What a path leads to.
+/// Target of a path.
 enum Place {
     /// No file yet.
     New(PathBuf),
-    /// A file, with links followed.
+    /// An existing file, with links resolved.
     Taken(PathBuf, Metadata),
     /// A FIFO or character device.
     Stream,
 }
 
-/// The folder that a path lies in.
+/// The folder that contains a path.
 #[must_use]
 pub fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// Whether a container may be written to a path.
+/// Checks whether a container may be written to a path.
 ///
 /// # Errors
-/// If the path is taken and not to be replaced, or leads to what is no file.
+/// If the path exists and must not be replaced, or is not a file.
 pub fn check_free(path: &Path, existing: Existing) -> Result<(), OutputError> {
     find_file(path, existing).map(drop)
 }
 
-/// Where a container is to be written, with links followed, and what it replaces.
+/// Path of a container to write, with links resolved, and the file it replaces.
 fn find_file(path: &Path, existing: Existing) -> Result<(PathBuf, Option<Metadata>), OutputError> {
     find_replaceable(path, existing)?.ok_or_else(|| OutputError::NoFile {
         path: path.into(),
@@ -80,7 +80,7 @@ fn find_file(path: &Path, existing: Existing) -> Result<(PathBuf, Option<Metadat
     })
 }
 
-/// Where a file is to be written, with links followed, and what it replaces; `None` where a FIFO or device is written to.
+/// Path of a file to write, with links resolved, and the file it replaces; `None` for a FIFO or device.
 fn find_replaceable(path: &Path, existing: Existing) -> Result<Option<(PathBuf, Option<Metadata>)>, OutputError> {
     match find(path)? {
         Place::New(resolved) => Ok(Some((resolved, None))),
@@ -92,8 +92,10 @@ fn find_replaceable(path: &Path, existing: Existing) -> Result<Option<(PathBuf, 
     }
 }
 
+/// Checks that an output is different from the other files of its command.
+///
 /// # Errors
-/// If the output is one of the inputs, or of the other outputs, of its command.
+/// If the output is one of `others`, the command's inputs and other outputs.
 pub fn check_distinct<'a>(output: &Path, others: impl IntoIterator<Item = &'a Path>) -> Result<(), OutputError> {
     match others.into_iter().find(|other| is_same_file(output, other)) {
         Some(other) => Err(OutputError::SameFile { path: output.into(), other: other.into() }),
@@ -101,12 +103,12 @@ pub fn check_distinct<'a>(output: &Path, others: impl IntoIterator<Item = &'a Pa
     }
 }
 
-/// Whether two paths lead to one file; what is no file (a device, a FIFO) is never one that could be lost.
+/// Whether two paths lead to the same file. Devices and FIFOs never count: nothing in them could be lost.
 #[must_use]
 pub fn is_same_file(a: &Path, b: &Path) -> bool {
     match (std::fs::metadata(a), std::fs::metadata(b)) {
         (Ok(a_is), Ok(b_is)) => a_is.is_file() && b_is.is_file() && is_same(&a_is, &b_is, a, b),
-        // Neither is there yet: the same name in the same folder.
+        // Neither exists yet: compare name and folder.
         (Err(_), Err(_)) => {
             let folder = |path: &Path| std::fs::canonicalize(folder_of(path)).ok();
             a.file_name() == b.file_name() && folder(a).is_some() && folder(a) == folder(b)
@@ -163,8 +165,8 @@ fn is_stream(_: &Metadata) -> bool {
     false
 }
 
-/// A second handle to the standard output. Opening `/dev/stdout` anew would begin at the first byte again, and overwrite
-/// what the program has written and will write.
+/// A second handle to the standard output. Opening `/dev/stdout` instead would start at the first byte and overwrite
+/// the program's other output.
 #[cfg(unix)]
 fn standard_output() -> io::Result<File> {
     use std::os::fd::AsFd;
@@ -209,10 +211,10 @@ fn check_replaceable(path: &Path, metadata: &Metadata, existing: Existing) -> Re
 }
 
 impl OutputFile {
-    /// Begins a file that will be called `path`.
+    /// Begins a file with the final name `path`.
     ///
     /// # Errors
-    /// If the path is taken and not to be replaced, leads to what is no file, or its folder cannot be written.
+    /// If the path exists and must not be replaced, is not a file, or its folder is not writable.
     pub fn begin(path: &Path, existing: Existing) -> Result<Self, OutputError> {
         let write_error = |e| OutputError::write(path, e);
         let Some((resolved, replaced)) = find_replaceable(path, existing)? else {
@@ -224,7 +226,7 @@ impl OutputFile {
         Ok(Self(Target::File { unfinished, path: resolved, existing }))
     }
 
-    /// Where a container that will be called `path` is to be written, with links followed, and with which permissions.
+    /// Resolved path and permissions for a container with the final name `path`.
     ///
     /// # Errors
     /// As [`check_free`].
@@ -233,13 +235,13 @@ impl OutputFile {
         Ok((resolved, first_permissions(replaced.as_ref()).map_err(|e| OutputError::write(path, e))?))
     }
 
-    /// A file that was begun, and will be called `path`, which is no link.
+    /// Output for an unfinished file that will be renamed to `path`, which must not be a link.
     #[must_use]
     pub fn of(unfinished: UnfinishedFile, path: PathBuf, existing: Existing) -> Self {
         Self(Target::File { unfinished, path, existing })
     }
 
-    /// The file, to write to; to be read back and sought in unless it [is a stream](Self::is_stream).
+    /// The file, for writing. It can be read and sought unless it [is a stream](Self::is_stream).
     #[must_use]
     pub fn file(&self) -> &File {
         match &self.0 {
@@ -248,16 +250,16 @@ impl OutputFile {
         }
     }
 
-    /// Whether it is a FIFO or device, which is written to from its beginning to its end and no other way.
+    /// Whether the output is a FIFO or device, which allows only sequential writing.
     #[must_use]
     pub fn is_stream(&self) -> bool {
         matches!(self.0, Target::Stream { .. })
     }
 
-    /// Leaves a file behind unfinished, under its temporary name, which is returned; nothing of a stream.
+    /// Leaves the unfinished file behind and returns its temporary name; `None` for a stream.
     ///
     /// # Errors
-    /// If the system does not let it be kept; then it is removed.
+    /// If the system does not let the file be kept; then it is removed.
     pub fn abandon(self) -> io::Result<Option<PathBuf>> {
         match self.0 {
             Target::File { unfinished, .. } => unfinished.abandon().map(Some),
@@ -265,10 +267,10 @@ impl OutputFile {
         }
     }
 
-    /// Syncs the file, gives it its name, and makes the name last. Returns its length in bytes; of a stream, 0.
+    /// Syncs the file, renames it to its final name, and syncs the folder. Returns its length in bytes; 0 for a stream.
     ///
     /// # Errors
-    /// If the disk does not take it, or the name was taken meanwhile and is not to be replaced.
+    /// If the disk refuses it, or the name is now taken and must not be replaced.
     pub fn publish(self) -> Result<u64, OutputError> {
         let (unfinished, path, existing) = match self.0 {
             Target::File { unfinished, path, existing } => (unfinished, path, existing),
@@ -277,7 +279,7 @@ impl OutputFile {
             }
         };
         let write_error = |e| OutputError::write(&path, e);
-        // Looked at again: what is there now need not be what was there when the file was begun.
+        // Checked again: another file may have appeared since the output was begun.
         let replaced = match find(&path)? {
             Place::Taken(_, metadata) => {
                 check_replaceable(&path, &metadata, existing)?;
@@ -296,7 +298,8 @@ impl OutputFile {
             io::ErrorKind::AlreadyExists => OutputError::Exists { path: path.clone() },
             _ => write_error(e),
         })?;
-        // The rename itself is durable once the folder is; folders cannot be opened everywhere, and then nothing is lost.
+        // The rename is durable once the folder is synced. Some systems cannot open folders; there this step is
+        // skipped.
         if let Ok(folder) = File::open(folder_of(&path)) {
             folder.sync_all().map_err(write_error)?;
         }
@@ -304,8 +307,8 @@ impl OutputFile {
     }
 }
 
-/// Permissions to create a file with: those of every new file, of which the system takes the process's mask away; or for
-/// nobody else, where the file to be replaced will say whom it is for.
+/// Permissions for the new file: the default ones, which the system reduces by the process's mask. If a file will be
+/// replaced, only the owner's, until [`take_over`] sets the final ones.
 #[cfg(unix)]
 fn first_permissions(replaced: Option<&Metadata>) -> io::Result<Permissions> {
     use std::os::unix::fs::PermissionsExt;
@@ -317,7 +320,8 @@ fn first_permissions(_: Option<&Metadata>) -> io::Result<Permissions> {
     Ok(std::fs::metadata(".")?.permissions())
 }
 
-/// Gives the new file owner and mode of the one it replaces; where the owner cannot be kept, nobody else may read it.
+/// Gives the new file the owner and mode of the file it replaces. If the owner cannot be kept, only the new owner gets
+/// access.
 #[cfg(unix)]
 fn take_over(file: &File, replaced: &Metadata) -> io::Result<()> {
     use std::os::unix::fs::{MetadataExt, PermissionsExt, fchown};

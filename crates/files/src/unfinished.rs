@@ -1,12 +1,13 @@
-//! Files and folders that are not whole yet: random names, created exclusively, removed however their process ends.
+//! Unfinished files and folders ("partials"): random names, created exclusively, removed however their process ends.
 //!
-//! 1. A partial is created under a random name in the folder of the output (`O_EXCL`, so never through a symbolic link),
-//!    entered in the list of this process, and locked (`flock`) until it is closed.
-//! 2. It leaves the list when it is renamed or dropped. A program that a signal ends calls [`remove_all`]: what is on
-//!    the list goes, and nothing can be begun or renamed any more.
-//! 3. The kernel drops the lock of a process that was killed. A partial that can be locked has no writer any more:
-//!    [`sweep`] removes it, [`list`] names it; what a build has left, the same build goes on with ([`supervol_preprocess::journal`]), and
-//!    any other build to that folder removes ([`sweep_builds`]). File systems without locks keep theirs: better a leftover than a loss.
+//! 1. A partial is created under a random name in the folder of the output (`O_EXCL`, so never through a symbolic
+//!    link). It is entered in the list of this process, and locked (`flock`) until it is closed.
+//! 2. It leaves the list when it is renamed or dropped. A program that is ended by a signal calls [`remove_all`], which
+//!    removes all partials in the list; afterwards none can be begun or renamed.
+//! 3. The kernel releases the lock of a killed process. A partial that can be locked therefore has no writer: [`sweep`]
+//!    removes it, [`list`] lists it. The partials of a build stay: the same build continues them
+//!    (`supervol_preprocess::journal`), and any other build to that folder removes them ([`sweep_builds`]). On file
+//!    systems without locks all partials stay: a leftover is better than a loss.
 
 use std::collections::BTreeSet;
 use std::ffi::OsStr;
@@ -17,27 +18,27 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use tempfile::{NamedTempFile, TempDir, TempPath};
 
-/// How names of partials begin and end.
+/// Beginning and end of the names of partials.
 const PREFIX: &str = ".supervol-";
 const SUFFIX: &str = ".partial";
-/// How names of what a build has not finished begin: the next build may go on with it ([`supervol_preprocess::journal`]), so that only a
-/// build removes it.
+/// Beginning of the names of a build's partials. The next build may continue them (`supervol_preprocess::journal`), so
+/// only builds remove them.
 const BUILD_PREFIX: &str = ".supervol-build-";
 
-/// Removals of a folder that other threads of this process still write to.
+/// Number of attempts to remove a folder to which other threads of this process still write.
 const REMOVAL_ATTEMPTS: usize = 8;
 
 /// Partials of this process.
 static UNFINISHED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
-/// The list of partials, locked. Whoever holds it keeps this process from beginning or renaming any.
+/// The locked list of partials. While it is held, this process cannot begin or rename any.
 pub type Unfinished = MutexGuard<'static, BTreeSet<PathBuf>>;
 
 fn unfinished() -> Unfinished {
     UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// An entry in the list of partials; gone when dropped.
+/// An entry in the list of partials; dropping it removes it from the list.
 #[derive(Debug)]
 struct Entry(PathBuf);
 
@@ -47,15 +48,15 @@ impl Drop for Entry {
     }
 }
 
-/// A file that is not whole yet. Dropped, it is removed.
+/// An unfinished file. Dropping it removes it.
 #[derive(Debug)]
 pub struct UnfinishedFile {
-    // Dropped in this order: the file goes before its entry does.
+    // The fields are dropped in this order: the file is removed before its entry.
     file: NamedTempFile,
     _entry: Entry,
 }
 
-/// A folder for files that nobody keeps. Dropped, it is removed with all that is in it.
+/// An unfinished folder. Dropping it removes it with all its contents.
 #[derive(Debug)]
 pub struct UnfinishedFolder {
     folder: TempDir,
@@ -64,19 +65,20 @@ pub struct UnfinishedFolder {
 }
 
 impl UnfinishedFile {
-    /// A new file in this folder, with these permissions less the process's mask; removes what dead processes left there.
+    /// Creates a file in this folder, with these permissions reduced by the process's mask. Also removes partials of
+    /// dead processes.
     ///
     /// # Errors
-    /// If the folder cannot be written to.
+    /// If the folder is not writable.
     pub fn create_in(folder: &Path, permissions: Permissions) -> io::Result<Self> {
         sweep(folder);
         Self::create(PREFIX, folder, permissions)
     }
 
-    /// The same for what a later build may go on with. Nothing is removed: see [`sweep_builds`].
+    /// Creates a file that a later build may continue. Removes nothing, see [`sweep_builds`].
     ///
     /// # Errors
-    /// If the folder cannot be written to.
+    /// If the folder is not writable.
     pub fn create_for_build(folder: &Path, permissions: Permissions) -> io::Result<Self> {
         Self::create(BUILD_PREFIX, folder, permissions)
     }
@@ -98,11 +100,10 @@ impl UnfinishedFile {
         }
     }
 
-    /// Takes over what a process has left behind that was killed; none where somebody else holds it, or it is of somebody
-    /// else.
+    /// Takes over the partial of a killed process; `None` if another process holds it, or it belongs to another user.
     ///
     /// # Errors
-    /// If it cannot be opened.
+    /// If the file cannot be opened.
     pub fn adopt(path: &Path) -> io::Result<Option<Self>> {
         let mut list = unfinished();
         // Not through a symbolic link.
@@ -119,39 +120,39 @@ impl UnfinishedFile {
         Ok(Some(Self { file, _entry: entry }))
     }
 
-    /// Its name in its folder.
+    /// Name of the file in its folder.
     #[must_use]
     pub fn file_name(&self) -> &OsStr {
         self.file.path().file_name().expect("a file has a name")
     }
 
-    /// Leaves it behind as a killed process does; where it is.
+    /// Leaves the file behind, as a killed process does; returns its path.
     ///
     /// # Errors
-    /// If the system does not let it be kept; then it is removed.
+    /// If the system does not let the file be kept; then it is removed.
     pub fn abandon(self) -> io::Result<PathBuf> {
         self.file.keep().map(|(_, path)| path).map_err(|e| e.error)
     }
 
-    /// The file.
+    /// The open file.
     #[must_use]
     pub fn as_file(&self) -> &File {
         self.file.as_file()
     }
 
-    /// Gives the file its name; a file of that name is replaced.
+    /// Renames the file to `path`; replaces an existing file.
     ///
     /// # Errors
-    /// If it cannot be renamed.
+    /// If the file cannot be renamed.
     pub fn replace(self, path: &Path) -> io::Result<()> {
         let _list = unfinished();
         self.file.persist(path).map(drop).map_err(|e| e.error)
     }
 
-    /// Gives the file its name, which no other file may have.
+    /// Renames the file to `path`, which must not exist.
     ///
     /// # Errors
-    /// If there is a file of that name, or it cannot be renamed.
+    /// If `path` exists, or the file cannot be renamed.
     pub fn keep(self, path: &Path) -> io::Result<()> {
         let _list = unfinished();
         self.file.persist_noclobber(path).map(drop).map_err(|e| e.error)
@@ -159,10 +160,10 @@ impl UnfinishedFile {
 }
 
 impl UnfinishedFolder {
-    /// A new folder in this one; removes what dead processes left there.
+    /// Creates a folder in this one. Also removes partials of dead processes.
     ///
     /// # Errors
-    /// If the folder cannot be written to.
+    /// If the folder is not writable.
     pub fn create_in(folder: &Path) -> io::Result<Self> {
         sweep(folder);
         loop {
@@ -174,7 +175,7 @@ impl UnfinishedFolder {
                 let entry = Entry(made.path().into());
                 (made, entry)
             };
-            // Folders cannot be locked everywhere; without a lock nobody but this process removes it.
+            // Not every system can lock folders; without a lock only this process removes the folder.
             let lock = File::open(made.path()).ok().filter(|handle| handle.lock().is_ok());
             if made.path().is_dir() {
                 return Ok(Self { folder: made, _lock: lock, _entry: entry });
@@ -182,33 +183,33 @@ impl UnfinishedFolder {
         }
     }
 
-    /// Where it is.
+    /// Path of the folder.
     #[must_use]
     pub fn path(&self) -> &Path {
         self.folder.path()
     }
 
-    /// Gives it, whole as it is now, a name that is free.
+    /// Renames the folder to `path`, which must not exist.
     ///
     /// # Errors
-    /// Whatever the system says; then it is removed.
+    /// The system's error; then the folder is removed.
     pub fn publish(self, path: &Path) -> io::Result<()> {
         #[cfg(unix)]
         {
             use std::os::unix::fs::PermissionsExt;
-            // Temporary folders are for their owner alone: this one is as others that are made beside it.
+            // Temporary folders are private to their owner; this one gets the mode of its parent.
             let beside = std::fs::metadata(super::folder_of(path))?.permissions().mode();
             std::fs::set_permissions(self.folder.path(), Permissions::from_mode(beside & 0o777))?;
         }
         std::fs::rename(self.folder.path(), path)?;
-        // It has gone from its old name, and dropping finds nothing to remove.
+        // The old path no longer exists, so dropping removes nothing.
         Ok(())
     }
 }
 
-/// Locks a new file. False where another process took it for a leftover and removed it before it was locked.
+/// Locks a new file. False if another process took it for a leftover and removed it before it was locked.
 fn is_held(file: &File) -> bool {
-    // A file system without locks has no processes that take files for leftovers either.
+    // Without locks, no process takes files for leftovers either.
     let locked = file.lock().is_ok();
     #[cfg(unix)]
     if locked && let Ok(metadata) = file.metadata() {
@@ -218,8 +219,8 @@ fn is_held(file: &File) -> bool {
     true
 }
 
-/// Removes all partials of this process, for a program that is about to end: as long as the result lives, none is begun
-/// and none gets its name.
+/// Removes all partials of this process, for a program that is about to end. While the result lives, no partial is
+/// begun or renamed.
 #[must_use = "without the lock, other threads begin new partials"]
 pub fn remove_all() -> Unfinished {
     let list = unfinished();
@@ -229,7 +230,7 @@ pub fn remove_all() -> Unfinished {
     list
 }
 
-/// Waits for ever if the program is being ended by [`remove_all`], so that no other end comes first.
+/// Blocks for ever if [`remove_all`] is ending the program, so that it ends in no other way.
 pub fn wait_for_end() {
     drop(unfinished());
 }
@@ -244,31 +245,31 @@ fn remove(path: &Path) {
     }
 }
 
-/// Whether somebody still writes a partial.
+/// State of a partial's writer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Writer {
-    /// A process that runs holds it.
+    /// A running process holds the partial.
     Alive,
     /// The process that wrote it has ended.
     Dead,
-    /// It cannot be opened, or the file system has no locks.
+    /// Unknown: the partial cannot be opened, or the file system has no locks.
     Unknown,
 }
 
-/// A partial that lies in a folder.
+/// A partial found in a folder.
 #[derive(Debug)]
 pub struct Leftover {
-    /// Where it is.
+    /// Path of the partial.
     pub path: PathBuf,
-    /// Its size; of a folder, that of its directory.
+    /// Size in bytes; for a folder, that of its directory.
     pub bytes: u64,
-    /// Whether somebody still writes it.
+    /// State of its writer.
     pub writer: Writer,
-    /// Holds the lock, where nobody else does.
+    /// The lock, if no other process holds it.
     _lock: Option<File>,
 }
 
-/// The partials in a folder, by name.
+/// The partials in a folder, sorted by name.
 ///
 /// # Errors
 /// If the folder cannot be read.
@@ -278,7 +279,7 @@ pub fn list(folder: &Path) -> io::Result<Vec<Leftover>> {
         let entry = entry?;
         let name = entry.file_name();
         let name = name.to_string_lossy();
-        // Of the entry itself, not of what a symbolic link names: partials are no links.
+        // Metadata of the entry itself, not of a link's target: partials are never links.
         let Ok(metadata) = entry.metadata() else { continue };
         if !name.starts_with(PREFIX) || !name.ends_with(SUFFIX) || !(metadata.is_file() || metadata.is_dir()) {
             continue;
@@ -297,7 +298,7 @@ pub fn list(folder: &Path) -> io::Result<Vec<Leftover>> {
     Ok(found)
 }
 
-/// The partials of builds among those in a folder.
+/// The partials of builds in a folder.
 ///
 /// # Errors
 /// If the folder cannot be read.
@@ -309,31 +310,31 @@ fn is_of_build(leftover: &Leftover) -> bool {
     leftover.path.file_name().is_some_and(|name| is_name_of_build(&name.to_string_lossy()))
 }
 
-/// Whether a build may have given a partial this name: a name, not a path to somewhere else.
+/// Whether a build may have given a partial this name. Paths are refused.
 #[must_use]
 pub fn is_name_of_build(name: &str) -> bool {
     name.starts_with(BUILD_PREFIX) && name.ends_with(SUFFIX) && !name.contains(std::path::is_separator)
 }
 
-/// Removes what dead processes left in a folder, but for builds; what cannot be removed stays.
+/// Removes the partials of dead processes in a folder, except those of builds. Errors are ignored.
 pub fn sweep(folder: &Path) {
     let left = list(folder).unwrap_or_default();
     left.iter().filter(|leftover| !is_of_build(leftover)).for_each(remove_dead);
 }
 
-/// Removes what builds left in a folder that have died.
+/// Removes the partials of dead builds in a folder.
 pub fn sweep_builds(folder: &Path) {
     list_builds(folder).unwrap_or_default().iter().for_each(remove_dead);
 }
 
 fn remove_dead(leftover: &Leftover) {
     if leftover.writer == Writer::Dead {
-        // Removed while locked: a process that has just created it waits for the lock, and then creates another.
+        // Removed while locked: a process that has just created the file waits for the lock and then creates another.
         remove(&leftover.path);
     }
 }
 
-/// Whether a file belongs to who runs this process, as every file does that it creates.
+/// Whether a file belongs to the user of this process, that is, to the owner of files that it creates.
 #[cfg(unix)]
 fn is_of_this_user(file: &File) -> io::Result<bool> {
     use std::os::unix::fs::MetadataExt;
@@ -346,7 +347,7 @@ fn is_of_this_user(_: &File) -> io::Result<bool> {
     Ok(true)
 }
 
-/// Temporary files have names that say nothing to the one who gave another.
+/// Removes the temporary path from an error: the user does not know that name.
 fn without_path(error: io::Error) -> io::Error {
     match error.to_string().split_once(" at path ") {
         Some((reason, _)) => io::Error::new(error.kind(), reason),
@@ -372,7 +373,7 @@ mod tests {
         let mine = UnfinishedFile::create_in(folder.path(), mode.clone()).unwrap();
         let my_folder = UnfinishedFolder::create_in(folder.path()).unwrap();
         std::fs::write(my_folder.path().join("a"), b"a").unwrap();
-        // What a killed process leaves: nobody holds a lock.
+        // Leftovers of a killed process: nobody holds a lock.
         std::fs::write(folder.path().join(".supervol-dead00.partial"), b"half").unwrap();
         std::fs::create_dir(folder.path().join(".supervol-dead01.partial")).unwrap();
         std::fs::write(folder.path().join(".supervol-dead01.partial/carp.svol"), b"half").unwrap();

@@ -1,4 +1,4 @@
-//! Names of bricks: level of detail and position, packed into 64 bits.
+//! Keys of bricks: level of detail and position, packed into 64 bits.
 //!
 //! Bit layout of a key, from the top: 1 zero bit, 6 bits LOD, then 19 bits each of z, y, x.
 //! 19 bits allow 524,288 bricks along an axis: [`crate::BrickLayout::voxels_limit`] voxels.
@@ -10,7 +10,8 @@ pub struct Lod(pub u8);
 impl Lod {
     /// The source grid.
     pub const FINEST: Self = Self(0);
-    /// Most levels a container may have; 524,288 bricks need 19 halvings, on each axis in turn 57.
+    /// Largest number of levels of a container. 524,288 bricks along each axis need 19 halvings per axis, or 57 if
+    /// every level halves only one axis.
     pub const LIMIT: usize = 64;
 }
 
@@ -18,7 +19,7 @@ impl Lod {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct BrickIndex(pub [u32; 3]);
 
-/// Name of one brick of a container.
+/// Key of one brick of a container.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct BrickKey(u64);
 
@@ -26,11 +27,14 @@ const AXIS_BITS: u32 = 19;
 const AXIS_MASK: u64 = (1 << AXIS_BITS) - 1;
 
 impl BrickKey {
-    /// Most bricks along one axis.
+    /// Number of bricks that a key can address along one axis; every index is below it.
     pub const AXIS_LIMIT: u32 = 1 << AXIS_BITS;
 
+    /// Key of a brick.
+    ///
     /// # Panics
-    /// If the LOD or an axis exceeds its field: grids are checked against these limits when a container is opened or begun.
+    /// If the LOD or an index exceeds its field. Opening or beginning a container checks its grids against these
+    /// limits.
     #[must_use]
     pub fn new(lod: Lod, brick: BrickIndex) -> Self {
         assert!((lod.0 as usize) < Lod::LIMIT, "LOD {} is not below {}", lod.0, Lod::LIMIT);
@@ -41,13 +45,13 @@ impl BrickKey {
         Self(u64::from(lod.0) << (3 * AXIS_BITS) | z << (2 * AXIS_BITS) | y << AXIS_BITS | x)
     }
 
-    /// Level of detail.
+    /// Level of detail of the brick.
     #[must_use]
     pub fn lod(self) -> Lod {
         Lod((self.0 >> (3 * AXIS_BITS)) as u8)
     }
 
-    /// Position in the level's grid of bricks.
+    /// Position of the brick in its level's grid of bricks.
     #[must_use]
     pub fn brick(self) -> BrickIndex {
         BrickIndex([0, 1, 2].map(|a| (self.0 >> (a * AXIS_BITS) & AXIS_MASK) as u32))
@@ -73,7 +77,8 @@ impl std::fmt::Debug for BrickKey {
     }
 }
 
-/// Position along the Morton (Z-order) curve: bits of x, y, z interleaved, x lowest. Siblings are neighbours on it.
+/// Position along the Morton (Z-order) curve: bits of x, y, z interleaved, x lowest. The eight children of one brick
+/// are neighbours on the curve.
 #[must_use]
 pub fn morton(brick: BrickIndex) -> u64 {
     fn spread(v: u32) -> u64 {

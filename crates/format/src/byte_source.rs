@@ -1,14 +1,14 @@
-//! Where a container's bytes come from: positional reads, so that threads need not share a cursor.
+//! Positional reads of a container's bytes. Threads share a source without sharing a cursor.
 
 use std::fs::File;
 use std::io;
 use std::path::Path;
 
-/// Refuses what is no file: opening a FIFO may wait for ever, reading a device may never end. To be called before a file
-/// that a person has named is opened.
+/// Refuses everything but a regular file: opening a FIFO may block for ever, and reading a device may never end. Call
+/// this before opening a path that a person has named.
 ///
 /// # Errors
-/// `InvalidInput` for a folder, a FIFO, a device or a socket; otherwise whatever the system says.
+/// `InvalidInput` for a folder, a FIFO, a device or a socket; otherwise the system's error.
 pub fn check_is_file(path: &Path) -> io::Result<()> {
     let kind = std::fs::metadata(path)?.file_type();
     if kind.is_file() {
@@ -19,48 +19,48 @@ pub fn check_is_file(path: &Path) -> io::Result<()> {
     Err(io::Error::new(io::ErrorKind::InvalidInput, format!("expected a file, found {found}")))
 }
 
-/// How a source is best read.
+/// Read pattern that suits a source.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ReadShape {
-    /// Bytes between two wanted ranges that are rather read over than skipped.
+    /// Largest gap in bytes between two wanted ranges that a reader reads over instead of skipping.
     pub gap_bytes: u64,
-    /// Most bytes of one read that serves several ranges; a single range may be longer.
+    /// Largest size in bytes of one read that serves several ranges. A single range may be longer.
     pub read_bytes: u64,
 }
 
 impl ReadShape {
-    /// Local files: on every medium we know, reading a small gap is cheaper than a second request.
+    /// Pattern for local files: on every medium we know, reading a small gap is cheaper than a second request.
     pub const FILE: Self = Self { gap_bytes: 16 << 10, read_bytes: 4 << 20 };
 }
 
-/// Something with a length that can be read anywhere.
+/// Bytes of known length that can be read at any offset.
 pub trait ByteSource: Send + Sync {
     /// Length in bytes.
     ///
     /// # Errors
-    /// Whatever the system says.
+    /// The system's error.
     fn len(&self) -> io::Result<u64>;
 
-    /// Fills `buffer` from `offset` on.
+    /// Fills `buffer` from the byte `offset` on.
     ///
     /// # Errors
-    /// `UnexpectedEof` where the source ends first; otherwise whatever the system says.
+    /// `UnexpectedEof` if the source ends first; otherwise the system's error.
     fn read_exact_at(&self, offset: u64, buffer: &mut [u8]) -> io::Result<()>;
 
-    /// Fills each buffer from its offset on. A source that is far away asks for all of them at once.
+    /// Fills each buffer from its byte offset on. A remote source requests all ranges at once.
     ///
     /// # Errors
-    /// As [`Self::read_exact_at`]; what the buffers hold then is not said.
+    /// As [`Self::read_exact_at`]. After an error the contents of the buffers are unspecified.
     fn read_several(&self, ranges: &mut [(u64, &mut [u8])]) -> io::Result<()> {
         ranges.iter_mut().try_for_each(|(offset, buffer)| self.read_exact_at(*offset, buffer))
     }
 
-    /// How it is best read: a source that is far away reads over larger gaps.
+    /// Read pattern that suits this source. A remote source prefers to read over larger gaps.
     fn read_shape(&self) -> ReadShape {
         ReadShape::FILE
     }
 
-    /// Whether there is nothing to read.
+    /// Whether the length is 0.
     ///
     /// # Errors
     /// As [`Self::len`].
@@ -91,7 +91,7 @@ impl ByteSource for File {
     }
 }
 
-/// A container held in memory: tests, fuzzing, small files.
+/// A container in memory, for tests, fuzzing and small files.
 impl ByteSource for Vec<u8> {
     fn len(&self) -> io::Result<u64> {
         Ok(Vec::len(self) as u64)

@@ -1,31 +1,31 @@
-//! Long work that somebody stops from another thread.
+//! Cancel flag for long work, set from another thread.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Stops work from another thread. Clones stop the same work; once cancelled it stays so, unless its owner takes that back.
+/// Cancel flag. Clones share one flag. A set flag stays set until its owner calls [`Canceller::take`].
 #[derive(Debug, Clone, Default)]
 pub struct Canceller(Arc<AtomicBool>);
 
 impl Canceller {
-    /// The work in progress stops soon; where there is none, the next one does at once.
+    /// Sets the flag. Work in progress stops soon; if none is in progress, the next work stops at once.
     pub fn cancel(&self) {
         self.0.store(true, Ordering::Relaxed);
     }
 
-    /// Whether somebody wants the work to stop.
+    /// Whether the flag is set.
     #[must_use]
     pub fn is_cancelled(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
 
-    /// The work has stopped: whether somebody wanted that. The next one goes on.
+    /// Resets the flag and returns whether it was set. Later work is not affected.
     pub fn take(&self) -> bool {
         self.0.swap(false, Ordering::Relaxed)
     }
 }
 
-/// Options that differ only in who may cancel them say the same.
+/// All cancellers are equal, so that options compare by their other fields.
 impl PartialEq for Canceller {
     fn eq(&self, _: &Self) -> bool {
         true

@@ -1,10 +1,12 @@
-//! A box of voxels cut into boxes that follow one another in a plain file: x fastest, z slowest.
+//! A box of voxels cut into smaller boxes in the order of a plain file: x fastest, z slowest.
 
 use crate::VoxelBox;
 
-/// Boxes of at most `most_voxels` each, in file order: some slices where one fits, else some rows of a slice, else a part
-/// of a row. Slices and rows are taken a brick at a time, beginning at multiples of `brick`, so that bricks are not decoded
-/// more often than must be; with a `brick` of [`u64::MAX`], as many as fit.
+/// Boxes of at most `most_voxels` each, in file order. A box holds whole slices if one fits, else whole rows of a
+/// slice, else part of a row.
+///
+/// Pieces along y and z end at multiples of `brick` where possible, so that each brick is decoded as rarely as
+/// possible. With a `brick` of [`u64::MAX`] a box holds as many slices or rows as fit.
 pub fn boxes(voxels: VoxelBox, most_voxels: u64, brick: u64) -> impl Iterator<Item = VoxelBox> {
     let [nx, ny, _] = voxels.extent().map(|n| n as u64);
     let most = most_voxels.max(1);
@@ -23,7 +25,7 @@ pub fn boxes(voxels: VoxelBox, most_voxels: u64, brick: u64) -> impl Iterator<It
     })
 }
 
-/// The extent of a box along one axis in pieces that end at multiples of `step`.
+/// The extent of a box along one axis, cut into pieces that end at multiples of `step`.
 fn pieces(voxels: VoxelBox, axis: usize, step: u64) -> impl Iterator<Item = [u64; 2]> {
     let (start, last) = (voxels.start[axis], voxels.end[axis]);
     let end = move |at: u64| (at / step + 1).saturating_mul(step).min(last);
@@ -35,7 +37,7 @@ fn pieces(voxels: VoxelBox, axis: usize, step: u64) -> impl Iterator<Item = [u64
 mod tests {
     use super::*;
 
-    /// The voxels of the boxes, one after the other, are those of the file.
+    /// The boxes in order contain the voxels in the order of the file.
     #[test]
     fn boxes_follow_the_file_and_stay_small() {
         let whole = VoxelBox { start: [3, 5, 6], end: [19, 37, 27] };

@@ -1,8 +1,9 @@
-//! Boxes of voxels of any level, read back from a container's bricks: how a finer level feeds the next coarser one, how `verify`
-//! looks at several bricks at once, how `extract` and `mesh` read, and where the reference integrator has its voxels from.
+//! Reader for boxes of voxels of one level, assembled from decoded bricks. The build pipeline makes each coarser level
+//! from it. `verify`, `extract`, `mesh` and the reference integrator read their voxels through it.
 //!
-//! Decoded bricks are kept up to a number of bytes, least recently used first out, because neighbouring boxes share bricks. Bricks
-//! are decoded one after the other on the thread that asks, unless the owner lends threads ([`Decoding`]).
+//! A reader caches decoded bricks up to a number of bytes and drops the least recently used first, because neighbouring
+//! boxes share bricks. It decodes bricks one after the other on the calling thread, unless its owner provides threads
+//! ([`Decoding`]).
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -13,15 +14,12 @@ use crate::recent::Recent;
 use crate::voxel_type::Voxel;
 use crate::{BrickIndex, BrickKey, Container, Lod, VoxelBox, with_voxel};
 
-/// Whatever hands out decoded bricks: a finished container, or one that is being written.
+/// Source of decoded bricks: a finished container, or one that is being written.
 pub trait BrickStore: Sync {
-    /// What the container holds.
+    /// Description of the container.
     fn descriptor(&self) -> &Descriptor;
 
-    /// Stored voxels of a brick, little endian, x fastest, in the memory of `spare`, whose contents are lost.
-    ///
-    /// # Errors
-    /// If the brick cannot be read or decoded.
+    /// Stored voxels of a brick, little endian, x fastest. Reuses the memory of `spare`, whose contents are lost.
     fn read_brick(&self, key: BrickKey, spare: Vec<u8>) -> Result<Vec<u8>, ContainerError>;
 }
 
@@ -38,15 +36,15 @@ impl BrickStore for Container {
 /// Stored voxels of a brick, little endian, x fastest.
 pub type StoredBrick = Arc<Vec<u8>>;
 
-/// Decodes a brick, for any thread that calls it.
+/// Function that decodes a brick; any thread may call it.
 pub type DecodeBrick<'a> = dyn Fn(BrickKey) -> Result<StoredBrick, ContainerError> + Sync + 'a;
 
-/// How the bricks of a box are decoded side by side.
+/// Functions that decode the bricks of a box in parallel.
 #[derive(Clone, Copy)]
 pub struct Decoding {
-    /// How many at once, at least: the threads there are when a box is read.
+    /// Smallest number of bricks per call of `decode`: the number of threads, asked again for each box.
     pub at_once: fn() -> usize,
-    /// Decodes bricks by the function that it is handed, in their order.
+    /// Decodes bricks with the given function and returns them in the order of the keys.
     pub decode: fn(&[BrickKey], &DecodeBrick<'_>) -> Result<Vec<StoredBrick>, ContainerError>,
 }
 
@@ -59,18 +57,18 @@ pub struct LevelReader<'a> {
     kept: Mutex<Kept>,
 }
 
-/// Bytes that a kept brick takes beside its voxels: entries of two maps, allocations.
+/// Memory of a cached brick besides its voxels, in bytes: entries of two maps, allocations.
 const ENTRY_BYTES: usize = 200;
 
-/// Most bricks whose memory waits for the next ones.
+/// Largest number of buffers kept for reuse.
 const SPARES: usize = 2;
 
 #[derive(Default)]
 struct Kept {
     bricks: Recent<BrickKey, StoredBrick>,
     bytes: usize,
-    /// Memory of bricks that have left. Given back to the allocator and asked for again by whichever thread decodes next, it would be
-    /// torn to pieces: a third more than what is kept.
+    /// Buffers of evicted bricks, reused for the next ones. Without reuse the buffers would move between the threads'
+    /// allocators and fragment memory: measured, a third more than the cached bytes.
     spares: Vec<Vec<u8>>,
 }
 
@@ -96,39 +94,39 @@ impl Kept {
 }
 
 impl<'a> LevelReader<'a> {
-    /// A reader of level `lod` that keeps decoded bricks of at most `budget_bytes` between calls, and decodes on the thread that
-    /// asks.
+    /// Reader of level `lod`. It caches decoded bricks of at most `budget_bytes` between calls and decodes on the
+    /// calling thread.
     #[must_use]
     pub fn new(store: &'a dyn BrickStore, lod: Lod, budget_bytes: usize) -> Self {
         Self { store, lod, budget_bytes, decoding: None, kept: Mutex::default() }
     }
 
-    /// The same, decoding several bricks at once.
+    /// The same reader, but decoding several bricks in parallel.
     #[must_use]
     pub fn decoding(self, decoding: Decoding) -> Self {
         Self { decoding: Some(decoding), ..self }
     }
 
-    /// All voxels of the level.
+    /// Box of all voxels of the level.
     #[must_use]
     pub fn whole(&self) -> VoxelBox {
         self.store.descriptor().pyramid.level_at(self.lod).dims.full_box()
     }
 
-    /// Fills `out` with the voxels of a box of the level, little endian, packed, x fastest.
+    /// Fills `out` with the voxels of a box of the level, little endian, without gaps, x fastest.
     ///
     /// # Errors
     /// If a brick cannot be read or decoded.
     ///
     /// # Panics
-    /// If the box leaves the level's grid, or `out` has another length than the box.
+    /// If the box leaves the level's grid, or the length of `out` is not that of the box.
     pub fn read_box(&self, voxels: VoxelBox, out: &mut [u8]) -> Result<(), ContainerError> {
         let size = self.store.descriptor().voxel_type.bytes();
         assert_eq!(out.len(), voxels.voxels() * size, "box {voxels:?}");
         self.for_each_run(voxels, |at, run| out[at * size..][..run.len()].copy_from_slice(run))
     }
 
-    /// Values of a box of the level, x fastest, 8 bytes each: `value` makes one of what is stored; NaN where absent.
+    /// Values of a box of the level, x fastest. `value` converts a stored value; absent voxels are NaN.
     ///
     /// # Errors
     /// If a brick cannot be read or decoded.
@@ -150,8 +148,9 @@ impl<'a> LevelReader<'a> {
         Ok(values)
     }
 
-    /// Hands out the voxels of a box of the level in runs along x: the number of a run's first voxel in the box, x fastest, and the
-    /// bytes of its voxels, little endian. Each voxel is in one run; runs come brick by brick.
+    /// Passes the voxels of a box of the level to `take` in runs along x, brick by brick. `take` receives the number of
+    /// the run's first voxel in the box (x fastest) and the run's bytes (little endian). Each voxel is in exactly one
+    /// run.
     ///
     /// # Errors
     /// If a brick cannot be read or decoded.
@@ -169,7 +168,7 @@ impl<'a> LevelReader<'a> {
             std::array::from_fn(
                 |a| if voxels.end[a] > voxels.start[a] { voxels.end[a].div_ceil(core) } else { first[a] },
             );
-        // A few bricks at a time: what is decoded and not yet taken stays small beside the box.
+        // Part by part, so that the decoded bricks in flight stay small compared with the box.
         let at_once = self.bricks_at_once(pyramid.largest_brick_bytes(descriptor.voxel_type));
         for z in first[2]..end[2] {
             for y in first[1]..end[1] {
@@ -186,14 +185,14 @@ impl<'a> LevelReader<'a> {
         Ok(())
     }
 
-    /// Bytes that reading takes on this many threads beside the caller's buffer and what is kept.
+    /// Bytes that reading needs on this many threads, besides the caller's buffer and the cache.
     #[must_use]
     pub fn working_bytes(descriptor: &Descriptor, threads: usize) -> u64 {
-        // Each thread reads a record, decompresses it and takes it apart; what others have decoded waits to be taken.
+        // Each thread holds a record and the buffers of its decoder; decoded bricks wait for the caller.
         4 * threads as u64 * descriptor.pyramid.largest_brick_bytes(descriptor.voxel_type)
     }
 
-    /// Bricks to decode at once: half of what is kept, where they cost nothing, but one for every thread.
+    /// Number of bricks to decode in one call: as many as fit into half of the cache, but at least one per thread.
     fn bricks_at_once(&self, brick_bytes: u64) -> usize {
         let Some(decoding) = self.decoding else { return 1 };
         (self.budget_bytes / 2 / (brick_bytes as usize + ENTRY_BYTES)).max((decoding.at_once)())
@@ -220,7 +219,7 @@ impl<'a> LevelReader<'a> {
         Ok(brick)
     }
 
-    /// The part of the brick's core that lies in the box.
+    /// Passes the part of the brick's core that lies in the box to `take`.
     fn runs_of(&self, key: BrickKey, brick: &[u8], voxels: VoxelBox, take: &mut impl FnMut(usize, &[u8])) {
         let descriptor = self.store.descriptor();
         let size = descriptor.voxel_type.bytes();

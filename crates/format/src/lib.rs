@@ -1,28 +1,28 @@
 //! The contract that Supervol's preprocessor and runtime share.
 //!
-//! Axis order: x runs fastest in memory, then y, then z; every array of three is `[x, y, z]`.
+//! Axis order: x runs fastest in memory, then y, then z. Every array of three is `[x, y, z]`.
 //! Voxel (i, j, k) is a sample at the index point (i, j, k) and owns the cell `[i-1/2, i+1/2] x ...`.
-//! LOD 0 is the source grid; each coarser level halves some axes: coarse voxel c covers fine voxels 2c and 2c+1,
-//! so that the index point p of the coarse grid is the fine point `2p + 1/2` on a halved axis ([`space`]).
+//! LOD 0 is the source grid. Each coarser level halves some axes: coarse voxel c covers fine voxels 2c and 2c+1. On a
+//! halved axis the index point p of the coarse grid is therefore the fine point `2p + 1/2` ([`space`]).
 //!
-//! One page of what is here, in the order in which data meets it:
+//! The modules, in the order in which data meets them:
 //! - [`voxel_type`]: the eight voxel types and how their bytes are read;
 //! - [`space`]: boxes, dims, and the transform between index and world space;
 //! - [`brick`], [`brick_key`], [`pyramid`]: which brick holds which voxels at which level;
 //! - [`value_range`]: least and greatest present value;
-//! - [`codec`]: brick voxels to bytes and back;
+//! - [`codec`]: encoding of brick voxels to bytes, and decoding;
 //! - [`container`]: the `.svol` file, byte by byte;
-//! - [`level_reader`]: boxes of voxels of a level, out of its bricks;
-//! - [`file_order`]: a box of voxels in pieces that follow one another in a plain file;
-//! - [`byte_source`]: where a container's bytes are read from;
-//! - [`readable`]: numbers in messages and listings;
-//! - [`recent`]: things kept because they may be wanted again;
-//! - [`vectors`]: loops over voxels, compiled once more for wide vectors;
-//! - [`canceller`]: long work that somebody stops;
-//! - [`random`]: numbers that are the same everywhere, for what is made and tested by chance.
+//! - [`level_reader`]: boxes of voxels of one level, assembled from its bricks;
+//! - [`file_order`]: a box of voxels cut into pieces in the order of a plain file;
+//! - [`byte_source`]: positional reads of a container's bytes;
+//! - [`readable`]: formatting of numbers in messages and listings;
+//! - [`recent`]: a cache that forgets the least recently used value;
+//! - [`vectors`]: loops over voxels, compiled a second time for wide vectors;
+//! - [`canceller`]: a flag that stops long work from another thread;
+//! - [`random`]: random numbers that are the same on every machine, for synthetic volumes and tests.
 //!
-//! This crate knows no GPU, starts no thread, prints nothing, and holds no more than one brick that it was not handed or told to
-//! keep.
+//! This crate knows no GPU, starts no thread and prints nothing. It holds at most one brick besides those that a caller
+//! hands to it or tells it to keep.
 
 pub mod brick;
 pub mod brick_key;

@@ -1,10 +1,12 @@
-//! Value ranges of macro cells: what interpolation can reach inside each cell of 8^3 voxels of a brick.
+//! Value ranges of macro cells: the values that interpolation can reach inside each cell of 8^3 voxels of a brick.
 //!
-//! Macro cell m on an axis covers the core voxels 8m to 8m+7 and draws the region `[8m - 1/2, 8m + 7 1/2]` around them,
-//! in which trilinear interpolation reaches voxels 8m-1 to 8m+8. Its range is the range of those 10^3 voxels (fewer at
-//! the core's far end, where the cell is cut).
-//! In a container a cell is two bytes, `low` and `high`: the range `[lo + low*w/255, lo + high*w/255]`, where `[lo, lo+w]`
-//! is the brick's range, rounded outward; `low > high` means that no voxel the cell reaches is present.
+//! Macro cell m on an axis covers the core voxels 8m to 8m+7 and draws the region `[8m - 1/2, 8m + 7 1/2]` around them.
+//! Trilinear interpolation there reaches voxels 8m-1 to 8m+8, so the cell's range is the range of 10^3 voxels. The last
+//! cell of an axis may be cut off by the end of the core and has fewer.
+//!
+//! In a container a cell is two bytes, `low` and `high`. They stand for the range `[lo + low*w/255, lo + high*w/255]`,
+//! rounded outward, where `[lo, lo+w]` is the brick's range. `low > high` means that no voxel reached by the cell is
+//! present.
 
 use std::marker::PhantomData;
 
@@ -14,21 +16,21 @@ use crate::vectors::{Vectorized, vectorized};
 use crate::voxel_type::{Absence, Voxel};
 use crate::{ValueRange, with_voxel};
 
-/// Bytes of one macro cell in a container.
+/// Bytes per macro cell in a container.
 pub const MACRO_CELL_BYTES: usize = 2;
 
-/// What the voxels of a brick are, as far as skipping and drawing care.
+/// Summary of a brick's voxels, used to skip and draw the brick.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BrickRanges {
-    /// Range of what interpolation reaches inside the brick: its core and one voxel around. Empty where the core is absent.
+    /// Range of the values that interpolation reaches: the core and one voxel around it. Empty if the core is absent.
     pub range: ValueRange,
     /// Range of each macro cell, x fastest.
     pub cells: Vec<ValueRange>,
-    /// Whether a voxel that interpolation reaches is absent.
+    /// Whether an absent voxel is among those that interpolation reaches.
     pub has_holes: bool,
     /// Whether no voxel of the core is present.
     pub absent: bool,
-    /// The bits of every stored voxel, little endian in the low bytes, if they are all the same.
+    /// Bits of every stored voxel, in the low bytes, if all voxels are the same; else `None`.
     pub fill: Option<u64>,
 }
 
@@ -38,10 +40,10 @@ pub fn cells_along(stored_extent: [usize; 3]) -> [usize; 3] {
     stored_extent.map(|n| (n - 2 * APRON).div_ceil(MACRO_CELL))
 }
 
-/// Measures a brick's stored voxels.
+/// Measures the ranges of a brick's stored voxels.
 ///
 /// # Panics
-/// If `voxels` is not as long as `shape` says, or the shape has no core.
+/// If the length of `voxels` is not that of `shape`, or the shape has no core.
 #[must_use]
 pub fn measure(shape: BrickShape, voxels: &[u8], absence: Absence) -> BrickRanges {
     assert_eq!(voxels.len(), shape.bytes(), "a brick of {:?} {} has other bytes", shape.extent, shape.voxel_type);
@@ -49,7 +51,7 @@ pub fn measure(shape: BrickShape, voxels: &[u8], absence: Absence) -> BrickRange
     with_voxel!(shape.voxel_type, V => vectorized(Measuring { extent: shape.extent, voxels, absence, typed: PhantomData::<V> }))
 }
 
-/// Least and greatest present voxel of each column of a bundle of rows, and whether one is absent.
+/// Least and greatest present voxel of each column of a bundle of rows, and whether a voxel of the column is absent.
 ///
 /// A column without a present voxel has `min > max`. Columns are independent, so the compiler keeps many in a register.
 struct Columns<V> {
@@ -90,7 +92,7 @@ impl<V: Voxel> Columns<V> {
         }
     }
 
-    /// Range and holes of a part of the columns.
+    /// Range of a part of the columns, and whether it has holes.
     fn over(&self, part: std::ops::Range<usize>) -> (ValueRange, bool) {
         let (mut min, mut max) = (self.min[part.start], self.max[part.start]);
         for i in part.clone() {
@@ -102,7 +104,7 @@ impl<V: Voxel> Columns<V> {
     }
 }
 
-/// See [`measure`].
+/// Task of [`measure`].
 struct Measuring<'a, V> {
     extent: [usize; 3],
     voxels: &'a [u8],
@@ -144,7 +146,7 @@ fn measure_typed<V: Voxel>(extent: [usize; 3], voxels: &[u8], absence: Absence) 
             }
         }
     }
-    // Every sample inside the brick leans on a core voxel: with none present, nothing is.
+    // Every sample inside the brick uses at least one core voxel. If no core voxel is present, no sample is.
     let absent = holes_possible && !core_is_present::<V>(extent, voxels, absence);
     if absent {
         cell_ranges.fill(ValueRange::EMPTY);
@@ -177,9 +179,9 @@ fn core_is_present<V: Voxel>(extent: [usize; 3], voxels: &[u8], absence: Absence
     })
 }
 
-/// The bits that all voxels share, if they do.
+/// Bits of the voxels, if all are the same.
 fn fill_of(voxels: &[u8], voxel_bytes: usize) -> Option<u64> {
-    // A slice that equals itself shifted by one voxel repeats its first voxel; this compares at memory speed.
+    // A slice that equals itself shifted by one voxel repeats its first voxel. This comparison runs at memory speed.
     let all_equal = voxels[voxel_bytes..] == voxels[..voxels.len() - voxel_bytes];
     all_equal.then(|| {
         let mut bits = [0; 8];
@@ -194,26 +196,26 @@ fn reach(cell: usize, stored: usize) -> std::ops::Range<usize> {
     first..(first + MACRO_CELL + 2).min(stored - APRON + 1)
 }
 
-/// The value that byte `code` stands for in a brick of this range.
+/// Value of byte `code` in a brick of this range.
 #[must_use]
 pub fn dequantize(code: u8, range: ValueRange) -> f64 {
     match code {
         0 => range.min,
-        // Not lo + w: the sum may fall short of the range's end by rounding.
+        // Not lo + w: rounding can make that sum smaller than the end of the range.
         255 => range.max,
         _ => {
             let share = f64::from(code) / 255.0;
-            // Two doubles may lie further apart than the greatest double.
+            // The distance of two doubles may exceed the greatest double.
             let width = range.width();
             if width.is_finite() { range.min + width * share } else { range.min * (1.0 - share) + range.max * share }
         }
     }
 }
 
-/// Packs cell ranges outward into bytes: `low, high` for each cell, x fastest.
+/// Encodes cell ranges as bytes, rounded outward: `low, high` for each cell, x fastest.
 #[must_use]
 pub fn quantize(cells: &[ValueRange], range: ValueRange) -> Vec<u8> {
-    // Halves where the whole width is no finite double.
+    // Halve all values if the width of the range is not a finite double.
     let part = if range.width().is_finite() { 1.0 } else { 0.5 };
     let (start, width) = (range.min * part, range.max * part - range.min * part);
     let scale = if width > 0.0 { 255.0 / width } else { 0.0 };
@@ -223,7 +225,7 @@ pub fn quantize(cells: &[ValueRange], range: ValueRange) -> Vec<u8> {
             bytes.extend([255, 0]);
             continue;
         }
-        // The first guess may be off by rounding; these loops make it outward, by at most a step or two.
+        // Rounding can make the first guess too narrow. These loops move it outward, by at most a step or two.
         let mut low = ((cell.min * part - start) * scale).floor().clamp(0.0, 255.0) as u8;
         while low > 0 && dequantize(low, range) > cell.min {
             low -= 1;
@@ -237,7 +239,7 @@ pub fn quantize(cells: &[ValueRange], range: ValueRange) -> Vec<u8> {
     bytes
 }
 
-/// Unpacks what [`quantize`] packed.
+/// Decodes the bytes of [`quantize`].
 #[must_use]
 pub fn dequantize_cells(bytes: &[u8], range: ValueRange) -> Vec<ValueRange> {
     bytes
@@ -259,7 +261,7 @@ mod tests {
     use crate::random::Random;
     use proptest::prelude::*;
 
-    /// Brute force over every voxel each cell reaches.
+    /// Brute force over every voxel that each cell reaches.
     fn naive(extent: [usize; 3], values: &[f64], absence: Absence) -> Vec<ValueRange> {
         let cells = cells_along(extent);
         let mut out = Vec::new();

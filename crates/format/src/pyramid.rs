@@ -1,8 +1,8 @@
-//! Which levels there are, how large they are, and which brick covers what.
+//! The levels of a container, their sizes, and the bricks that cover them.
 //!
 //! Level 0 is the source grid. Level l+1 halves the axes whose factor is 2 (rounding up) and keeps those whose factor
-//! is 1. The last level fits one brick. Bricks of a level are numbered x fastest; the bricks of all levels are
-//! numbered level by level, finest first: that number is the brick's *entry* in the table of contents.
+//! is 1. The last level fits one brick. Bricks of a level are numbered x fastest. The bricks of all levels are numbered
+//! level by level, finest first; this number is the brick's *entry* in the table of contents.
 
 use crate::brick::{APRON, BrickLayout, MACRO_CELL};
 use crate::{BrickIndex, BrickKey, Dims, Lod, VoxelBox, VoxelType};
@@ -12,13 +12,13 @@ use crate::{BrickIndex, BrickKey, Dims, Lod, VoxelBox, VoxelType};
 pub struct Level {
     /// 1 or 2 per axis: voxels of the next finer level per voxel of this one. All 1 at level 0.
     pub factors: [u32; 3],
-    /// Source voxels per voxel of this level, per axis: the product of all factors up to here.
+    /// Voxels of level 0 per voxel of this level, per axis: the product of all factors up to this level.
     pub scale: [u64; 3],
-    /// Voxels.
+    /// Size of the level in voxels.
     pub dims: Dims,
-    /// Bricks along each axis.
+    /// Number of bricks along each axis.
     pub bricks: [u32; 3],
-    /// Entry of this level's first brick.
+    /// Entry number of this level's first brick.
     pub first_entry: u64,
 }
 
@@ -29,7 +29,7 @@ impl Level {
         self.bricks.iter().map(|&n| u64::from(n)).product()
     }
 
-    /// Index point of this level from an index point of level 0: `(p + 1/2) / scale - 1/2`.
+    /// Converts an index point of level 0 to one of this level: `(p + 1/2) / scale - 1/2`.
     #[must_use]
     pub fn from_level_0(&self, p: [f64; 3]) -> [f64; 3] {
         std::array::from_fn(|a| (p[a] + 0.5) / self.scale[a] as f64 - 0.5)
@@ -43,7 +43,7 @@ pub struct Pyramid {
     levels: Vec<Level>,
 }
 
-/// Why a list of factors makes no pyramid.
+/// Reason why a list of factors is not a valid pyramid.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[allow(missing_docs, reason = "the messages say it")]
 pub enum PyramidError {
@@ -67,16 +67,16 @@ pub enum PyramidError {
 }
 
 impl Pyramid {
-    /// Most bricks of all levels together: their entries take 80 TiB, and no product of sizes overflows.
+    /// Largest number of bricks of all levels together. Their entries take 80 TiB, and no product of sizes overflows.
     pub const BRICKS_LIMIT: u64 = 1 << 40;
-    /// Most voxels of level 0 along an axis of a coarser voxel: shifts by its logarithm are those of 32 bits.
+    /// Largest number of level-0 voxels per coarser voxel along an axis, so that shifts by its logarithm fit 32 bits.
     pub const SCALE_LIMIT: u64 = 1 << 31;
 
-    /// The pyramid over a grid of `dims`, coarsened by `factors` (one triple for each level from level 1 on).
+    /// The pyramid over a grid of `dims`. `factors` has one triple for each level from level 1 on.
     ///
     /// # Errors
-    /// If a limit is exceeded, a factor is neither 1 nor 2, a level has as many voxels as the one before, or the last one does
-    /// not fit one brick.
+    /// If a limit is exceeded, or a factor is neither 1 nor 2. If a level has as many voxels as the level before, or
+    /// the last level does not fit one brick.
     pub fn new(dims: Dims, layout: BrickLayout, factors: &[[u32; 3]]) -> Result<Self, PyramidError> {
         if !dims.is_valid() {
             return Err(PyramidError::Dims { dims });
@@ -104,7 +104,7 @@ impl Pyramid {
         if last.bricks != [1; 3] {
             return Err(PyramidError::Unfinished { bricks: last.bricks });
         }
-        // At most 64 levels of 2^57 bricks: the sum fits.
+        // At most 64 levels of 2^57 bricks: the sum fits 64 bits.
         let bricks = levels.iter().map(Level::brick_count).sum();
         if bricks > Self::BRICKS_LIMIT {
             return Err(PyramidError::BrickCount { bricks });
@@ -132,11 +132,11 @@ impl Pyramid {
         self.layout
     }
 
-    /// Bytes of the largest brick as it is stored, with its apron.
+    /// Stored bytes of the largest brick, apron included.
     #[must_use]
     pub fn largest_brick_bytes(&self, voxel_type: VoxelType) -> u64 {
         let core = self.layout.core() as u64;
-        // No level is longer than the finest.
+        // The finest level is the longest on every axis.
         let extent = self.levels[0].dims.0.map(|n| n.min(core) + 2 * APRON as u64);
         extent.iter().product::<u64>() * voxel_type.bytes() as u64
     }
@@ -147,7 +147,7 @@ impl Pyramid {
         &self.levels
     }
 
-    /// One level.
+    /// The level with this number.
     ///
     /// # Panics
     /// If there is no such level.
@@ -156,7 +156,7 @@ impl Pyramid {
         &self.levels[lod.0 as usize]
     }
 
-    /// The coarsest level: one brick.
+    /// The coarsest level; it has one brick.
     #[must_use]
     pub fn coarsest(&self) -> Lod {
         Lod((self.levels.len() - 1) as u8)
@@ -168,7 +168,7 @@ impl Pyramid {
         self.levels.iter().map(Level::brick_count).sum()
     }
 
-    /// Whether the key names a brick of this pyramid.
+    /// Whether the key is a brick of this pyramid.
     #[must_use]
     pub fn contains(&self, key: BrickKey) -> bool {
         self.levels.get(key.lod().0 as usize).is_some_and(|l| (0..3).all(|a| key.brick().0[a] < l.bricks[a]))
@@ -177,7 +177,7 @@ impl Pyramid {
     /// Number of a brick's entry in the table of contents.
     ///
     /// # Panics
-    /// If the key names no brick of this pyramid.
+    /// If the key is not a brick of this pyramid.
     #[must_use]
     pub fn entry(&self, key: BrickKey) -> u64 {
         assert!(self.contains(key), "{key} is outside the pyramid");
@@ -186,7 +186,7 @@ impl Pyramid {
         level.first_entry + x + u64::from(level.bricks[0]) * (y + u64::from(level.bricks[1]) * z)
     }
 
-    /// The brick of an entry number, if there is one.
+    /// The brick with this entry number, or `None` beyond the last one.
     #[must_use]
     pub fn key(&self, entry: u64) -> Option<BrickKey> {
         let lod = self.levels.iter().rposition(|l| l.first_entry <= entry)?;
@@ -207,7 +207,7 @@ impl Pyramid {
             .map(|e| self.key(e).expect("every entry of a level has a key"))
     }
 
-    /// The coarser brick that covers this one, or `None` at the coarsest level.
+    /// The brick of the next coarser level that covers this one, or `None` at the coarsest level.
     #[must_use]
     pub fn parent(&self, key: BrickKey) -> Option<BrickKey> {
         let coarser = self.levels.get(key.lod().0 as usize + 1)?;
@@ -215,7 +215,7 @@ impl Pyramid {
         Some(BrickKey::new(Lod(key.lod().0 + 1), BrickIndex(brick)))
     }
 
-    /// The finer bricks that this one covers: 1 to 8, none at level 0.
+    /// The bricks of the next finer level that this one covers: 1 to 8, none at level 0.
     pub fn children(&self, key: BrickKey) -> impl Iterator<Item = BrickKey> + '_ {
         let finer = key.lod().0.checked_sub(1).map(|l| (Lod(l), self.level_at(Lod(l)).bricks));
         let factors = self.level_at(key.lod()).factors;
@@ -228,7 +228,7 @@ impl Pyramid {
         })
     }
 
-    /// Voxels of its own level that the brick owns.
+    /// Box of the voxels that the brick owns, in voxels of its level.
     #[must_use]
     pub fn core_box(&self, key: BrickKey) -> VoxelBox {
         let core = self.layout.core() as u64;
@@ -237,7 +237,7 @@ impl Pyramid {
         VoxelBox { start, end: std::array::from_fn(|a| (start[a] + core).min(dims.0[a])) }
     }
 
-    /// Voxels stored along each axis: the core's own extent and the apron on both sides.
+    /// Number of stored voxels along each axis: the extent of the core and the apron on both sides.
     #[must_use]
     pub fn stored_extent(&self, key: BrickKey) -> [usize; 3] {
         self.core_box(key).extent().map(|n| n + 2 * APRON)
@@ -303,7 +303,7 @@ mod tests {
         assert!(matches!(bad(&[[2, 2, 1]]), PyramidError::Unfinished { .. }));
         assert!(matches!(bad(&[]), PyramidError::Unfinished { .. }));
         let line = |dims, f: &[[u32; 3]]| Pyramid::new(Dims(dims), BrickLayout::DEFAULT, f).unwrap_err();
-        // An axis of one voxel does not shrink; what it covers grows all the same.
+        // An axis of one voxel does not shrink, but its scale doubles.
         let refused = line([100, 1, 1], &[[2, 2, 1], [1, 2, 1]]);
         assert!(matches!(refused, PyramidError::NothingShrinks { level: 2, .. }), "{refused}");
         let sheet = Dims([1 << 26, 1, 1 << 26]);
@@ -328,7 +328,7 @@ mod tests {
         }
     }
 
-    /// 2^57 bricks of 80 bytes are more than 2^64 bytes: sizes computed from such a header would wrap.
+    /// 2^57 bricks of 80 bytes exceed 2^64 bytes: sizes computed from such a header would wrap around.
     #[test]
     fn more_bricks_than_any_table_can_name_are_refused() {
         let layout = BrickLayout::new(16).expect("16 is a core");

@@ -1,13 +1,13 @@
-//! Seeded randomness: the same numbers on every machine, so that what is made or tested by chance can be made again.
+//! Seeded random numbers, the same on every machine, so that synthetic volumes and random tests can be repeated.
 
 use std::f64::consts::TAU;
 
-/// A small generator with a fixed sequence per seed (splitmix64; Steele, Lea, Flood 2014).
+/// Small generator with a fixed sequence per seed (splitmix64; Steele, Lea, Flood 2014).
 #[derive(Debug, Clone)]
 pub struct Random(u64);
 
 impl Random {
-    /// The sequence of this seed.
+    /// Generator that starts the sequence of this seed.
     #[must_use]
     pub fn new(seed: u64) -> Self {
         Self(seed)
@@ -28,23 +28,20 @@ impl Random {
         self.next_u64() % n
     }
 
-    /// Uniform among the places of a list of this length.
-    ///
-    /// # Panics
-    /// If the list is empty.
+    /// Uniform index into a list of this length.
     pub fn index(&mut self, length: usize) -> usize {
         self.below(length as u64) as usize
     }
 
-    /// One of the choices.
+    /// A uniformly chosen element of a list.
     ///
     /// # Panics
-    /// If there are none.
+    /// If the list is empty.
     pub fn of<T: Copy>(&mut self, choices: &[T]) -> T {
         choices[self.index(choices.len())]
     }
 
-    /// Uniform in `[0, 1)`: 53 bits, so that every value is a double exactly.
+    /// Uniform in `[0, 1)`, with 53 bits, so that every value is an exact double.
     pub fn unit(&mut self) -> f64 {
         (self.next_u64() >> 11) as f64 / (1u64 << 53) as f64
     }
@@ -54,7 +51,7 @@ impl Random {
         low + (high - low) * self.unit()
     }
 
-    /// A direction, uniform on the unit sphere.
+    /// Unit vector, uniform on the sphere.
     pub fn direction(&mut self) -> [f64; 3] {
         let z = 2.0 * self.unit() - 1.0;
         let angle = TAU * self.unit();
@@ -75,7 +72,7 @@ pub fn mix(z: u64) -> u64 {
 mod tests {
     use super::*;
 
-    /// What is made by chance stays what it was: the first numbers of the published generator for the seed 1234567.
+    /// The first numbers of the published generator for the seed 1234567. Volumes made from a seed must not change.
     #[test]
     fn the_sequence_is_the_published_one() {
         let mut random = Random::new(1_234_567);

@@ -1,8 +1,9 @@
-//! Numbers as people read them, in messages and listings.
+//! Formatting of numbers for messages and listings.
 
 use std::fmt::{Display, Formatter, Result};
 
-/// As few digits as read back the same, with an exponent where they would be many.
+/// Displays a number with the fewest digits that parse to the same value; very large and very small ones get an
+/// exponent.
 pub struct Number(pub f64);
 
 impl Display for Number {
@@ -13,7 +14,7 @@ impl Display for Number {
     }
 }
 
-/// So many bytes in MiB, never fewer: what is said to suffice must suffice. Small amounts have decimals.
+/// Displays bytes as MiB, rounded up, because messages name sizes that must suffice. Small sizes have decimals.
 pub struct Mib(pub u64);
 
 impl Display for Mib {
@@ -29,7 +30,7 @@ impl Display for Mib {
     }
 }
 
-/// So many things of this name: `1 brick`, `2 bricks`.
+/// A count with its noun: `1 brick`, `2 bricks`.
 #[must_use]
 pub fn counted(count: u64, thing: &str) -> String {
     if count == 1 { format!("1 {thing}") } else { format!("{count} {thing}s") }

@@ -1,13 +1,13 @@
-//! Things kept because they may be wanted again: the one that was used longest ago leaves first.
+//! Map that can drop the least recently used value first.
 //!
-//! How many are kept, or how many bytes of them, is for the owner to say. Bricks that rays use are kept in other ways: there all of one
-//! pass are equally recent, and who waits for what counts more than when it was used.
+//! The owner limits the number or the bytes of the values. The streamer's brick cache does not use this map. All its
+//! bricks of one pass are equally recent, and priorities matter more than the time of use.
 
 use std::borrow::Borrow;
 use std::collections::{BTreeMap, HashMap};
 use std::hash::Hash;
 
-/// Things by key, and keys by the time of their last use: the oldest is found at once, however many there are.
+/// Values by key, and keys by the time of their last use. Finding the oldest takes logarithmic time.
 #[derive(Debug)]
 pub struct Recent<K, V> {
     kept: HashMap<K, (u64, V)>,
@@ -22,13 +22,13 @@ impl<K, V> Default for Recent<K, V> {
 }
 
 impl<K: Clone + Eq + Hash, V> Recent<K, V> {
-    /// What is kept by this key; it counts as used now.
+    /// The value of this key; counts as a use.
     pub fn get<Q: Eq + Hash + ?Sized>(&mut self, key: &Q) -> Option<&V>
     where
         K: Borrow<Q>,
     {
         let (used, value) = self.kept.get_mut(key)?;
-        // What is asked for again and again, as a page of the table of contents is, keeps its place.
+        // A value that is asked for repeatedly, such as a TOC page, keeps its time.
         if *used != self.clock {
             let key = self.by_use.remove(used)?;
             self.clock += 1;
@@ -38,7 +38,7 @@ impl<K: Clone + Eq + Hash, V> Recent<K, V> {
         Some(value)
     }
 
-    /// Whether something is kept by this key.
+    /// Whether a value has this key; does not count as a use.
     pub fn contains<Q: Eq + Hash + ?Sized>(&self, key: &Q) -> bool
     where
         K: Borrow<Q>,
@@ -46,7 +46,7 @@ impl<K: Clone + Eq + Hash, V> Recent<K, V> {
         self.kept.contains_key(key)
     }
 
-    /// Keeps something, used now; what was kept by the same key.
+    /// Inserts a value, used now. Returns the old value of the key.
     pub fn insert(&mut self, key: K, value: V) -> Option<V> {
         self.clock += 1;
         self.by_use.insert(self.clock, key.clone());
@@ -55,7 +55,7 @@ impl<K: Clone + Eq + Hash, V> Recent<K, V> {
         Some(before)
     }
 
-    /// The same where at most so many things are kept, at least one.
+    /// Inserts a value, then drops the oldest ones until at most `most` (at least one) are left.
     pub fn insert_within(&mut self, most: usize, key: K, value: V) {
         self.insert(key, value);
         while self.len() > most.max(1) {
@@ -63,20 +63,20 @@ impl<K: Clone + Eq + Hash, V> Recent<K, V> {
         }
     }
 
-    /// What was used longest ago is kept no longer.
+    /// Removes and returns the least recently used value.
     pub fn remove_oldest(&mut self) -> Option<(K, V)> {
         let (_, key) = self.by_use.pop_first()?;
         let (_, value) = self.kept.remove(&key)?;
         Some((key, value))
     }
 
-    /// Things kept.
+    /// Number of values.
     #[must_use]
     pub fn len(&self) -> usize {
         self.kept.len()
     }
 
-    /// Whether nothing is kept.
+    /// Whether the map is empty.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.kept.is_empty()
@@ -103,7 +103,7 @@ mod tests {
         assert!(recent.is_empty() && recent.get(&0).is_none());
     }
 
-    /// Beside a list that is searched from end to end.
+    /// Compares the map with a list that is searched linearly.
     #[test]
     fn it_does_what_a_plain_list_does() {
         let mut random = Random::new(5);

@@ -1,4 +1,4 @@
-//! Boxes of voxels, and the way between index and world space. The half voxel lives here only.
+//! Boxes of voxels, and the transform between index and world space. Only this module adds the half voxel.
 //!
 //! Index space: voxel (i, j, k) is a sample at the point (i, j, k); a grid of n voxels spans `[-1/2, n-1/2]`.
 //! World space: `x = origin + D * (spacing .* p)` for the index point p (RENDERING-MODEL, section 1).
@@ -18,17 +18,17 @@ pub const HALF_VOXEL: f64 = 0.5;
 pub struct Dims(pub [u64; 3]);
 
 impl Dims {
-    /// Most voxels along one axis: what a [`crate::BrickKey`] can address with the largest bricks. Smaller bricks address
-    /// fewer ([`crate::BrickLayout::voxels_limit`]); a pyramid of them refuses the rest.
+    /// Largest number of voxels along one axis: [`crate::BrickKey`] can address as many with the largest bricks.
+    /// Smaller bricks address fewer ([`crate::BrickLayout::voxels_limit`]); their pyramid refuses larger grids.
     pub const LIMIT: u64 = BrickLayout::LARGEST.voxels_limit();
 
-    /// Number of voxels, or `None` where it does not fit 64 bits.
+    /// Number of voxels, or `None` if it does not fit 64 bits.
     #[must_use]
     pub fn voxels(self) -> Option<u64> {
         self.0[0].checked_mul(self.0[1])?.checked_mul(self.0[2])
     }
 
-    /// Bytes of the grid in this type, or `None` where they do not fit 64 bits.
+    /// Size of the grid in bytes for this voxel type, or `None` if it does not fit 64 bits.
     #[must_use]
     pub fn bytes(self, voxel_type: crate::VoxelType) -> Option<u64> {
         self.voxels()?.checked_mul(voxel_type.bytes() as u64)
@@ -53,7 +53,7 @@ impl std::fmt::Display for Dims {
     }
 }
 
-/// Half-open box of voxels, `start` included, `end` not.
+/// Half-open box of voxels: contains `start`, excludes `end`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct VoxelBox {
     /// First voxel on each axis.
@@ -66,7 +66,7 @@ impl VoxelBox {
     /// Voxels on each axis.
     ///
     /// # Panics
-    /// If the box is inside out, or an axis exceeds the address space.
+    /// If `start` exceeds `end` on an axis, or an axis exceeds the address space.
     #[must_use]
     pub fn extent(self) -> [usize; 3] {
         std::array::from_fn(|a| {
@@ -81,7 +81,7 @@ impl VoxelBox {
         self.extent().iter().product()
     }
 
-    /// The part inside both boxes; empty boxes keep `start == end`.
+    /// Intersection of both boxes. If it is empty, `start == end` on some axis.
     #[must_use]
     pub fn intersect(self, other: Self) -> Self {
         let start = std::array::from_fn(|a| self.start[a].max(other.start[a]));
@@ -89,7 +89,7 @@ impl VoxelBox {
         Self { start, end }
     }
 
-    /// Grown by `margin` voxels on every side, then clipped to a grid.
+    /// The box grown by `margin` voxels on every side, then clipped to a grid.
     #[must_use]
     pub fn grown(self, margin: u64, grid: Dims) -> Self {
         Self { start: self.start.map(|s| s.saturating_sub(margin)), end: self.end.map(|e| e.saturating_add(margin)) }
@@ -106,7 +106,7 @@ impl VoxelBox {
 /// Placement of the grid in the world.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Geometry {
-    /// World lengths between neighbouring voxels along x, y, z; positive.
+    /// World distance between neighbouring voxels along x, y, z; positive.
     pub spacing: [f64; 3],
     /// World position of voxel (0, 0, 0).
     pub origin: [f64; 3],
@@ -115,11 +115,11 @@ pub struct Geometry {
 }
 
 impl Geometry {
-    /// Spacing 1, origin 0, axes along the world's.
+    /// Spacing 1, origin 0, grid axes parallel to the world axes.
     pub const IDENTITY: Self =
         Self { spacing: [1.0; 3], origin: [0.0; 3], direction: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0] };
 
-    /// D times the diagonal matrix of the spacings: index offsets to world offsets.
+    /// Matrix from index offsets to world offsets: D times the diagonal matrix of the spacings.
     #[must_use]
     pub fn linear(&self) -> DMat3 {
         let columns = DMat3::from_cols_array(&self.direction).transpose();
@@ -138,7 +138,7 @@ impl Geometry {
         self.world_from_index().inverse()
     }
 
-    /// World-space gradient from an index-space gradient: the inverse transpose of [`Self::linear`].
+    /// Matrix from an index-space gradient to a world-space gradient: the inverse transpose of [`Self::linear`].
     #[must_use]
     pub fn world_from_index_gradient(&self) -> DMat3 {
         self.linear().inverse().transpose()
@@ -150,14 +150,13 @@ impl Geometry {
         self.spacing.iter().copied().fold(f64::INFINITY, f64::min)
     }
 
-    /// Whether the axes x, y, z are arranged as thumb, forefinger and middle finger of the left hand. Such a grid is as valid
-    /// as any: its voxels are placed where they belong.
+    /// Whether the axes x, y, z form a left-handed system. Such a grid is valid: its voxels keep their world positions.
     #[must_use]
     pub fn is_left_handed(&self) -> bool {
         DMat3::from_cols_array(&self.direction).determinant() < 0.0
     }
 
-    /// What is wrong with these numbers, if anything: spacings must be positive and finite, the matrix invertible.
+    /// Description of the first invalid number, or `None`. Spacings must be positive and finite, the matrix invertible.
     #[must_use]
     pub fn defect(&self) -> Option<String> {
         if self.spacing.iter().any(|s| !(s.is_finite() && *s > 0.0)) {
@@ -171,21 +170,21 @@ impl Geometry {
     }
 }
 
-/// What the world's axes mean, where a file says so. Both are right-handed: a file in a left-handed space is turned over
-/// when it is read, so that nothing is ever drawn as its mirror image.
+/// Meaning of the world axes, if the file states it. Both spaces are right-handed. A reader converts files of
+/// left-handed spaces, so that no volume is drawn mirrored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum WorldSpace {
-    /// Nothing is known.
+    /// The file states no space.
     #[default]
     Unknown,
-    /// A patient's: x to the right, y to the front, z to the head (NIfTI, many NRRD files).
+    /// Patient space: x to the right, y to the front, z to the head (NIfTI, many NRRD files).
     RightAnteriorSuperior,
-    /// A patient's: x to the left, y to the back, z to the head (DICOM, ITK).
+    /// Patient space: x to the left, y to the back, z to the head (DICOM, ITK).
     LeftPosteriorSuperior,
 }
 
 impl WorldSpace {
-    /// Its name as NRRD spells it; empty where nothing is known.
+    /// Name of the space in NRRD's spelling; empty for [`Self::Unknown`].
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {

@@ -1,10 +1,10 @@
-//! Least and greatest present value of a set of voxels; absent voxels take no part.
+//! Least and greatest present value of a set of voxels; absent voxels are ignored.
 
 use serde::{Deserialize, Serialize};
 
 use crate::readable::Number;
 
-/// Closed interval of values; `min > max` means no present value at all.
+/// Closed interval of values. `min > max` means that no value is present.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ValueRange {
     /// Least present value.
@@ -20,23 +20,23 @@ impl std::fmt::Display for ValueRange {
 }
 
 impl ValueRange {
-    /// The range of nothing.
+    /// Range without a value.
     pub const EMPTY: Self = Self { min: f64::INFINITY, max: f64::NEG_INFINITY };
 
-    /// Whether nothing is present.
+    /// Whether the range has no value.
     #[must_use]
     pub fn is_empty(self) -> bool {
         self.min > self.max
     }
 
-    /// Grown to hold `value`.
+    /// Extends the range to contain `value`.
     #[inline]
     pub fn include(&mut self, value: f64) {
         self.min = self.min.min(value);
         self.max = self.max.max(value);
     }
 
-    /// The least range that holds both.
+    /// Smallest range that contains both.
     #[must_use]
     pub fn union(self, other: Self) -> Self {
         Self { min: self.min.min(other.min), max: self.max.max(other.max) }
@@ -54,7 +54,7 @@ impl ValueRange {
         other.is_empty() || (self.min <= other.min && other.max <= self.max)
     }
 
-    /// The range of `scale * value + offset`.
+    /// Range of `scale * value + offset`.
     #[must_use]
     pub fn scaled(self, scale: f64, offset: f64) -> Self {
         if self.is_empty() {
@@ -64,13 +64,13 @@ impl ValueRange {
         Self { min: ends[0].min(ends[1]), max: ends[0].max(ends[1]) }
     }
 
-    /// Wider by this on either side; nothing stays nothing.
+    /// The range extended by `by` at both ends; an empty range stays empty.
     #[must_use]
     pub fn widened(self, by: f64) -> Self {
         if self.is_empty() { self } else { Self { min: self.min - by, max: self.max + by } }
     }
 
-    /// `max - min`, or 0 where nothing is present.
+    /// `max - min`, or 0 for an empty range.
     #[must_use]
     pub fn width(self) -> f64 {
         if self.is_empty() { 0.0 } else { self.max - self.min }

@@ -1,18 +1,18 @@
-//! Loops over voxels, compiled once more for the wider vectors that most processors have.
+//! Loops over voxels, compiled a second time for the wider vectors (AVX2) of most processors.
 
-/// Something to do with whatever instructions the processor has: `#[inline(always)]` all the way down.
+/// Task that is compiled for several instruction sets: every function it calls must be `#[inline(always)]`.
 pub trait Vectorized {
-    /// What comes of it.
+    /// Result of the task.
     type Output;
-    /// Does it.
+    /// Runs the task.
     fn run(self) -> Self::Output;
 }
 
-/// Does it with the processor's instructions.
+/// Runs a task with the widest instruction set that both this function and the processor support.
 pub fn vectorized<T: Vectorized>(task: T) -> T::Output {
     #[cfg(target_arch = "x86_64")]
     if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("bmi2") && is_x86_feature_detected!("lzcnt") {
-        // SAFETY: the processor has what the function is compiled for.
+        // SAFETY: the processor has the features that the function is compiled for.
         return unsafe { with_avx2(task) };
     }
     task.run()

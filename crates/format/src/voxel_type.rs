@@ -1,7 +1,7 @@
-//! The eight voxel types, and reading voxels out of their bytes.
+//! The eight voxel types, and conversion of voxels from and to bytes.
 //!
 //! Voxels in memory and in containers are little endian, packed without padding, x fastest.
-//! A voxel is *absent* when it equals the declared nodata value, or when it is a NaN or an infinity: neither can be
+//! A voxel is *absent* if it equals the declared nodata value, or if it is a NaN or an infinity. Those cannot be
 //! interpolated (0 * inf is not 0), so both are holes ([`Absence`]).
 
 use serde::{Deserialize, Serialize};
@@ -34,7 +34,7 @@ impl VoxelType {
     pub const ALL: [Self; 8] = [Self::U8, Self::I8, Self::U16, Self::I16, Self::U32, Self::I32, Self::F32, Self::F64];
 
     /// Bytes of one voxel: 1, 2, 4 or 8.
-    // Loops over voxels ask this of their type: called, not folded, it costs them their vectors.
+    // Loops over voxels call this: if it were not inlined, the compiler would not vectorize them.
     #[inline]
     #[must_use]
     pub const fn bytes(self) -> usize {
@@ -46,7 +46,7 @@ impl VoxelType {
         }
     }
 
-    /// Name as written on the command line and in `info --json`.
+    /// Name, as on the command line and in `info --json`.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -61,13 +61,13 @@ impl VoxelType {
         }
     }
 
-    /// The type with this name, if there is one.
+    /// The type with this name, or `None`.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|t| t.name() == name)
     }
 
-    /// The type with this tag in a container, if there is one.
+    /// The type with this tag in a container, or `None`.
     #[must_use]
     pub fn from_tag(tag: u32) -> Option<Self> {
         Self::ALL.into_iter().find(|t| *t as u32 == tag)
@@ -103,19 +103,19 @@ impl std::fmt::Display for VoxelType {
     }
 }
 
-/// A Rust type that voxels are stored as.
+/// Rust type of a stored voxel.
 pub trait Voxel: bytemuck::Pod + PartialEq + PartialOrd + Send + Sync + 'static {
-    /// The tag of this type.
+    /// Voxel type of this Rust type.
     const TYPE: VoxelType;
     /// The value as a double; exact for every voxel type.
     fn to_f64(self) -> f64;
     /// The nearest value of this type (ties to even, saturating); NaN becomes 0 for integers.
     fn from_f64(value: f64) -> Self;
-    /// The nearest value of this type to a whole number (saturating; floats: ties to even).
+    /// The nearest value of this type to a whole number (saturating; for floats ties to even).
     fn from_whole(value: i64) -> Self;
-    /// As [`Voxel::from_whole`], of a number that vectors hold more of.
+    /// As [`Voxel::from_whole`], from 32 bits, of which a vector register holds more.
     fn from_word(value: i32) -> Self;
-    /// The number that an integer of at most 16 bits is; of others, what is left of it in 32 bits.
+    /// The value of an integer of at most 16 bits; for wider types the `as i32` conversion, which may lose bits.
     fn to_word(self) -> i32;
     /// Reads one voxel from exactly `size_of::<Self>()` little-endian bytes.
     fn read_le(bytes: &[u8]) -> Self;
@@ -158,7 +158,7 @@ macro_rules! voxel {
         }
     };
 }
-// `as` from float to integer saturates and maps NaN to 0, which is what the contract above says.
+// `as` from float to integer saturates and maps NaN to 0, as the trait promises.
 macro_rules! whole_voxel {
     ($t:ty, $tag:ident, |$i:ident| $from_word:expr) => {
         voxel!(
@@ -179,7 +179,7 @@ whole_voxel!(i32, I32, |i| i);
 voxel!(f32, F32, |v| v as f32, |w| w as f32, |i| i as f32);
 voxel!(f64, F64, |v| v, |w| w as f64, |i| f64::from(i));
 
-/// Calls a generic function once for the Rust type behind a [`VoxelType`]: `with_voxel!(t, V => f::<V>(x))`.
+/// Evaluates an expression with the Rust type of a [`VoxelType`]: `with_voxel!(t, V => f::<V>(x))`.
 #[macro_export]
 macro_rules! with_voxel {
     ($voxel_type:expr, $v:ident => $body:expr) => {
@@ -220,50 +220,50 @@ macro_rules! with_voxel {
     };
 }
 
-/// The rule that tells present voxels from absent ones: one for the whole container.
+/// Rule that tells present voxels from absent ones; one per container.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Absence {
-    /// Stored value that means "no data", if the source declares one. NaN adds nothing: NaN is always absent.
+    /// Stored value that means "no data", if the source declares one. NaN is always absent and is never declared here.
     pub nodata: Option<f64>,
 }
 
 impl Absence {
-    /// Nothing but NaN and infinities is absent.
+    /// Only NaN and infinities are absent.
     pub const NON_FINITE_ONLY: Self = Self { nodata: None };
 
-    /// The rule for a volume of this type whose source declares `nodata`.
+    /// Rule for a volume of this type whose source declares `nodata`.
     ///
-    /// Voxels are compared after rounding to their type, so the value is rounded, too: 1e30 in a file of floats is the
-    /// float next to 1e30. Values that are not finite add nothing.
+    /// Voxels are compared after rounding to their type, so the value is rounded, too. In a file of floats, 1e30 is the
+    /// float next to 1e30. A value that is not finite is ignored, because it is absent anyway.
     #[must_use]
     pub fn declared(nodata: Option<f64>, voxel_type: VoxelType) -> Self {
         let round = |v: f64| if voxel_type == VoxelType::F32 { f64::from(v as f32) } else { v };
         Self { nodata: nodata.map(round).filter(|v| v.is_finite()) }
     }
 
-    /// Whether this stored value is a hole.
+    /// Whether this stored value is absent.
     #[inline(always)]
     #[must_use]
     pub fn is_absent(self, stored: f64) -> bool {
         !stored.is_finite() | (self.nodata == Some(stored))
     }
 
-    /// The stored value that marks a hole at coarser levels, where all finer voxels are absent.
+    /// Stored value that marks a hole at coarser levels: a coarser voxel is a hole if all its finer voxels are absent.
     ///
-    /// Integers without a nodata value have no holes and never ask.
+    /// Integer volumes without a nodata value have no holes; the marker is never used for them.
     #[must_use]
     pub fn marker(self) -> f64 {
         self.nodata.unwrap_or(f64::NAN)
     }
 
-    /// Whether a volume of this type can have holes at all.
+    /// Whether a volume of this type can have holes.
     #[must_use]
     pub fn possible(self, voxel_type: VoxelType) -> bool {
         voxel_type.is_float() || self.nodata.is_some()
     }
 }
 
-/// The voxels of a little-endian byte slice as doubles, x fastest.
+/// The voxels of a little-endian byte slice as doubles, in the order of the slice.
 ///
 /// # Panics
 /// If the slice is not a whole number of voxels.

@@ -1,8 +1,9 @@
-//! How far voxels may be moved to make a container smaller (`--max-error`).
+//! The error that voxels may have in exchange for a smaller container (`--max-error`).
 //!
-//! Voxels are moved to multiples of a step ([`Quantizer`]) once, as they come from the source; means in coarser levels are,
-//! too. So a voxel of level 0 is within the bound of the source's, one of a coarser level within it of what it stands for,
-//! and every error bound of a brick counts it. Labels are never moved: a label beside another one is another thing.
+//! Voxels are moved to multiples of a step ([`Quantizer`]) once, when they are read from the source; means of coarser
+//! levels are moved, too. So a voxel of level 0 is within the bound of the source's voxel, and a coarser one within the
+//! bound of the downsampled value. Each brick's error bound includes this. Labels are never moved: a neighbouring value
+//! is another label.
 
 use supervol_format::codec::quantize::Quantizer;
 use supervol_format::container::header::Descriptor;
@@ -12,20 +13,20 @@ use supervol_format::{ValueRange, VoxelBox};
 use crate::bricker::Tile;
 use crate::error::BuildError;
 
-/// Most by which a voxel may be off.
+/// Largest allowed error of a voxel.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum MaxError {
-    /// Not at all.
+    /// No error.
     #[default]
     Exact,
-    /// So much, data units.
+    /// An error in data units.
     Value(f64),
-    /// This percentage of the range of all voxels; to know that, the source is read once more.
+    /// A percentage of the range of all voxels; measuring the range needs another pass over the source.
     Percent(f64),
 }
 
 impl MaxError {
-    /// As the manifest says it.
+    /// Text for the manifest.
     #[must_use]
     pub fn describe(self) -> String {
         match self {
@@ -35,7 +36,7 @@ impl MaxError {
         }
     }
 
-    /// What voxels are moved to; `range_of` measures the source, stored units.
+    /// Quantizer for this error; `None` if voxels are not moved. `range_of` measures the source in stored units.
     pub(crate) fn quantizer(
         self,
         descriptor: &Descriptor,
@@ -51,7 +52,7 @@ impl MaxError {
     }
 }
 
-/// Range of all present voxels of a source, tile by tile.
+/// Range of all present voxels of a source, measured tile by tile.
 pub(crate) fn range_of(
     descriptor: &Descriptor,
     tiles: &[Tile],

@@ -1,11 +1,12 @@
-//! Comparing level 0 of a container with the source that it was built from, voxel by voxel.
+//! Comparison of a container's level 0 with its source, voxel by voxel.
 //!
-//! 1. Grid, voxel type, place, scale and offset of the values are the same.
-//! 2. Where the container is exact, so is every voxel; where it has a step, each is within its bound. What is absent here is absent
-//!    there, however it is written.
-//! 3. No brick's error bound is less than the greatest distance of a voxel that it owns: what [`crate::verify`] cannot know.
+//! 1. Grid, voxel type, geometry, scale and offset are the same.
+//! 2. Every voxel of an exact container is equal; with a step, every voxel is within its bound. Absent voxels are
+//!    absent in both, whatever their bits.
+//! 3. No brick's error bound is less than the greatest distance of a voxel that it owns. [`crate::verify`] cannot check
+//!    this.
 //!
-//! Memory: the source's own, voxels of some bricks from it, and one brick of the container with what decoding takes.
+//! Memory: the source's own, its voxels of some bricks, and one brick of the container with the decoder's buffers.
 
 use std::path::Path;
 
@@ -20,25 +21,24 @@ use crate::bricker::{key_of, tiles};
 use crate::error::BuildError;
 use crate::memory::{ALLOW_MORE, left_for_data, read_bytes};
 
-/// Bricks that are held at once: a record and what it is decompressed into, and the voxels; a row as doubles is less.
+/// Bricks held at once: a record, its decompressed bytes, and the voxels; a row as doubles is smaller.
 const BRICKS_AT_HAND: u64 = 3;
 
-/// What a comparison has found that holds.
+/// Result of a successful comparison.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Compared {
-    /// Voxels of level 0, all of which have been compared.
+    /// Number of voxels of level 0; all have been compared.
     pub voxels: u64,
-    /// Greatest distance from the source, data units.
+    /// Greatest distance from the source in data units.
     pub greatest: f64,
-    /// Most that it might have been, data units; 0 where the container is exact.
+    /// Largest distance that the container allows, in data units; 0 if it is exact.
     pub bound: f64,
 }
 
-/// Compares a container with its source; `on_progress` hears of bricks done and bricks in all.
+/// Compares a container with its source. `on_progress` receives the number of compared bricks and of all bricks.
 ///
 /// # Errors
-/// If they differ by more than the container says, with the first voxel that does; if one cannot be read; or if the memory does not
-/// suffice.
+/// The first voxel that differs by more than the container allows; a failure to read; too little memory.
 pub fn compare(
     path: &Path,
     container: &Container,
@@ -94,8 +94,8 @@ fn same_volume(path: &Path, descriptor: &Descriptor, source: &dyn VolumeSource) 
     }
 }
 
-/// Rules 2 and 3 for the voxels that a brick owns; their greatest distance, stored units. `bytes` are the source's voxels of a box
-/// that holds them.
+/// Rules 2 and 3 for the voxels that a brick owns. Returns their greatest distance in stored units. `bytes` are the
+/// source's voxels of the box `around`, which contains the brick's core.
 fn compare_brick(
     path: &Path,
     container: &Container,
@@ -130,7 +130,7 @@ fn compare_brick(
                     (false, false) => (expected - found).abs(),
                     _ => f64::INFINITY,
                 };
-                // The negation, so that a distance that is no number is none that is allowed.
+                // Negated, so that a NaN distance counts as an error.
                 if !(distance <= bound && distance <= entry.error) {
                     let rule = format!("{key}: voxel [{x}, {y}, {z}] against its source");
                     let within = if distance <= bound { entry.error } else { bound };

@@ -1,9 +1,9 @@
-//! The voxels of a coarser level from those of the finer one.
+//! Downsampling: voxels of a coarser level from those of the next finer level.
 //!
-//! Coarse voxel c of a halved axis stands for fine voxels 2c and 2c+1; where the finer grid ends with 2c, for that one alone.
-//! Absent voxels take no part; where all are absent, the coarse voxel is absent too. What stands for up to eight voxels is
-//! chosen by [`Reduce`]. Means are rounded to the voxel type, ties to even; they are taken in double precision, those of integers of at
-//! most 16 bits in whole numbers, which is the same.
+//! Coarse voxel c of a halved axis covers the fine voxels 2c and 2c+1, or 2c alone at the end of the grid. Absent
+//! voxels are ignored; if all are absent, the coarse voxel is absent, too. [`Reduce`] selects how up to eight voxels
+//! become one. Means are rounded to the voxel type, ties to even. They are computed in doubles; those of integers of at
+//! most 16 bits in integers, with equal results.
 
 use std::marker::PhantomData;
 
@@ -11,23 +11,23 @@ use supervol_format::vectors::{Vectorized, vectorized};
 use supervol_format::voxel_type::{Absence, Voxel};
 use supervol_format::{Dims, VoxelBox, VoxelType, with_voxel};
 
-/// What stands for several voxels in a coarser level.
+/// Operation that makes one voxel of several.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Reduce {
-    /// Their mean: for whatever is measured.
+    /// The mean: for measured data.
     #[default]
     Mean,
-    /// The greatest: nothing bright is lost, and everything bright grows.
+    /// The greatest value: bright structures are kept and grow.
     Max,
-    /// The most frequent, of equally frequent ones the least: for labels, whose means are labels of something else.
+    /// The most frequent value (on a tie the least): for labels, whose means would be other labels.
     Majority,
 }
 
 impl Reduce {
-    /// All of them.
+    /// All operations.
     pub const ALL: [Self; 3] = [Self::Mean, Self::Max, Self::Majority];
 
-    /// Its name in manifests and on the command line.
+    /// Name in manifests and on the command line.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -37,7 +37,7 @@ impl Reduce {
         }
     }
 
-    /// What stands for these values; the absence marker if none of them is present.
+    /// Result for these values; the absence marker if none of them is present.
     fn of(self, values: [f64; 8], absence: Absence) -> f64 {
         let present = || values.iter().copied().filter(|&v| !absence.is_absent(v));
         match self {
@@ -52,7 +52,7 @@ impl Reduce {
     }
 }
 
-/// The finer voxels that the voxels of a coarse box are averages of.
+/// Box of the finer voxels that the voxels of a coarse box are made of.
 #[must_use]
 pub fn finer_box(coarse: VoxelBox, factors: [u32; 3], finer_dims: Dims) -> VoxelBox {
     let scaled = |v: [u64; 3]| std::array::from_fn(|a| v[a] * u64::from(factors[a]));
@@ -62,16 +62,16 @@ pub fn finer_box(coarse: VoxelBox, factors: [u32; 3], finer_dims: Dims) -> Voxel
 /// A box of voxels in memory: little endian, packed, x fastest.
 #[derive(Debug, Clone, Copy)]
 pub struct VoxelBlock<'a> {
-    /// Which voxels of its level.
+    /// Position of the box in its level, in voxels.
     pub voxels: VoxelBox,
-    /// Their bytes.
+    /// Bytes of the voxels.
     pub bytes: &'a [u8],
 }
 
-/// Reduces `fine` to the coarse voxels of `coarse`, which are written to `out`, one z-slice per task.
+/// Reduces `fine` to the coarse voxels of `coarse` and writes them to `out`, one z-slice per task.
 ///
 /// # Panics
-/// If `fine` lacks a voxel that [`finer_box`] names, or a buffer has another length than its box.
+/// If `fine` lacks a voxel of [`finer_box`], or a buffer has another length than its box.
 pub fn downsample(
     reduce: Reduce,
     voxel_type: VoxelType,
@@ -97,7 +97,7 @@ fn downsample_typed<V: Voxel>(
     let [fine_nx, fine_ny, fine_nz] = fine.voxels.extent();
     assert_eq!(fine.bytes.len(), fine_nx * fine_ny * fine_nz * size_of::<V>(), "fine box {:?}", fine.voxels);
     assert_eq!(out.len(), nx * ny * nz * size_of::<V>(), "coarse box {coarse:?}");
-    // First fine voxel of a coarse one, and whether there is a second, on one axis of the fine box.
+    // First fine voxel of a coarse one, and the number of its fine voxels, on one axis of the fine box.
     let pair = |axis: usize, c: usize, n: usize| -> (usize, usize) {
         let first = (coarse.start[axis] + c as u64) * u64::from(factors[axis]);
         let first = usize::try_from(first - fine.voxels.start[axis]).expect("an offset inside a box fits");
@@ -130,10 +130,11 @@ fn downsample_typed<V: Voxel>(
     });
 }
 
-/// Means of eight integers of at most 16 bits each; where an axis is not halved or ends, its voxel simply counts twice.
+/// Task: means of eight integers of at most 16 bits each. On an axis that is not halved, or at its end, a voxel counts
+/// twice.
 struct Averaging<'a, V> {
     factor: u32,
-    /// From the first voxel of the first mean.
+    /// The four rows, starting at the first voxel of the first mean.
     rows: [&'a [u8]; 4],
     out: &'a mut [u8],
     typed: PhantomData<V>,
@@ -157,7 +158,7 @@ impl<V: Voxel> Vectorized for Averaging<'_, V> {
     }
 }
 
-/// The mean of `COUNT` voxels of each row, and if that is one, of it twice. Written for vectors.
+/// Mean of `COUNT` voxels of each row; a single voxel counts twice. Written for vectors.
 #[inline(always)]
 fn average_each<V: Voxel, const COUNT: usize>(rows: [&[u8]; 4], out: &mut [u8]) {
     let size = size_of::<V>();
@@ -170,13 +171,13 @@ fn average_each<V: Voxel, const COUNT: usize>(rows: [&[u8]; 4], out: &mut [u8]) 
     }
 }
 
-/// An eighth, ties to even.
+/// One eighth, ties to even.
 #[inline(always)]
 fn eighth(sum: i32) -> i32 {
     (sum + 3 + (sum >> 3 & 1)) >> 3
 }
 
-/// Mean of eight voxels each, as [`Averaging`] has it, of all types.
+/// Means of eight voxels each, as [`Averaging`], for all types.
 fn average_row<V: Voxel>(factor: usize, x0: usize, rows: [&[u8]; 4], out: &mut [u8]) {
     let size = size_of::<V>();
     let n = rows[0].len() / size;
@@ -203,7 +204,7 @@ fn reduce_row<V: Voxel>(reduce: Reduce, absence: Absence, factor: usize, x0: usi
     }
 }
 
-/// Mean of the present ones of eight values, the absence marker if there is none.
+/// Mean of the present values among eight; the absence marker if there is none.
 fn mean_of_present(values: [f64; 8], absence: Absence) -> f64 {
     let present = || values.iter().copied().filter(|&v| !absence.is_absent(v));
     let count = present().count();
@@ -211,9 +212,9 @@ fn mean_of_present(values: [f64; 8], absence: Absence) -> f64 {
         return absence.marker();
     }
     let sum: f64 = present().sum();
-    // Doubles near their limit overflow as a sum; each part of the mean does not.
+    // The sum of doubles near their limit overflows; the sum of their shares of the mean does not.
     let mean = if sum.is_finite() { sum / count as f64 } else { present().map(|v| v / count as f64).sum() };
-    // A mean that happens to equal the nodata value would turn present data into a hole: the first voxel stands for it.
+    // A mean equal to the nodata value would turn present data into a hole; the first present voxel replaces it.
     if absence.is_absent(mean) { present().next().unwrap_or(mean) } else { mean }
 }
 
@@ -286,7 +287,7 @@ mod tests {
         assert_eq!(of(&[9, 9, 9, 3, 3, 3, 1, 1]), [3], "of equally frequent ones the least");
         assert_eq!(of(&[255, 255, 255, 255, 255, 255, 255, 4]), [4], "absent voxels have no vote");
         assert_eq!(of(&[255; 8]), [255]);
-        // Where the grid ends, and where an axis is not halved, every voxel has as many votes as any other.
+        // At the end of the grid, and on an axis that is not halved, every voxel has the same number of votes.
         let ends = reduce_u8(Reduce::Majority, [3, 2, 1], [2, 2, 1], &[5, 5, 8, 6, 5, 2], None);
         assert_eq!(ends, [5, 2]);
         for name in Reduce::ALL.map(Reduce::name) {

@@ -1,4 +1,4 @@
-//! Why a build, a check or an extraction failed.
+//! Errors of builds, checks and exports.
 
 use std::path::{Path, PathBuf};
 
@@ -8,7 +8,7 @@ use supervol_format::pyramid::PyramidError;
 use supervol_format::readable::Mib;
 use supervol_sources::SourceError;
 
-/// Why it failed. Each message says what was expected, what was found, and where.
+/// Reason of a failure. Each message says what was expected, what was found, and where.
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum BuildError {
@@ -39,26 +39,26 @@ pub enum BuildError {
 }
 
 impl BuildError {
-    /// The file at `path` cannot be written.
+    /// Error for a file at `path` that cannot be written.
     #[must_use]
     pub fn write(path: &Path, source: std::io::Error) -> Self {
         OutputError::write(path, source).into()
     }
 
-    /// `--memory` does not suffice; `what` says what for.
+    /// Error for a `--memory` that is too small; `what` is the purpose of the memory.
     pub(crate) fn memory(needed: u64, allowed: u64, what: String, advice: &str) -> Self {
-        // Whole MiB, which can be given as they are read.
+        // Rounded up to whole MiB, so that the user can give the printed number.
         let needed = Mib(needed.next_multiple_of(1 << 20)).to_string();
         Self::Memory { needed, allowed: Mib(allowed).to_string(), what, advice: advice.into() }
     }
 
-    /// The container at `path` cannot be read.
+    /// Error for a container at `path` that cannot be read.
     #[must_use]
     pub fn container(path: &Path, source: ContainerError) -> Self {
         Self::Container { path: path.into(), source }
     }
 
-    /// Whether the input named in the command is not there, or is no file.
+    /// Whether the command's input does not exist or is not a file.
     fn is_missing_input(&self) -> bool {
         let source = match self {
             Self::Source(SourceError::Io { source, .. })
@@ -68,7 +68,7 @@ impl BuildError {
         matches!(source.kind(), std::io::ErrorKind::NotFound | std::io::ErrorKind::InvalidInput)
     }
 
-    /// Whether the disk, or what a person may use of it, is full; or files may not be so long.
+    /// Whether the disk or a quota is full, or the file would be longer than allowed.
     #[must_use]
     pub fn is_full_disk(&self) -> bool {
         match self {
@@ -79,19 +79,19 @@ impl BuildError {
         }
     }
 
-    /// Whether somebody wanted the build to stop ([`supervol_sources::stop`]).
+    /// Whether the build was cancelled ([`supervol_sources::stop`]).
     #[must_use]
     pub fn is_stopped(&self) -> bool {
         matches!(self, Self::Stopped { .. } | Self::Source(SourceError::Stopped))
     }
 
-    /// Whether there is no source any more.
+    /// Whether the source no longer exists.
     #[must_use]
     pub fn is_source_gone(&self) -> bool {
         matches!(self, Self::Source(SourceError::Io { source, .. }) if source.kind() == std::io::ErrorKind::NotFound)
     }
 
-    /// Whether the machine failed us (disk, memory, I/O) rather than the data or the command.
+    /// Whether the machine failed (disk, memory, I/O), rather than the data or the command.
     #[must_use]
     pub fn is_machine_failure(&self) -> bool {
         if let Self::Kept { error, .. } = self {
@@ -107,7 +107,7 @@ impl BuildError {
         )
     }
 
-    /// Whether the command asked for something impossible.
+    /// Whether the command was impossible.
     #[must_use]
     pub fn is_wrong_command(&self) -> bool {
         matches!(
@@ -125,7 +125,7 @@ impl BuildError {
     }
 }
 
-/// What is kept of a build that failed, and what to do with it.
+/// Advice on the kept files of a failed build.
 fn kept_advice(kept: &[PathBuf; 2], written_bytes: u64, missing_bytes: u64) -> String {
     let (written, missing) = (Mib(written_bytes), Mib(missing_bytes));
     format!(
@@ -136,7 +136,7 @@ fn kept_advice(kept: &[PathBuf; 2], written_bytes: u64, missing_bytes: u64) -> S
     )
 }
 
-/// What is kept of a build that was stopped, and what to do with it.
+/// Advice on the kept files of a cancelled build.
 fn stopped_advice(kept: Option<&[PathBuf; 2]>) -> String {
     let Some([container, list]) = kept else {
         return "Nothing of it was finished, and nothing is kept".into();

@@ -1,16 +1,17 @@
-//! How far a level's trilinear interpolation is from that of the next finer one, at worst, inside one brick.
+//! Largest difference, inside one brick, between the trilinear interpolation of a level and that of the next finer
+//! level.
 //!
-//! Both interpolants are trilinear between their own voxels, so their difference is trilinear inside each box of the
-//! grid that both sets of planes cut together, and a trilinear function is greatest at a corner. On a halved axis the
-//! corners lie, per coarse voxel c, at the fine coordinates 2c, 2c + 1/2 (the coarse voxel itself) and 2c + 1; and at
-//! the region's two ends, 2c - 1/2. The maximum over these points is the exact maximum over the region, not a sample.
-//! Points at which either side is absent are left out; the brick's flag "has holes" says that there are such. So the sum
-//! over levels bounds the distance from level 0 wherever all levels in between are present; in slivers beside a hole,
-//! a quarter of a voxel wide, a level in between can be absent although both ends are not.
+//! Both interpolants are trilinear between their own voxels. Their difference is trilinear in each box of the grid that
+//! both sets of planes cut, and a trilinear function is greatest at a corner. On a halved axis the corners of coarse
+//! voxel c have the fine coordinates 2c, 2c + 1/2 (the coarse voxel itself) and 2c + 1. The region's two ends have the
+//! form `2c - 1/2`. The maximum over these points is the exact maximum over the region, not a sample.
+//! Points where either level is absent are skipped; the brick's flag "has holes" tells that there may be such points.
+//! The sum over levels therefore bounds the distance from level 0 wherever all levels between are present. In slivers
+//! beside a hole, a quarter of a voxel wide, a level between can be absent although both ends are present.
 //!
-//! Voxels of 8 and 16 bits are compared in single precision, wider integers in double: there all weights are multiples
-//! of 1/4 and every product is exact. Floating-point voxels are compared in double precision, and a difference is
-//! widened by the rounding it may have suffered.
+//! Voxels of 8 and 16 bits are compared in single precision, wider integers in double. All weights there are multiples
+//! of 1/4, and every product is exact. Floating-point voxels are compared in double precision, and the difference is
+//! increased by its possible rounding error.
 
 use supervol_format::vectors::{Vectorized, vectorized};
 use supervol_format::voxel_type::{Absence, Voxel};
@@ -18,10 +19,10 @@ use supervol_format::{ValueRange, VoxelBox, VoxelType, with_voxel};
 
 use crate::downsample::VoxelBlock;
 
-/// Lanes of the innermost loop: independent maxima, so that the compiler can keep them in vector registers.
+/// Lanes of the innermost loop: independent maxima, which the compiler keeps in vector registers.
 const LANES: usize = 16;
 
-/// The arithmetic of the comparison.
+/// Floating-point type of the comparison.
 trait Real: Copy + PartialOrd + Default {
     const NAN: Self;
     fn from_f64(v: f64) -> Self;
@@ -62,7 +63,7 @@ macro_rules! real {
 real!(f32);
 real!(f64);
 
-/// Linear interpolation on one axis at one point: two voxels of a box and the weight of the second.
+/// Linear interpolation on one axis at one point: two voxels of a box, and the weight of the second.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Tap {
     first: usize,
@@ -71,26 +72,26 @@ struct Tap {
 }
 
 impl Tap {
-    /// The tap of coordinate `p` (voxels of the level) in a box that starts at `start` and has `n` voxels on this
-    /// axis, clamped to the box: where the box ends before the grid does, the caller never asks beyond it.
+    /// Tap of coordinate `p` (in voxels of the level) in a box that starts at `start` and has `n` voxels on this axis.
+    /// The coordinate is clamped to the box; callers stay inside it, except at the end of the grid.
     fn new(p: f64, start: u64, n: usize) -> Self {
         let q = (p - start as f64).clamp(0.0, (n - 1) as f64);
         let first = (q.floor() as usize).min(n - 1);
         let weight = q - first as f64;
-        // An exact hit leans on its own voxel twice: an absent neighbour must not spoil it.
+        // A point on a voxel uses that voxel twice, so that an absent neighbour has no effect.
         let second = if weight == 0.0 { first } else { (first + 1).min(n - 1) };
         Self { first, second, weight }
     }
 }
 
-/// Where a row that is halved has its voxels in memory: the even ones before the odd ones, so that points at one place of their coarse
-/// voxels lean on voxels that lie one behind the other.
+/// Position in memory of a voxel of a row. On a halved axis the even voxels precede the odd ones. Points at the same
+/// offset in their coarse voxels then use adjacent voxels.
 #[inline(always)]
 fn place(voxel: usize, n: usize, factor: u32) -> usize {
     if factor == 2 { voxel / 2 + voxel % 2 * n.div_ceil(2) } else { voxel }
 }
 
-/// Taps that lean on one voxel after the other, all with one weight: loops over them need no tables.
+/// Taps with one weight that use consecutive voxels; loops over them need no tables.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct TapRun {
     start: Tap,
@@ -98,7 +99,7 @@ struct TapRun {
 }
 
 impl TapRun {
-    /// The taps in their order, in runs as long as can be.
+    /// The taps in order, grouped into runs of maximal length.
     fn all(taps: impl IntoIterator<Item = Tap>) -> Vec<Self> {
         let mut runs: Vec<Self> = Vec::new();
         for tap in taps {
@@ -110,12 +111,12 @@ impl TapRun {
         runs
     }
 
-    /// One of its taps, or the one behind the last.
+    /// Tap `i` of the run; `i` may be one past the last.
     fn tap(&self, i: usize) -> Tap {
         Tap { first: self.start.first + i, second: self.start.second + i, ..self.start }
     }
 
-    /// What the row is at its points.
+    /// Interpolates the row at all points of the run.
     #[inline(always)]
     fn blend<F: Real>(&self, row: &[F], out: &mut [F]) {
         let [a, b] = [self.start.first, self.start.second].map(|from| &row[from..from + self.count]);
@@ -129,13 +130,13 @@ impl TapRun {
     }
 }
 
-/// The points of one axis, in voxels of the coarse level, for core voxels `c0..c1`, ascending.
+/// Points of one axis in voxels of the coarse level, for core voxels `c0..c1`, ascending.
 fn points(c0: u64, c1: u64, factor: u32) -> Vec<f64> {
     let inner = (c0..c1).flat_map(|c| offsets(factor).iter().map(move |o| c as f64 + o));
     std::iter::once(c0 as f64 - 0.5).chain(inner).chain([c1 as f64 - 0.5]).collect()
 }
 
-/// The same points, those at one place of their voxels after the other: the order in which they make long runs.
+/// The same points, grouped by their offset in the voxel; this order gives long runs.
 fn points_by_place(c0: u64, c1: u64, factor: u32) -> Vec<f64> {
     let inner = offsets(factor).iter().flat_map(|o| (c0..c1).map(move |c| c as f64 + o));
     std::iter::once(c0 as f64 - 0.5).chain(inner).chain([c1 as f64 - 0.5]).collect()
@@ -145,10 +146,10 @@ fn offsets(factor: u32) -> &'static [f64] {
     if factor == 2 { &[-0.25, 0.0, 0.25] } else { &[0.0] }
 }
 
-/// The bound of a brick: what its children may be off from level 0, and this level from them; but no more than the two
-/// can be apart at all, given the range of the brick itself and that of everything beneath it. Never less than a
-/// child's, so that refining never raises the bound. Source voxels are as far outside the range beneath as they were moved:
-/// by `voxel_error` at most.
+/// Error bound of a brick: the children's bound plus this level's step error, but at most the largest distance that the
+/// value ranges allow. These are the ranges of the brick and of all bricks beneath it. The bound is never less than a
+/// child's, so that refinement never raises it. Source voxels lie outside the range beneath by at most `voxel_error`.
+/// All values are in stored units.
 #[must_use]
 pub fn brick_error(
     children_error: f64,
@@ -161,10 +162,10 @@ pub fn brick_error(
     children_error.max((children_error + step_error).min(apart))
 }
 
-/// Greatest distance between both interpolants over the region of the coarse brick with this core.
+/// Greatest distance between both interpolants over the region of the coarse brick with this core, in stored units.
 ///
-/// `fine` must hold the finer voxels of the core grown by one coarse voxel, `coarse` the core grown by one, both
-/// clipped to their grids.
+/// `fine` must hold the finer voxels of the core grown by one coarse voxel, `coarse` the core grown by one voxel. Both
+/// are clipped to their grids.
 #[must_use]
 pub fn step_error(
     voxel_type: VoxelType,
@@ -181,7 +182,7 @@ pub fn step_error(
         VoxelType::U32 | VoxelType::I32 => step_error_in::<f64>(voxel_type, absence, factors, fine, coarse, core).0,
         VoxelType::F32 | VoxelType::F64 => {
             let (error, magnitude) = step_error_in::<f64>(voxel_type, absence, factors, fine, coarse, core);
-            // Near the greatest double differences overflow, and nothing can be promised.
+            // Differences near the greatest double overflow, and no bound can be given.
             if magnitude > f64::MAX / 8.0 {
                 return f64::INFINITY;
             }
@@ -191,7 +192,7 @@ pub fn step_error(
     }
 }
 
-/// The greatest distance and the greatest magnitude met.
+/// The greatest distance, and the greatest absolute value found.
 fn step_error_in<F: Real>(
     voxel_type: VoxelType,
     absence: Absence,
@@ -200,7 +201,7 @@ fn step_error_in<F: Real>(
     coarse: VoxelBlock<'_>,
     core: VoxelBox,
 ) -> (f64, f64) {
-    // The parts of both blocks that this brick's region leans on.
+    // The parts of both blocks that this brick's region uses.
     let around = VoxelBox { start: core.start.map(|v| v.saturating_sub(1)), end: core.end.map(|v| v + 1) }
         .intersect(coarse.voxels);
     let scaled = |v: [u64; 3]| std::array::from_fn(|a| v[a] * u64::from(factors[a]));
@@ -229,7 +230,7 @@ fn step_error_in<F: Real>(
     }))
 }
 
-/// Both interpolants at all points, and the points along y and z.
+/// Task that compares both interpolants at all points.
 struct Comparing<'a, F, V> {
     fine: Slices<'a, F, V>,
     coarse: Slices<'a, F, V>,
@@ -258,7 +259,8 @@ impl<F: Real, V: Voxel> Vectorized for Comparing<'_, F, V> {
 /// Two rows to blend, and the weight of the second.
 type RowPair<'a, F> = (&'a [F], &'a [F], F);
 
-/// Keeps the greatest distances between two blended rows; absent points are NaN, and no NaN is greater than anything.
+/// Updates `worst` with the distances between two blended rows. Absent points are NaN, which no comparison takes as
+/// greater.
 #[inline(always)]
 fn take_distances<F: Real>(fine: RowPair<'_, F>, coarse: RowPair<'_, F>, worst: &mut [F; LANES]) {
     let (fa, fa_rest) = fine.0.as_chunks::<LANES>();
@@ -279,28 +281,28 @@ fn take_distances<F: Real>(fine: RowPair<'_, F>, coarse: RowPair<'_, F>, worst: 
 
 /// Part of a block, interpolated along x at all points of that axis, then slice by slice along z, row by row along y.
 ///
-/// Slices are asked for in ascending order, and only the two that the current z point leans on are kept: a few hundred
-/// kilobytes, where the whole part would be several times the brick.
+/// Slices are requested in ascending order, and only the two that the current z point uses are kept. They take a few
+/// hundred kilobytes; the whole part would be several times the brick.
 struct Slices<'a, F, V> {
     block: VoxelBlock<'a>,
     absence: Absence,
-    /// First voxel of the part in the block, and voxels of the part.
+    /// First voxel of the part in the block, and extent of the part in voxels.
     from: [usize; 3],
     part: [usize; 3],
     x_taps: Vec<TapRun>,
     x_points: usize,
-    /// Values at x points and y voxels of an even and an odd z voxel, NaN where absent; and which those are.
+    /// Values at x points and y voxels of an even and an odd z voxel, NaN if absent; and the z voxels they belong to.
     kept: [Vec<F>; 2],
     kept_z: [Option<usize>; 2],
-    /// The same at the current z point, unless that is a voxel's: then that one of the kept.
+    /// Values at the current z point between voxels. At a voxel, `current` is the index of the kept slice.
     slice: Vec<F>,
     current: Option<usize>,
     /// Voxels of one z of the part.
     bytes: Vec<u8>,
-    /// One row of the part, NaN where absent, in the order of [`place`].
+    /// One row of the part in the order of [`place`], NaN if absent.
     row: Vec<F>,
     factor: u32,
-    /// Greatest present absolute value met, of float types.
+    /// Greatest present absolute value found, for float types.
     magnitude: f64,
     voxel: std::marker::PhantomData<V>,
 }
@@ -332,7 +334,7 @@ impl<'a, F: Real, V: Voxel> Slices<'a, F, V> {
         }
     }
 
-    /// Interpolates z voxel `z` along x, unless it is kept.
+    /// Interpolates z voxel `z` along x, unless it is kept already.
     #[inline(always)]
     fn load(&mut self, z: usize) {
         if self.kept_z[z % 2] == Some(z) {
@@ -342,7 +344,7 @@ impl<'a, F: Real, V: Voxel> Slices<'a, F, V> {
         let holes = self.absence.possible(V::TYPE);
         let block_extent = self.block.voxels.extent();
         let [nx, ny, _] = self.part;
-        // One short copy after the other, so that the processor waits for the memory of many rows at once.
+        // Short copies in sequence, so that the processor fetches many rows from memory at the same time.
         self.bytes.clear();
         for y in 0..ny {
             let row = ((self.from[2] + z) * block_extent[1] + self.from[1] + y) * block_extent[0] + self.from[0];
@@ -377,7 +379,7 @@ impl<'a, F: Real, V: Voxel> Slices<'a, F, V> {
         self.slice.iter_mut().zip(pairs).for_each(|(t, (&a, &b))| *t = F::blend(a, b, weight));
     }
 
-    /// The two rows that a y point leans on.
+    /// The two rows that a y point uses.
     #[inline(always)]
     fn rows(&self, tap: Tap) -> RowPair<'_, F> {
         let n = self.x_points;
@@ -387,7 +389,7 @@ impl<'a, F: Real, V: Voxel> Slices<'a, F, V> {
     }
 }
 
-/// Reads a row in the order of [`place`], NaN where absent.
+/// Reads a row in the order of [`place`]; absent voxels are NaN.
 #[inline(always)]
 fn read_row<F: Real, V: Voxel>(bytes: &[u8], absence: Option<Absence>, factor: u32, row: &mut [F]) {
     let value = |voxel: &[u8]| {
@@ -410,7 +412,7 @@ fn read_row_as<F: Real, V: Voxel>(bytes: &[u8], factor: u32, row: &mut [F], valu
     }
     let (even, odd) = row.split_at_mut(n.div_ceil(2));
     let pairs = || bytes.chunks_exact(2 * size);
-    // One after the other, which vectors do better than both at once.
+    // Two passes vectorize better than one over both.
     even.iter_mut().zip(pairs()).for_each(|(target, pair)| *target = value(&pair[..size]));
     odd.iter_mut().zip(pairs()).for_each(|(target, pair)| *target = value(&pair[size..]));
     if n % 2 == 1 {
@@ -425,7 +427,7 @@ mod tests {
     use supervol_format::Dims;
     use supervol_format::random::Random;
 
-    /// Trilinear interpolation with clamped indices, straight from the model's text.
+    /// Trilinear interpolation with clamped indices, literally as in the model.
     fn interpolate(dims: [usize; 3], values: &[f64], p: [f64; 3]) -> f64 {
         let mut sum = 0.0;
         for corner in 0..8usize {
@@ -489,7 +491,7 @@ mod tests {
                 let fine_p = std::array::from_fn(|a| (p[a] + 0.5) * f64::from(factors[a]) - 0.5);
                 (interpolate(fine_n, &fine_f64, fine_p) - interpolate(coarse_n, &coarse_f64, p)).abs()
             };
-            // A grid of eighths holds every corner of both grids and many points between them.
+            // A grid of eighths contains every corner of both grids and many points between.
             let mut reached = 0.0f64;
             let steps = coarse_n.map(|n| n * 8 + 1);
             for k in 0..steps[2] {
@@ -515,7 +517,7 @@ mod tests {
         assert!((90.0..90.0 + 1e-9).contains(&capped), "{capped}");
         let capped = brick_error(10.0, 80.0, range(20.0, 70.0), range(0.0, 100.0), 0.0);
         assert!((80.0..80.0 + 1e-9).contains(&capped), "{capped}");
-        // The source's voxels are farther out, by as much as they were moved.
+        // Moved source voxels lie further outside, by the distance they were moved.
         let moved = brick_error(10.0, 80.0, range(20.0, 70.0), range(0.0, 100.0), 5.0);
         assert!((85.0..85.001).contains(&moved), "{moved}");
         assert_eq!(brick_error(1.0, 0.0, ValueRange::EMPTY, ValueRange::EMPTY, 0.0), 1.0);

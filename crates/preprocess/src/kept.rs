@@ -1,9 +1,9 @@
-//! Containers that are kept of source files, so that one can be looked at as if it were a container: built into the cache folder
-//! the first time, found there from then on.
+//! Cache of containers built from source files, so that a source can be viewed like a container. The first use builds
+//! the container into the cache folder; later uses find it there.
 //!
-//! A container is found by what its source is: path, size and time of every file that is read, and how they are read. A source
-//! that has changed in any of these has another container. The folder holds at most so many bytes of containers: those that were
-//! used longest ago are removed first, never the one that is asked for.
+//! The key of a container is the state of its source: path, size and time of every file, and the reading options. A
+//! source that changes in any of these gets another container. The folder holds a limited number of bytes. The least
+//! recently used containers are removed first, but never the requested one.
 
 use std::env;
 use std::fmt::Write as _;
@@ -29,16 +29,16 @@ use crate::preview::Preview;
 use crate::provenance::identify_source_unless;
 use crate::report::Progress;
 
-/// Most bytes of containers in a cache folder, unless somebody says otherwise.
+/// Default limit in bytes of the containers in a cache folder.
 pub const CACHE_LIMIT_BYTES: u64 = 32 << 30;
-/// Below the cache folder: nothing else is ever removed.
+/// Subfolder of the cache folder. Files outside it are never removed.
 const CONTAINERS: &str = "containers";
 /// Ending of the names of containers.
 const ENDING: &str = "svol";
-/// Ending of the names of lists of the files that a container was built from, where these are more than the one that was asked for.
+/// Ending of the names of file lists. A list names the files that a container was built from, besides the named source.
 const LIST_ENDING: &str = "files";
 
-/// A folder that one of these variables names, with what is to be added; the first that is set.
+/// Folder named by the first of these environment variables that is set, joined with the second text of its pair.
 #[must_use]
 pub fn first_of(variables: &[(&str, &str)]) -> Option<PathBuf> {
     let set = |&(variable, below): &(&str, &str)| {
@@ -47,7 +47,7 @@ pub fn first_of(variables: &[(&str, &str)]) -> Option<PathBuf> {
     variables.iter().find_map(set)
 }
 
-/// The system's usual folder for what can be made again; `None` where it does not say where that may be.
+/// The system's usual cache folder; `None` if the system does not name one.
 #[must_use]
 pub fn usual_folder() -> Option<PathBuf> {
     first_of(if cfg!(target_os = "macos") {
@@ -59,8 +59,8 @@ pub fn usual_folder() -> Option<PathBuf> {
     })
 }
 
-/// Whether a path is to be opened as a container: a file that begins as one, or that is called one. What cannot be read is, too:
-/// whoever opens it says why.
+/// Whether a path should be opened as a container: by its first bytes or its name. An unreadable file counts as one;
+/// opening it gives the error.
 #[must_use]
 pub fn is_container(path: &Path) -> bool {
     if path.extension().is_some_and(|ending| ending == ENDING) {
@@ -76,12 +76,12 @@ pub fn is_container(path: &Path) -> bool {
     read.is_err() || start == MAGIC
 }
 
-/// How a source is read, where it does not say it itself.
+/// Reading options for a source, where it does not state them itself.
 #[derive(Debug, Clone, Default)]
 pub struct Reading {
-    /// See [`OpenOptions`]; where compressed voxels are decoded to is the cache's matter.
+    /// See [`OpenOptions`]; the cache chooses the folder for decoded voxels.
     pub options: OpenOptions,
-    /// Place and unit that somebody knows better.
+    /// Overridden placement and unit.
     pub placing: Option<Placing>,
 }
 
@@ -94,7 +94,7 @@ impl Reading {
         self.open_unless(source, folder, &Canceller::default())
     }
 
-    /// The same, unless somebody stops it while voxels are decoded.
+    /// As [`Self::open`], but stops if the canceller is set during decoding.
     fn open_unless(
         &self,
         source: &Path,
@@ -110,13 +110,13 @@ impl Reading {
         })
     }
 
-    /// Whether nothing is said that a source does not say itself.
+    /// Whether all options have their default values.
     #[must_use]
     pub fn is_default(&self) -> bool {
         self.describe() == Self::default().describe()
     }
 
-    /// What of it decides which voxels there are, and where.
+    /// Text of the options that influence the voxels or their placement.
     pub(crate) fn describe(&self) -> String {
         let mut options = OpenOptions { spool: SpoolFolder::default(), ..self.options.clone() };
         options.segy.memory_bytes = 0;
@@ -132,19 +132,19 @@ pub struct Cache {
     has_previews: bool,
 }
 
-/// What a cache tells while it works.
+/// Events that a cache reports.
 #[derive(Debug)]
 pub enum Told<'a> {
-    /// There is no container yet: this one is built.
+    /// There is no container yet; this one is being built.
     Building(&'a Path),
-    /// There is something to look at until it is there.
+    /// A preview, to be shown until the container is built.
     Preview(Box<Preview>),
-    /// How far that is.
+    /// Progress of the build.
     Progress(Progress),
 }
 
 impl Cache {
-    /// The containers below a cache folder, the system's usual one where none is given, at most so many bytes of them.
+    /// Cache below a folder, or below the system's usual cache folder, with at most `limit_bytes` of containers.
     ///
     /// # Errors
     /// If there is no cache folder.
@@ -155,17 +155,17 @@ impl Cache {
         Ok(Self { folder: folder.join(CONTAINERS), limit_bytes, has_previews: false })
     }
 
-    /// The same, with something to look at while large containers are built ([`Told::Preview`]).
+    /// The same cache, with previews while large containers are built ([`Told::Preview`]).
     #[must_use]
     pub fn with_previews(self) -> Self {
         Self { has_previews: true, ..self }
     }
 
-    /// The container of a source as it is now: the one that is there, or a new one.
+    /// Container of a source in its present state: the cached one, or a new one.
     ///
     /// # Errors
-    /// If the source cannot be read, or the container not be built; or if it is stopped ([`BuildOptions::canceller`]): asked for again, it
-    /// goes on.
+    /// If the source cannot be read or the container cannot be built. If the build is cancelled
+    /// ([`BuildOptions::canceller`]); the next call continues it.
     pub fn container_of(
         &self,
         source: &Path,
@@ -177,7 +177,7 @@ impl Cache {
         made.map_err(|e| BuildError::write(&self.folder, e))?;
         let path = self.path_of(source, reading)?;
         if !is_kept(&path) {
-            // What no reader takes is refused before anybody is told that it is built; opening the rest may take a while.
+            // A file that no reader knows is refused before a build is announced. Opening the others may take a while.
             let is_known = reading.options.raw.is_some() || !source.is_file() || look_at(source)? != Found::Other;
             if is_known {
                 told(Told::Building(&path));
@@ -190,7 +190,7 @@ impl Cache {
                 match Preview::of(opened.as_ref(), &self.folder, &options.canceller) {
                     Ok(Some(preview)) => told(Told::Preview(Box::new(preview))),
                     Err(error) if error.is_stopped() => return Err(error),
-                    // What is wrong with a source or a folder, the build says.
+                    // The build reports errors of the source or the folder.
                     Ok(None) | Err(_) => {}
                 }
             }
@@ -200,13 +200,13 @@ impl Cache {
             build(opened.as_ref(), origin, &path, &options, &|progress| told(Told::Progress(progress)))?;
             self.list_files(&path, source, opened.as_ref())?;
         }
-        // The time of its last use: whoever may not set it has a cache in the order of building.
+        // Sets the time of the last use. If that fails, the order of building counts.
         let _ = File::open(&path).and_then(|file| file.set_modified(SystemTime::now()));
         self.prune(&path).map_err(|e| BuildError::write(&self.folder, e))?;
         Ok(path)
     }
 
-    /// Where the container of a source as it is now is, or will be.
+    /// Path of the container of a source in its present state, built or not.
     fn path_of(&self, source: &Path, reading: &Reading) -> Result<PathBuf, SourceError> {
         let (file, array) = split_array(source);
         let whole = std::fs::canonicalize(&file).map_err(|e| SourceError::io(&file, e))?;
@@ -223,7 +223,7 @@ impl Cache {
         Ok(self.folder.join(format!("{stem}-{:016x}.{ENDING}", xxh3_64(identity.as_bytes()))))
     }
 
-    /// Notes which files beside the one that was asked for a container was built from.
+    /// Writes the list of files, besides the named one, that a container was built from.
     fn list_files(&self, path: &Path, source: &Path, opened: &dyn VolumeSource) -> Result<(), BuildError> {
         let (asked, _) = split_array(source);
         let files = opened.info().files.iter().map(supervol_sources::input::file::SourceFile::path);
@@ -235,12 +235,11 @@ impl Cache {
         lines.and_then(|text| std::fs::write(list_of(path), text)).map_err(|e| BuildError::write(path, e))
     }
 
-    /// Removes the containers that were used longest ago until all that are left take as many bytes as they may, with `kept` among
-    /// them.
+    /// Removes the least recently used containers until the rest, with `kept` among them, fits the limit.
     fn prune(&self, kept: &Path) -> io::Result<()> {
         let mut found = Vec::new();
         for entry in std::fs::read_dir(&self.folder)?.flatten() {
-            // What somebody else has removed meanwhile is gone, too.
+            // Another process may have removed the file meanwhile.
             let (path, Ok(metadata)) = (entry.path(), entry.metadata()) else { continue };
             if path.extension().is_some_and(|ending| ending == ENDING) {
                 found.push((metadata.modified()?, metadata.len(), path));
@@ -259,7 +258,7 @@ impl Cache {
     }
 }
 
-/// What is wrong with a source that was to be built into a cache, and what to do.
+/// Advice for a source that cannot be built into a cache.
 #[must_use]
 pub fn advice(source: &Path) -> String {
     format!(
@@ -272,7 +271,7 @@ fn list_of(container: &Path) -> PathBuf {
     container.with_extension(LIST_ENDING)
 }
 
-/// Whether a container is whole, and the files that are listed beside it are what they were.
+/// Whether a container is whole, and the files in its list are unchanged.
 fn is_kept(path: &Path) -> bool {
     if Container::open(path).is_err() {
         return false;
@@ -284,7 +283,7 @@ fn is_kept(path: &Path) -> bool {
     })
 }
 
-/// Size, time and path of a file; no path holds the byte that ends it.
+/// Size, time and path of a file, ended by a byte that no path contains.
 fn line_of(file: &Path) -> io::Result<String> {
     let metadata = std::fs::metadata(file)?;
     let changed = metadata.modified()?.duration_since(SystemTime::UNIX_EPOCH).unwrap_or(Duration::ZERO);
@@ -299,7 +298,7 @@ mod tests {
 
     use super::*;
 
-    /// A NRRD file with its voxels beside it.
+    /// A NRRD header with its voxels in a file beside it.
     fn source(folder: &Path, name: &str, voxel: u8) -> PathBuf {
         let (header, data) = (folder.join(format!("{name}.nhdr")), folder.join(format!("{name}.raw")));
         let text = format!("NRRD0004\ntype: uint8\ndimension: 3\nsizes: 8 8 8\nencoding: raw\ndata file: {name}.raw\n");
@@ -328,7 +327,7 @@ mod tests {
         let (first, is_new) = built(&cache, &file, &plain);
         assert!(is_new && is_container(&first) && !is_container(&file));
         assert_eq!(built(&cache, &file, &plain), (first.clone(), false));
-        // Another file of the same name, read otherwise; and voxels that have changed beside a header that has not.
+        // First the same file with other reading options; then changed voxels beside an unchanged header.
         let unit = Placing { spacing: Some([2.0; 3]), ..Placing::default() };
         let (placed, is_new) = built(&cache, &file, &Reading { placing: Some(unit), ..Reading::default() });
         assert!(is_new && placed != first);
@@ -365,10 +364,10 @@ mod tests {
         }
         let bytes = std::fs::metadata(&paths[0]).unwrap().len();
         let small = Cache { limit_bytes: 2 * bytes, ..cache.clone() };
-        // Its use makes `a` the newest; `b` is the oldest.
+        // Using `a` makes it the newest; `b` is the oldest.
         assert_eq!(built(&small, &folder.path().join("a.nhdr"), &Reading::default()), (paths[0].clone(), false));
         assert_eq!(paths.each_ref().map(|path| path.exists()), [true, false, true]);
-        // The one that is asked for stays, however little there may be.
+        // The requested container stays, however small the limit.
         let none = Cache { limit_bytes: 0, ..cache };
         assert_eq!(built(&none, &folder.path().join("c.nhdr"), &Reading::default()).0, paths[2]);
         assert_eq!(paths.each_ref().map(|path| path.exists()), [false, false, true]);
@@ -377,7 +376,7 @@ mod tests {
 
     #[test]
     fn the_first_variable_that_is_set_names_the_folder() {
-        // PATH is set wherever tests run.
+        // PATH is set on every machine that runs tests.
         let path = PathBuf::from(env::var_os("PATH").unwrap());
         assert_eq!(first_of(&[("SUPERVOL_NOT_SET", "x"), ("PATH", "below")]), Some(path.join("below")));
         assert_eq!(first_of(&[("SUPERVOL_NOT_SET", "x")]), None);

@@ -1,7 +1,8 @@
-//! Whether voxels are labels, by what samples of them hold: then coarser levels must not be means.
+//! Detection of labels from samples of the voxels. Coarser levels of labels must not be means.
 //!
-//! Labels are few whole numbers, and neighbours are equal except where two regions meet. Where most of a volume is background,
-//! as in fluorescence, neighbours are equal there in whatever is measured, too: so that only pairs count of which one is not.
+//! Labels are few integers, and neighbours are equal except at region borders. A measured volume that is mostly
+//! background, such as fluorescence, has equal neighbours there, too. So only pairs with at least one non-background
+//! voxel count.
 
 use std::collections::BTreeMap;
 
@@ -10,21 +11,21 @@ use supervol_sources::SourceInfo;
 
 use crate::lod_axes::Sample;
 
-/// Fewest and most different values. Two are a mask, whose mean says how much of a voxel is in it.
+/// Number of different values of a label volume. Two values are a mask, whose mean is a meaningful share.
 const VALUES: std::ops::RangeInclusive<usize> = 3..=256;
 /// Least share of equal neighbours.
 const EQUAL: f64 = 0.8;
-/// Fewest pairs that say anything.
+/// Fewest pairs for a decision.
 const PAIRS: u64 = 1000;
 
-/// Whether voxels of a source may be labels, whatever they are.
+/// Whether the voxels of a source may be labels, judged by its description.
 pub(crate) fn may_be_labels(info: &SourceInfo) -> bool {
     let is_whole = !matches!(info.voxel_type, VoxelType::F32 | VoxelType::F64);
     let is_scaled = info.scale != 1.0 || info.offset != 0.0;
     is_whole && !is_scaled && info.survey.is_none()
 }
 
-/// Whether voxels that may be labels look like it.
+/// Whether voxels that may be labels look like labels.
 pub(crate) fn look_like_labels(samples: &[Sample]) -> bool {
     let Some(counts) = counts_of(samples) else { return false };
     let Some((&background, _)) = counts.iter().max_by_key(|(_, count)| **count) else { return false };
@@ -39,7 +40,7 @@ pub(crate) fn look_like_labels(samples: &[Sample]) -> bool {
     VALUES.contains(&counts.len()) && pairs >= PAIRS && equal as f64 >= EQUAL * pairs as f64
 }
 
-/// How often each value occurs; none where there are too many.
+/// Number of occurrences of each value; `None` if there are too many different values.
 fn counts_of(samples: &[Sample]) -> Option<BTreeMap<i64, u64>> {
     // Most labels are small numbers, which need no search.
     let mut small = [0; 1 << u8::BITS];

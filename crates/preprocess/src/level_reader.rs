@@ -1,13 +1,13 @@
-//! Levels of a container that are read by all threads there are: each decodes a brick.
+//! Reader for boxes of a container's level that decodes bricks on all threads of the pool.
 //!
-//! Where a thread of the pool reads for itself, it decodes alone ([`LevelReader::new`]): a thread that waits for others would begin
-//! with whatever else there is to do, and hold the bytes of both.
+//! A thread of the pool that reads for itself must decode alone ([`LevelReader::new`]). If it waited for others, it
+//! would start another task and hold the memory of both.
 
 use rayon::prelude::*;
 use supervol_format::Lod;
 use supervol_format::level_reader::{BrickStore, Decoding, LevelReader};
 
-/// A reader whose boxes are decoded by all threads of the pool that asks for them.
+/// A reader whose bricks are decoded by all threads of the calling pool.
 #[must_use]
 pub fn by_all_threads(store: &dyn BrickStore, lod: Lod, budget_bytes: usize) -> LevelReader<'_> {
     LevelReader::new(store, lod, budget_bytes).decoding(Decoding {

@@ -1,11 +1,11 @@
 //! Offline half of Supervol: one volume file in, one `.svol` container out, in bounded memory.
 //!
-//! The data path, left to right: `supervol_sources` (one reader per file format) -> [`bricker`] (tiles, bricks with apron) ->
-//! [`downsample`] (coarser voxels) and [`error_bound`] (how far they are from the finer ones), kept in `next_level` where there is
-//! room -> encoding and ordered writing in [`pipeline`]. [`verify`] checks a container rule by rule.
+//! The data path: `supervol_sources` (readers) -> [`bricker`] (tiles, bricks with apron) -> [`downsample`] (coarser
+//! voxels) and [`error_bound`] (their distance from the finer ones) -> [`pipeline`] (encoding and ordered writing).
+//! `next_level` keeps coarser voxels in memory where there is room. [`verify`] checks a container rule by rule.
 //!
-//! Nothing here touches a GPU. Memory is a number of bytes given by the caller ([`memory`]). The same input and options
-//! give the same bytes, whatever the number of threads.
+//! Nothing here touches a GPU. The caller gives a memory limit in bytes ([`memory`]). The same input and options give
+//! the same bytes, whatever the number of threads.
 
 pub mod batch;
 pub mod bounded;

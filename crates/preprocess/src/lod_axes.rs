@@ -1,78 +1,83 @@
-//! Which axes each coarser level halves.
+//! Selection of the axes that each coarser level halves.
 //!
-//! `xyz` halves all axes, `xy` halves x and y first. `auto` keeps voxels near-cubic and loses least: at each level it
-//! measures on sample boxes how much of the field's variance survives averaging along each axis, and
-//! - never halves the sample axis (z) of a seismic survey while x or y can be halved: reflections alternate within a few
-//!   samples, and their mean is nothing (STABILITY, S17);
-//! - leaves an axis for later whose spacing is already twice the smallest (equal units only), or which would lose
-//!   `WORSE` more variance than the best axis.
+//! `xyz` halves all axes, `xy` halves x and y first. `auto` keeps voxels nearly cubic and loses the least detail. At
+//! each level it measures, on sample boxes, the share of the field's variance that survives averaging along each axis.
+//! It
+//! - never halves the sample axis (z) of a seismic survey while x or y can be halved. Reflections alternate within a
+//!   few samples and cancel out (STABILITY, S17);
+//! - postpones an axis whose spacing is already twice the smallest (equal units only), or that would lose `WORSE` more
+//!   variance than the best axis.
 //!
 //! An axis that fits one brick is not halved for its own sake; the last level fits one brick on every axis.
 //!
-//! The same boxes say how exactly means are worth keeping. A mean stands for voxels that differ, and its lowest bits, which no
-//! codec makes smaller, say nothing of any of them: means of floats are rounded to the longest power of two within half of what pairs
-//! of voxels differ by. Their median counts, so that a fill value that nobody has declared does not. Means of integers are whole numbers
-//! already; they are rounded further only in sections, whose coarser levels may take as much room as level 0, to a step that is odd, so that
-//! no voxel lies halfway. There pairs that are equal count, too: what is of few values has means that say which share of it is which.
+//! The same boxes determine the useful precision of means. A mean represents voxels that differ, and its lowest bits
+//! describe none of them, but no codec can remove them. Means of floats are therefore rounded to a power of two: the
+//! longest one within half the median difference of voxel pairs. The median ignores undeclared fill values.
+//! Means of integers are integers already. They are rounded further only in sections, whose coarser levels may take as
+//! much room as level 0. Their step is odd, so that no voxel lies halfway. Equal pairs count there, too: for data of
+//! few values, means tell the share of each value.
 //!
-//! What was measured stands in the manifest ([`Plan::describe`], [`Plan::describe_steps`]), and `info` shows it. The boxes are the same in every run, at most
-//! 27 of 32^3 voxels however large the volume: a build that goes on decides what the one that was killed decided.
+//! The manifest holds the measurements ([`Plan::describe`], [`Plan::describe_steps`]), and `info` shows them. The boxes
+//! are the same in every run, at most 27 of 32^3 voxels for any volume. A continued build therefore decides as the
+//! killed one did.
 
 use supervol_format::codec::quantize::Quantizer;
 use supervol_format::voxel_type::Absence;
 use supervol_format::{BrickLayout, Dims, VoxelBox, VoxelType};
 use supervol_sources::{SourceError, SourceInfo, VolumeSource};
 
-/// How to choose the axes.
+/// Method of choosing the axes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum LodAxes {
-    /// By measurement; see the module's head.
+    /// By measurement, see the module head.
     #[default]
     Auto,
     /// All axes at each level.
     Xyz,
-    /// x and y first, z when they fit one brick.
+    /// x and y first; z once they fit one brick.
     Xy,
 }
 
-/// An axis that would lose this much more of the variance than the best one waits.
+/// An axis is postponed if it would lose this much more of the variance than the best one.
 const WORSE: f64 = 0.1;
-/// Edge of a sample box, voxels.
+/// Edge of a sample box in voxels.
 const SAMPLE_EDGE: u64 = 32;
-/// Sample boxes along each axis of the volume.
+/// Number of sample boxes along each axis of the volume.
 const SAMPLES_ALONG: u64 = 3;
-/// Longest step of means, as a share of the median difference of two voxels that they stand for: then a mean is moved by at most half
-/// of its own distance from either of the two.
+/// Longest step of means, as a share of the median difference of two voxels. A mean then moves by at most half its own
+/// distance from either voxel.
 const STEP_SHARE: f64 = 0.5;
 
-/// The levels of a volume, and what was measured to choose them.
+/// The levels of a volume, and the measurements that chose them.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Plan {
     /// Factors of levels 1, 2, ...
     pub factors: Vec<[u32; 3]>,
-    /// For each of these levels, what halving x, y or z alone would keep of the field of the level before: the RMS of its
-    /// deviations from each sample box's mean, as a share; 1 where nothing can be said. Empty unless measured.
+    /// For each of these levels, the share that halving x, y or z alone would keep of the previous level. It is the RMS
+    /// of the deviations from each sample box's mean; 1 if unknown. Empty unless measured.
     pub rms_kept: Vec<[f64; 3]>,
-    /// Steps that means are rounded to, for each of these levels, stored units; 0 where they are not. Empty unless measured.
+    /// Steps of the means of each of these levels in stored units; 0 if they are not rounded. Empty unless measured.
     pub steps: Vec<f64>,
 }
 
 impl Plan {
-    /// What was measured, as the manifest says it: three shares for each level from level 1 on, levels apart by semicolons.
+    /// The measurements as text for the manifest: three shares for each level from level 1 on; levels are separated by
+    /// semicolons.
     #[must_use]
     pub fn describe(&self) -> Option<String> {
         let level = |[x, y, z]: &[f64; 3]| format!("{x:.4} {y:.4} {z:.4}");
         (!self.rms_kept.is_empty()).then(|| self.rms_kept.iter().map(level).collect::<Vec<_>>().join("; "))
     }
 
-    /// The steps, as the manifest says them: one for each level from level 1 on, apart by semicolons; nothing where none is rounded.
+    /// The steps as text for the manifest: one for each level from level 1 on, separated by semicolons. `None` if no
+    /// level is rounded.
     #[must_use]
     pub fn describe_steps(&self) -> Option<String> {
         let is_rounded = self.steps.iter().any(|&step| step > 0.0);
         is_rounded.then(|| self.steps.iter().map(f64::to_string).collect::<Vec<_>>().join("; "))
     }
 
-    /// Reads what [`Self::describe_steps`] writes of voxels of a type; none where it is anything else.
+    /// Parses the text of [`Self::describe_steps`] for a voxel type; `None` for any other text.
     #[must_use]
     pub fn steps_from(text: &str, voxel_type: VoxelType) -> Option<Vec<f64>> {
         let is_power = |step: f64| step.is_finite() && step == power_of_two_within(step);
@@ -81,7 +86,7 @@ impl Plan {
         text.split("; ").map(|word| word.parse::<f64>().ok().filter(is_step)).collect()
     }
 
-    /// Reads what [`Self::describe`] writes; none where it is anything else.
+    /// Parses the text of [`Self::describe`]; `None` for any other text.
     #[must_use]
     pub fn rms_kept_from(text: &str) -> Option<Vec<[f64; 3]>> {
         let share = |word: &str| word.parse::<f64>().ok().filter(|share| (0.0..=1.0).contains(share));
@@ -92,7 +97,7 @@ impl Plan {
     }
 }
 
-/// The levels of a source, of which `auto` wants the [`sample_boxes`].
+/// The levels of a source; `auto` needs the [`sample_boxes`].
 pub(crate) fn plan(info: &SourceInfo, mut samples: Vec<Sample>, layout: BrickLayout, choice: LodAxes) -> Plan {
     let mut dims = info.dims.0;
     let mut spacing = info.geometry.spacing;
@@ -126,7 +131,7 @@ fn z_last(open: [bool; 3]) -> [bool; 3] {
     [open[0], open[1], open[2] && !(open[0] || open[1])]
 }
 
-/// `kept` is the share of the variance that halving each axis keeps.
+/// Axes to halve; `kept` is the share of the variance that halving each axis keeps.
 fn best_axes(info: &SourceInfo, open: [bool; 3], spacing: [f64; 3], kept: [f64; 3]) -> [bool; 3] {
     if info.survey.is_some() && (open[0] || open[1]) {
         return z_last(open);
@@ -139,15 +144,15 @@ fn best_axes(info: &SourceInfo, open: [bool; 3], spacing: [f64; 3], kept: [f64; 
     if chosen == [false; 3] { open } else { chosen }
 }
 
-/// A box of the volume as doubles, NaN where absent.
+/// A box of the volume as doubles, NaN if absent.
 pub(crate) struct Sample {
     extent: [usize; 3],
-    /// x fastest.
+    /// Values, x fastest.
     pub values: Vec<f64>,
 }
 
 impl Sample {
-    /// Means of pairs along the chosen axes that still have two voxels.
+    /// Replaces pairs along the chosen axes by their means, where an axis still has two voxels.
     fn halve(&mut self, axes: [bool; 3]) {
         for axis in (0..3).filter(|&a| axes[a]) {
             if self.extent[axis] < 2 {
@@ -169,7 +174,7 @@ impl Sample {
     }
 }
 
-/// Share of the variance that means of pairs along this axis keep; 1 where nothing can be said.
+/// Share of the variance that means of pairs along this axis keep; 1 if unknown.
 fn variance_kept(samples: &[Sample], axis: usize) -> f64 {
     let (mut total, mut lost) = (0.0, 0.0);
     for sample in samples {
@@ -180,11 +185,11 @@ fn variance_kept(samples: &[Sample], axis: usize) -> f64 {
             lost += (a - b).powi(2) / 2.0;
         }
     }
-    // Rounding may take a field that cancels out below nothing.
+    // Rounding can make the share of a field that cancels out negative.
     if total > 0.0 { (1.0 - lost / total).max(0.0) } else { 1.0 }
 }
 
-/// Longest step to which means over these axes are rounded; 0 where they are not.
+/// Longest step for means over these axes in stored units; 0 if they are not rounded.
 fn step_of_means(info: &SourceInfo, samples: &[Sample], halved: [bool; 3]) -> f64 {
     if info.voxel_type.is_float() {
         return power_of_two_within(STEP_SHARE * median_difference(samples, halved, |d| d > 0.0));
@@ -196,7 +201,7 @@ fn step_of_means(info: &SourceInfo, samples: &[Sample], halved: [bool; 3]) -> f6
     Quantizer::within(info.voxel_type, furthest).map_or(0.0, Quantizer::step)
 }
 
-/// The median of what pairs of voxels along these axes differ by, as far as it counts; 0 where there are none.
+/// Median absolute difference of voxel pairs along these axes, among those that `counts` accepts; 0 if there are none.
 fn median_difference(samples: &[Sample], halved: [bool; 3], counts: impl Fn(f64) -> bool) -> f64 {
     let pairs = |axis: usize| samples.iter().flat_map(move |sample| sample.pairs(axis));
     let differences = (0..3).filter(|&a| halved[a]).flat_map(pairs).map(|(a, b)| (a - b).abs());
@@ -208,13 +213,13 @@ fn median_difference(samples: &[Sample], halved: [bool; 3], counts: impl Fn(f64)
     *differences.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
-/// The greatest power of two that is not above a positive number; 0 of what is not normal.
+/// The greatest power of two that is not above a positive number; 0 for a number that is not normal.
 fn power_of_two_within(number: f64) -> f64 {
     const MANTISSA: u64 = (1 << (f64::MANTISSA_DIGITS - 1)) - 1;
     if number.is_normal() && number > 0.0 { f64::from_bits(number.to_bits() & !MANTISSA) } else { 0.0 }
 }
 
-/// Up to 27 boxes, evenly spread.
+/// Up to 27 sample boxes, evenly spread.
 pub(crate) fn sample_boxes(source: &dyn VolumeSource) -> Result<Vec<Sample>, SourceError> {
     let info = source.info();
     let absence = Absence::declared(info.nodata, info.voxel_type);
@@ -287,13 +292,13 @@ mod tests {
         plan_of(dims, spacing, LodAxes::Auto, value).factors
     }
 
-    /// Means of pairs of a wave of k radians a voxel are that wave times cos(k / 2). (With fewer than four pairs to a wave, it matters
-    /// where they begin.)
+    /// Means of pairs of a wave of k radians per voxel are that wave times cos(k / 2). (With fewer than four pairs per
+    /// wave, the phase matters.)
     #[test]
     fn what_is_kept_of_waves_is_the_closed_form() {
         let k = |voxels: f64| std::f64::consts::TAU / voxels;
         let waves = |p: [u64; 3]| (128.0 + 100.0 * (p[2] as f64 * std::f64::consts::TAU / 16.0).sin()).round() as u8;
-        // Only z is longer than a brick, so that each level halves it.
+        // Only z is longer than a brick, so each level halves it.
         let kept = plan_of([16, 16, 64], [1.0; 3], LodAxes::Auto, waves).rms_kept;
         let expected = [(k(16.0) / 2.0).cos(), (k(8.0) / 2.0).cos()];
         assert_eq!(kept.len(), 2);
@@ -321,7 +326,7 @@ mod tests {
         filled[3..30].fill(1e30);
         filled[40] = f64::NAN;
         assert_eq!(step(filled), 1.0);
-        // Neighbours that are the same say nothing.
+        // Equal neighbours do not count.
         assert_eq!([vec![7.0; 64], vec![f64::NAN; 64], vec![1.0]].map(step), [0.0; 3]);
         assert_eq!(step_of_means(&floats, &line(ramp(3.0)), [false, true, true]), 0.0, "none along y and z");
     }
@@ -333,7 +338,7 @@ mod tests {
             step_of_means(&info, &line(values), [true, false, false])
         };
         let section = [64, 1, 64];
-        // A quarter of the difference, in whole numbers, to either side.
+        // A quarter of the difference to either side, in integers.
         let steps = [3.0, 4.0, 11.0, 12.0].map(|slope| step(VoxelType::U8, section, ramp(slope)));
         assert_eq!(steps, [0.0, 3.0, 5.0, 7.0]);
         assert_eq!(step(VoxelType::I16, section, ramp(4000.0)), 2001.0);
@@ -396,7 +401,7 @@ mod tests {
         plan_with(SourceInfo { survey: Some(survey), ..info }, LodAxes::Auto, value)
     }
 
-    /// Whatever is measured: along z nothing changes in the second field, and x loses all that there is.
+    /// Independent of the measurement: the second field is constant along z, and along x halving loses everything.
     #[test]
     fn samples_of_a_survey_wait_for_its_traces() {
         const TRACES: [u32; 3] = [2, 2, 1];

@@ -1,16 +1,16 @@
-//! How the bytes of `--memory` are divided. Everything that grows with the volume, the bricks or the threads is here.
+//! Division of `--memory`. All memory that grows with the volume, the bricks or the threads is counted here.
 //!
 //! | part | bytes |
 //! |---|---|
-//! | program | 48 MiB (`PROGRAM_BYTES`), but no more than two thirds of what is there beyond the least that will do |
-//! | tables | 80 per brick, until the container is finished, and what the source needs |
-//! | workspaces | a quarter of the rest: per thread `WORKSPACE_COPIES` stored bricks (cut, predicted, byte planes, encoded, ...), or what making wavelets takes if that is more |
-//! | statistics | per thread one histogram of 64 Ki counters, 512 Ki for doubles, and one |
-//! | brick cache | a sixteenth of what the program leaves: decoded bricks of the finer level, or part of what is kept of the next one (`next_level`) |
-//! | tiles | the rest: what is read for a tile and made of it ([`tile_bytes`]) |
+//! | program | 48 MiB (`PROGRAM_BYTES`), but at most two thirds of the memory beyond the least possible |
+//! | tables | 80 per brick until the container is finished, and the source's own memory |
+//! | workspaces | a quarter of the rest: `WORKSPACE_COPIES` stored bricks per thread, or the wavelet encoder's need |
+//! | statistics | one histogram per thread and one more, of 64 Ki counters (512 Ki for doubles) |
+//! | brick cache | a sixteenth of the memory after the program: decoded finer bricks, or part of `next_level` |
+//! | tiles | the rest: voxels read for a tile and bricks made of it ([`tile_bytes`]) |
 //!
-//! The tiles' share depends on the budget and the volume alone, never on the number of threads, because tiles decide in
-//! which order bricks are written. Where the workspaces do not suffice for all threads, fewer are started.
+//! The tiles' share depends on the budget and the volume alone, never on the number of threads. Tiles determine the
+//! order in which bricks are written. If the workspaces do not suffice for all threads, fewer are started.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -24,25 +24,25 @@ use crate::error::BuildError;
 use crate::ordered::AHEAD_PER_THREAD;
 use crate::statistics::Statistics;
 
-/// What the process has in memory beside what is planned: the program itself, stacks, progress, and what the allocator keeps between
-/// pieces (measured: 24 to 36 MiB where little is planned).
+/// Memory of the process besides the planned one: the program itself, stacks, progress, and memory held by the
+/// allocator (measured: 24 to 36 MiB for small plans).
 const PROGRAM_BYTES: u64 = 48 << 20;
-/// What helps where memory does not suffice.
+/// Advice for too little memory.
 pub const ALLOW_MORE: &str = "Allow more with --memory";
-/// Stored bricks of scratch memory that one thread may need at once.
+/// Scratch memory of a thread, in stored bricks: cut, predicted, byte planes, encoded, ...
 const WORKSPACE_COPIES: u64 = 6;
-/// The same while wavelets are made: cut, as voxels, and two payloads.
+/// The same for the wavelet encoder: cut, as voxels, and two payloads.
 const WAVELET_COPIES: u64 = 4;
-/// What is read for a tile is in memory so many times: while it is read, while the one before is encoded, and the coarser
-/// voxels that are made of it.
+/// Copies of a tile's voxels in memory: while the tile is read, while the previous one is encoded, and the coarser
+/// voxels made of it.
 const TILES_IN_FLIGHT: f64 = 2.6;
-/// Bytes that an encoded brick takes beside its record.
+/// Memory of an encoded brick besides its record, in bytes.
 const ENCODED_BRICK_BYTES: u64 = 256;
 
-/// What `--memory` leaves for a command's data, which take at least `needed` bytes for `what`.
+/// Part of `--memory` that is left for a command's data, which need at least `needed` bytes for the purpose `what`.
 ///
 /// # Errors
-/// If they do not fit, with what would do.
+/// If they do not fit; the message names a sufficient number.
 pub fn left_for_data(
     memory_bytes: u64,
     needed: u64,
@@ -55,26 +55,27 @@ pub fn left_for_data(
     }
 }
 
-/// The division of one build's memory.
+/// Division of one build's memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct MemoryPlan {
-    /// What the user allowed.
+    /// The user's limit in bytes.
     pub budget_bytes: u64,
-    /// Threads that the workspaces suffice for, at most those asked for.
+    /// Threads that have workspaces, at most those requested.
     pub threads: usize,
-    /// Tables, workspaces and statistics.
+    /// Bytes of tables, workspaces and statistics.
     pub fixed_bytes: u64,
-    /// Decoded bricks of the finer level.
+    /// Bytes for decoded bricks of the finer level.
     pub cache_bytes: u64,
-    /// Most that a tile may take, as [`tile_bytes`] counts.
+    /// Largest size of a tile in bytes, as counted by [`tile_bytes`].
     pub tile_bytes: u64,
 }
 
 impl MemoryPlan {
-    /// Divides `budget_bytes` for at most `threads` threads, beside a source that takes `source_bytes` as long as it is open.
+    /// Divides `budget_bytes` for at most `threads` threads, besides a source that takes `source_bytes` while it is
+    /// open.
     ///
     /// # Errors
-    /// If not even one thread and the smallest tile fit, with what would.
+    /// If not even one thread and the smallest tile fit; the message names a sufficient number.
     pub fn new(
         budget_bytes: u64,
         threads: usize,
@@ -106,7 +107,7 @@ impl MemoryPlan {
         let left = left_for_data(budget_bytes, needed, what, advice)?;
         let cache_bytes = left / 16;
         let rest = left - (table + histogram + cache_bytes);
-        // The share of the tiles must not depend on the threads: tiles decide in which order bricks are written.
+        // The tiles' share must not depend on the threads: tiles determine the order in which bricks are written.
         let tiles = smallest_tiles.max((rest / 4 * 3).min(rest - per_thread));
         let affordable = usize::try_from((rest - tiles) / per_thread).unwrap_or(usize::MAX);
         let threads = threads.clamp(1, affordable);
@@ -114,9 +115,9 @@ impl MemoryPlan {
         Ok(Self { budget_bytes, threads, fixed_bytes, cache_bytes, tile_bytes: tiles })
     }
 
-    /// Most that may be kept of next levels (`next_level`) while a level is written in tiles of `size` bricks: what the cache
-    /// would take, which nobody needs then, and what such a tile leaves of its share, since only a few of its encoded bricks are there at
-    /// once.
+    /// Memory in bytes for `next_level` while a level is written in tiles of `size` bricks. It is the brick cache,
+    /// which is unused then, plus the unused part of the tile's share. Only a few encoded bricks of such a tile exist
+    /// at once.
     #[must_use]
     pub fn next_level_bytes(
         &self,
@@ -132,33 +133,34 @@ impl MemoryPlan {
         (self.cache_bytes + self.tile_bytes).saturating_sub(all - records(size) + at_once)
     }
 
-    /// What the parts add up to, bytes.
+    /// Sum of the parts in bytes.
     #[must_use]
     pub fn planned_bytes(&self) -> u64 {
         self.fixed_bytes + self.cache_bytes + self.tile_bytes
     }
 }
 
-/// Bytes in memory at once for a tile of `size` bricks of a level: what is read, twice over; what is averaged; and the
-/// encoded bricks, which along a line or in a plane are many times what was read, since each stores its apron.
+/// Bytes in memory at once for a tile of `size` bricks of a level: the voxels read, twice; their averages; and the
+/// encoded bricks. In lines and planes the encoded bricks are many times the voxels read, because each stores its
+/// apron.
 #[must_use]
 pub fn tile_bytes(pyramid: &Pyramid, level: &Level, factors: [u32; 3], size: [u32; 3], voxel_type: VoxelType) -> u64 {
     let read = read_bytes(pyramid, level, factors, size, voxel_type) as f64 * TILES_IN_FLIGHT;
     (read.ceil() as u64).saturating_add(records_bytes(pyramid, level, size, voxel_type))
 }
 
-/// Most bytes that the encoded bricks of a tile of `size` bricks take.
+/// Largest size in bytes of the encoded bricks of a tile of `size` bricks.
 fn records_bytes(pyramid: &Pyramid, level: &Level, size: [u32; 3], voxel_type: VoxelType) -> u64 {
     let bricks: u64 = (0..3).map(|a| u64::from(size[a].min(level.bricks[a]))).product();
-    // No payload is longer than raw voxels by more than 1 in 64; a macro cell takes 2 bytes of 512 voxels.
+    // A payload is at most 1/64 longer than the raw voxels; a macro cell takes 2 bytes per 512 voxels.
     let core = pyramid.layout().core() as u64;
     let extent = level.dims.0.map(|n| n.min(core) + 2 * APRON as u64);
     let record = extent.iter().product::<u64>() * voxel_type.bytes() as u64 * 65 / 64;
     bricks.saturating_mul(record + ENCODED_BRICK_BYTES)
 }
 
-/// Bytes to read for a tile of `size` bricks of a level: its voxels with apron, times the factors to the finer level
-/// that they are averages of (all 1 at level 0, which is read as it is).
+/// Bytes to read for a tile of `size` bricks of a level: its voxels with apron, times the factors to the finer level.
+/// At level 0, which is read from the source, all factors are 1.
 #[must_use]
 pub fn read_bytes(pyramid: &Pyramid, level: &Level, factors: [u32; 3], size: [u32; 3], voxel_type: VoxelType) -> u64 {
     let core = pyramid.layout().core() as u64;
@@ -171,13 +173,13 @@ pub fn read_bytes(pyramid: &Pyramid, level: &Level, factors: [u32; 3], size: [u3
     voxels * voxel_type.bytes() as u64
 }
 
-/// Memory of tiles that have been encoded, for the next ones: given back to the allocator, it would be torn to pieces by the bricks'
-/// records, and half as much again would be needed. There are never more than were in use at once.
+/// Buffers of encoded tiles, reused for the next tiles. In the allocator they would be fragmented by the bricks'
+/// records, and half as much memory again would be needed. There are never more buffers than were in use at once.
 #[derive(Default)]
 pub(crate) struct Spares(Mutex<Vec<Vec<u8>>>);
 
 impl Spares {
-    /// So many bytes, whatever they hold.
+    /// A buffer of `bytes` bytes with unspecified contents.
     pub(crate) fn take(&self, bytes: usize) -> Vec<u8> {
         let spare = {
             let mut spares = self.0.lock().unwrap_or_else(PoisonError::into_inner);
@@ -188,13 +190,13 @@ impl Spares {
             }
             found.map(|at| spares.remove(at))
         };
-        // Zeros that the system gives cost nothing until they are written over.
+        // Fresh zero pages from the system cost nothing until they are written.
         let Some(mut buffer) = spare else { return vec![0; bytes] };
         buffer.resize(bytes, 0);
         buffer
     }
 
-    /// Memory that is needed no more.
+    /// Returns a buffer for reuse.
     pub(crate) fn give_back(&self, buffer: Vec<u8>) {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).push(buffer);
     }

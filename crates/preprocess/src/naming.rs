@@ -1,4 +1,4 @@
-//! What containers are called: after their inputs.
+//! Names of containers, derived from their inputs.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -8,24 +8,24 @@ use xxhash_rust::xxh3::xxh3_64;
 
 use crate::batch::results::Record;
 
-/// Endings that stand behind another ending.
+/// Compression endings, which follow another ending.
 const COMPRESSIONS: [&str; 1] = ["gz"];
 
-/// The container of an input for which no other name is given: beside it, where there is room for a volume.
+/// Default path of an input's container: in the input's folder.
 #[must_use]
 pub fn container_beside(input: &Path) -> PathBuf {
     let (file, _) = split_array(input);
     let whole = std::fs::canonicalize(&file).unwrap_or_else(|_| file.clone());
     let name = format!("{}.svol", stem_of(input));
-    // As it was said, unless that has no folder of its own: `.` or `..`.
+    // The path as given, unless it has no name of its own, such as `.` or `..`.
     match (file.file_name(), whole.parent()) {
         (None, Some(folder)) => folder.join(name),
         _ => file.with_file_name(name),
     }
 }
 
-/// Names of containers for inputs, in their order: those that `known` inputs have already, new ones for all others. Where two would
-/// share one, a number from their paths is added; letters of both cases count as one.
+/// Names of containers for inputs, in order. Inputs in `known` keep their names; all others get new ones. If two would
+/// have the same name, a number computed from their paths is added. Names that differ only in case count as the same.
 #[must_use]
 pub fn container_names(inputs: &[PathBuf], known: &BTreeMap<String, Record>) -> Vec<String> {
     let of_input = |input: &PathBuf| known.get(&*input.to_string_lossy()).map(|record| record.container.clone());
@@ -47,7 +47,7 @@ pub fn container_names(inputs: &[PathBuf], known: &BTreeMap<String, Record>) -> 
     inputs.iter().map(|input| of_input(input).unwrap_or_else(|| name(input))).collect()
 }
 
-/// The name of an input without its ending.
+/// Name of an input without its ending.
 fn stem_of(input: &Path) -> String {
     let (file, array) = split_array(input);
     let whole = std::fs::canonicalize(&file).unwrap_or(file);
@@ -78,7 +78,7 @@ mod tests {
         }
         let lower: BTreeSet<String> = names.iter().map(|name| name.to_lowercase()).collect();
         assert_eq!(lower.len(), inputs.len(), "{names:?}");
-        // A name that an input has it keeps, whatever comes beside it.
+        // An input keeps its name when other inputs are added.
         let first = Record { container: "x.svol".into(), ..Record::default() };
         let known = BTreeMap::from([("a/x.sgy".to_owned(), first)]);
         let again = container_names(&inputs[..2], &known);

@@ -1,8 +1,8 @@
-//! A volume to look at while its container is built: one voxel of many, read once, in memory.
+//! Preview of a volume while its container is built: every n-th voxel, read once, in memory.
 //!
-//! Coarser levels are averages of finer ones, so a build has none before it has read everything. Voxels at equal distances can be had
-//! at once, from slices of the source of which only few are read. They are voxels of the source, not averages of it: thin things
-//! between them are missing, and what alternates fast looks coarser than it is. What is shown of them has to be called a preview.
+//! A build has coarser levels only after it has read everything. Voxels at equal distances are available at once: they
+//! need only a few slices of the source. They are samples, not averages: thin structures between them are missing, and
+//! high frequencies are aliased. The viewer must label such a picture as a preview.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -20,30 +20,30 @@ use supervol_sources::{SourceError, SourceInfo, VolumeSource};
 use crate::error::BuildError;
 use crate::pipeline::{BuildOptions, build};
 
-/// Most voxels of a preview: 4 Mi, drawn and built in a fraction of a second.
+/// Largest number of voxels of a preview: 4 Mi, built and drawn in a fraction of a second.
 const VOXELS_LIMIT: u64 = 1 << 22;
-/// Volumes of fewer times as many voxels are built as soon as a preview of them would be there.
+/// Smaller volumes, by this factor, are built about as fast as a preview.
 const WORTH_FACTOR: u64 = 8;
-/// Reading ends after so long without a preview: some files hand out slices no faster than the whole.
+/// Time limit for reading a preview: some files deliver slices no faster than the whole volume.
 const TIME_LIMIT: Duration = Duration::from_secs(4);
-/// Most bytes of the source that are read at a time; a row at least.
+/// Largest read of the source in bytes; at least one row.
 const BYTES_LIMIT: u64 = 16 << 20;
 
-/// One voxel of many.
+/// Every n-th voxel of a volume.
 #[derive(Debug)]
 pub struct Preview {
-    /// The voxels, in memory; placed in the world where they are in the volume.
+    /// The voxels, in memory, at their world positions in the volume.
     pub container: Container,
-    /// How far apart they are on each axis, in voxels of the volume: voxel 0 is the volume's, voxel 1 is the `strides`-th.
+    /// Distance between preview voxels on each axis in voxels of the volume; voxel 0 is the volume's voxel 0.
     pub strides: [u64; 3],
 }
 
 impl Preview {
-    /// A preview of a source; `None` where its container is built as fast, and where it is read too slowly. What is written meanwhile
-    /// goes to `folder`, and is gone afterwards.
+    /// Preview of a source; `None` if its container is built as fast, or reading is too slow. Temporary files go to
+    /// `folder` and are removed.
     ///
     /// # Errors
-    /// If the source cannot be read, the folder not be written to, or somebody stops it.
+    /// If the source cannot be read, the folder is not writable, or the canceller is set.
     pub fn of(source: &dyn VolumeSource, folder: &Path, canceller: &Canceller) -> Result<Option<Self>, BuildError> {
         let dims = source.info().dims;
         if dims.0.iter().map(|&n| u128::from(n)).product::<u128>() < u128::from(VOXELS_LIMIT * WORTH_FACTOR) {
@@ -66,7 +66,7 @@ impl Preview {
     }
 }
 
-/// How far apart voxels of a preview are: the longest axis is thinned first, by two each time.
+/// Distances between preview voxels. The longest remaining axis is halved until the preview is small enough.
 fn strides_of(dims: Dims) -> [u64; 3] {
     let mut strides = [1; 3];
     loop {
@@ -79,7 +79,7 @@ fn strides_of(dims: Dims) -> [u64; 3] {
     }
 }
 
-/// One voxel of many of a source, in memory.
+/// Every n-th voxel of a source, in memory.
 struct Thinned {
     info: SourceInfo,
     /// Packed, x fastest.
@@ -87,7 +87,7 @@ struct Thinned {
 }
 
 impl Thinned {
-    /// Reads every so many-th slice along the axis that runs slowest in the file, and keeps some of each; `None` where that takes too
+    /// Reads every n-th slice along the file's slowest axis and keeps every n-th voxel of it; `None` if that takes too
     /// long.
     fn read(
         source: &dyn VolumeSource,
@@ -120,7 +120,7 @@ impl Thinned {
     }
 }
 
-/// Copies those voxels of a box that the strides meet.
+/// Copies the voxels of a box at multiples of the strides.
 fn thin(part: VoxelBox, from: &[u8], strides: [u64; 3], (dims, bytes): ([usize; 3], usize), to: &mut [u8]) {
     let extent = part.extent();
     let met = |a: usize| (part.start[a].div_ceil(strides[a])..).take_while(move |&k| k * strides[a] < part.end[a]);
@@ -138,7 +138,7 @@ fn thin(part: VoxelBox, from: &[u8], strides: [u64; 3], (dims, bytes): ([usize; 
     }
 }
 
-/// What a source says of itself, once only some of its voxels are left.
+/// Description of a source after thinning.
 fn thinned_info(info: &SourceInfo, strides: [u64; 3]) -> SourceInfo {
     let mut info = SourceInfo { files: Vec::new(), folder: None, memory_bytes: 0, ..info.clone() };
     for (a, stride) in strides.into_iter().enumerate() {
@@ -151,7 +151,7 @@ fn thinned_info(info: &SourceInfo, strides: [u64; 3]) -> SourceInfo {
             lines.count = info.dims.0[a];
         }
         survey.sample_interval *= strides[2] as f64;
-        // The last line of the survey need not be among those that are left.
+        // The last line of the survey may be missing after thinning.
         survey.corners = None;
     }
     let [x, y, z] = strides;
@@ -185,7 +185,7 @@ mod tests {
 
     use super::*;
 
-    /// 512 x 320 x 260 voxels, each of which says where it is.
+    /// 512 x 320 x 260 voxels whose values encode their positions.
     fn volume(order: [usize; 3]) -> Computed {
         let lines = |first, count| LineNumbers { first, step: 2, count };
         let survey = Survey {

@@ -1,38 +1,38 @@
-//! What a build did, and how far it is.
+//! Progress and report of a build.
 
 use serde::Serialize;
 
-/// Where a build is. Bytes count decoded voxels read, over all levels.
+/// Progress of a build. Bytes count decoded voxels read, over all levels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Progress {
     /// Level being written.
     pub level: usize,
     /// Number of levels.
     pub levels: usize,
-    /// Bricks written so far.
+    /// Number of bricks written so far.
     pub bricks_done: u64,
-    /// Bricks there will be.
+    /// Number of bricks of the container.
     pub bricks_total: u64,
     /// Bytes read so far.
     pub bytes_done: u64,
-    /// Bytes there are to read.
+    /// Bytes to read in total.
     pub bytes_total: u64,
 }
 
 /// One level of a finished build.
 #[derive(Debug, Clone, PartialEq, Serialize, Default)]
 pub struct LevelReport {
-    /// 1 or 2 per axis against the next finer level.
+    /// 1 or 2 per axis: voxels of the next finer level per voxel of this one.
     pub factors: [u32; 3],
-    /// Voxels.
+    /// Size of the level in voxels.
     pub dims: [u64; 3],
     /// Number of bricks.
     pub bricks: u64,
-    /// Bricks of one value.
+    /// Number of bricks with one value.
     pub uniform_bricks: u64,
-    /// Bricks without data.
+    /// Number of bricks without data.
     pub absent_bricks: u64,
-    /// Bricks by codec: raw, rle, zstd, wavelet, trimmed.
+    /// Number of bricks by codec: raw, rle, zstd, wavelet, trimmed.
     pub raw_bricks: u64,
     /// See `raw_bricks`.
     pub rle_bricks: u64,
@@ -44,31 +44,31 @@ pub struct LevelReport {
     pub trimmed_bricks: u64,
     /// Bytes of payloads and macro cells.
     pub bytes: u64,
-    /// Largest error bound, data units.
+    /// Largest error bound in data units.
     pub error: f64,
 }
 
-/// What a build did.
+/// Report of a finished build.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct BuildReport {
-    /// Finest first.
+    /// The levels, finest first.
     pub levels: Vec<LevelReport>,
-    /// Bytes of level 0 as plain voxels.
+    /// Size of level 0 as plain voxels in bytes.
     pub source_bytes: u64,
-    /// Bytes of the container.
+    /// Size of the container in bytes.
     pub container_bytes: u64,
-    /// Bricks of all levels.
+    /// Number of bricks of all levels.
     pub bricks: u64,
-    /// Memory that was allowed, bytes.
+    /// Memory limit in bytes.
     pub memory_budget_bytes: u64,
-    /// Memory that the plan added up to, bytes.
+    /// Planned memory in bytes.
     pub memory_planned_bytes: u64,
-    /// Threads used.
+    /// Number of threads used.
     pub threads: usize,
-    /// Wall time, milliseconds.
+    /// Wall time in milliseconds.
     pub wall_ms: f64,
     /// Level-0 bytes per second of wall time.
     pub bytes_per_second: f64,
-    /// What the reader of the source noticed.
+    /// Observations of the source's reader.
     pub notes: Vec<String>,
 }

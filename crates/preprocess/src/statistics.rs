@@ -1,20 +1,20 @@
-//! Histogram, percentiles and range of a volume's present voxels, gathered brick by brick in bounded memory.
+//! Histogram, percentiles and range of a volume's present voxels, collected brick by brick in bounded memory.
 //!
-//! Voxels are counted in bins that follow the order of the values: 8- and 16-bit voxels have a bin each, so that their
-//! percentiles are exact; wider voxels are counted by sign, exponent and the upper 7 bits of the mantissa, which resolves
-//! values to 1 part in 128 at any magnitude, so that one spike does not swallow the rest. Counts are sums of integers:
-//! their order, and with it the number of threads, does not matter.
+//! Voxels are counted in bins that follow the order of the values. 8- and 16-bit voxels have a bin per value, so their
+//! percentiles are exact. Wider voxels are binned by sign, exponent and the upper 7 bits of the mantissa. That resolves
+//! values to 1 part in 128 at any magnitude, so a single spike does not hide the other values. Counts are sums of
+//! integers, so the number of threads does not matter.
 
 use supervol_format::container::header::Descriptor;
 use supervol_format::voxel_type::{Absence, Voxel};
 use supervol_format::{ValueRange, VoxelType, with_voxel};
 
-/// Bits of a number that choose its bin: sign, exponent (8 bits in single, 11 in double precision), 7 of the mantissa.
+/// Bits of a number that select its bin: sign, exponent (8 bits in single, 11 in double precision), 7 of the mantissa.
 const SINGLE_BITS: u32 = 16;
 const DOUBLE_BITS: u32 = 19;
-/// Bins of the histogram that goes into the manifest.
+/// Number of bins of the manifest's histogram.
 pub const HISTOGRAM_BINS: usize = 256;
-/// Percentiles that go into the manifest.
+/// Percentiles in the manifest.
 pub const PERCENTS: [f64; 11] = [0.1, 1.0, 2.0, 5.0, 25.0, 50.0, 75.0, 95.0, 98.0, 99.0, 99.9];
 
 /// Counts of one volume.
@@ -22,7 +22,7 @@ pub const PERCENTS: [f64; 11] = [0.1, 1.0, 2.0, 5.0, 25.0, 50.0, 75.0, 95.0, 98.
 pub struct Statistics {
     voxel_type: VoxelType,
     counts: Vec<u64>,
-    /// Of voxels wider than 16 bits; narrower ones have a bin each.
+    /// Range of voxels wider than 16 bits; for narrower ones the bins tell the range.
     range: ValueRange,
 }
 
@@ -32,26 +32,26 @@ fn bins(voxel_type: VoxelType) -> usize {
 }
 
 impl Statistics {
-    /// No voxels yet.
+    /// Statistics without voxels.
     #[must_use]
     pub fn new(voxel_type: VoxelType) -> Self {
         Self { voxel_type, counts: vec![0; bins(voxel_type)], range: ValueRange::EMPTY }
     }
 
-    /// What one of these takes in memory.
+    /// Memory of the statistics in bytes.
     #[must_use]
     pub fn bytes(voxel_type: VoxelType) -> u64 {
         (bins(voxel_type) * size_of::<u64>()) as u64
     }
 
-    /// Counts the present ones of these voxels (little endian).
+    /// Counts the present voxels among these (little endian).
     pub fn add(&mut self, voxels: &[u8], absence: Absence) {
         with_voxel!(self.voxel_type, V => self.add_typed::<V>(voxels, absence));
     }
 
     fn add_typed<V: Voxel>(&mut self, voxels: &[u8], absence: Absence) {
         let holes = absence.possible(V::TYPE);
-        // A bin each, which follows from the bits alone; the range follows from the counts.
+        // One bin per value, selected by the bits alone; the range follows from the counts.
         let sign = key(V::TYPE, 0.0);
         if size_of::<V>() == 1 && !holes {
             voxels.chunks(u32::MAX as usize).for_each(|part| self.add_bytes(part, sign));
@@ -71,8 +71,8 @@ impl Statistics {
         }
     }
 
-    /// Counts bytes, of which no more than 32 bits count are alike. Neighbours often are, and each count would wait for the one before: so
-    /// there are several, which take turns.
+    /// Counts bytes, at most 2^32 of one value. Neighbours are often equal, and each increment would wait for the
+    /// previous one; so several tables take turns.
     fn add_bytes(&mut self, bytes: &[u8], sign: usize) {
         const TURNS: usize = 4;
         let mut turns = [[0u32; 1 << u8::BITS]; TURNS];
@@ -88,13 +88,13 @@ impl Statistics {
         }
     }
 
-    /// Adds another part of the same volume.
+    /// Adds the counts of another part of the same volume.
     pub fn merge(&mut self, other: &Self) {
         self.counts.iter_mut().zip(&other.counts).for_each(|(a, b)| *a += b);
         self.range = self.range.union(other.range);
     }
 
-    /// Range of the present voxels, stored values.
+    /// Range of the present voxels in stored values.
     #[must_use]
     pub fn range(&self) -> ValueRange {
         if self.voxel_type.bytes() > 2 {
@@ -116,7 +116,7 @@ impl Statistics {
         self.counts.iter().sum()
     }
 
-    /// `[percent, stored value]` pairs: the value of the bin in which that share of the voxels is reached.
+    /// `[percent, stored value]` pairs: the value of the bin in which the cumulative count reaches the percentage.
     #[must_use]
     pub fn percentiles(&self) -> Vec<[f64; 2]> {
         let (total, range) = (self.present(), self.range());
@@ -133,7 +133,7 @@ impl Statistics {
         out
     }
 
-    /// Counts in [`HISTOGRAM_BINS`] equal parts of the range; bins of wide voxel types count where their middle lies.
+    /// Counts in [`HISTOGRAM_BINS`] equal parts of the range. Bins of wide voxel types count at their middle.
     #[must_use]
     pub fn histogram(&self) -> Vec<u64> {
         let mut out = vec![0; HISTOGRAM_BINS];
@@ -141,7 +141,7 @@ impl Statistics {
         let width = range.width();
         for (bin, &count) in self.counts.iter().enumerate().filter(|(_, c)| **c > 0) {
             let value = value_of(self.voxel_type, bin).clamp(range.min, range.max);
-            // Halves, because the range of doubles may be wider than the greatest double.
+            // Halved, because the range of doubles may be wider than the greatest double.
             let above = value * 0.5 - range.min * 0.5;
             let half_width = range.max * 0.5 - range.min * 0.5;
             let share = if width > 0.0 && half_width > 0.0 { above / half_width } else { 0.0 };
@@ -151,27 +151,27 @@ impl Statistics {
     }
 }
 
-/// What the manifest says about the values of level 0, in data units.
+/// Statistics of level 0 for the manifest, in data units.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Values {
-    /// Range of the present voxels; `None` where there are none.
+    /// Range of the present voxels; `None` if there are none.
     pub range: Option<ValueRange>,
-    /// Present voxels.
+    /// Number of present voxels.
     pub present: u64,
     /// Counts in equal parts of the range.
     pub histogram: Vec<u64>,
-    /// `[percent, value]`, ascending.
+    /// `[percent, value]` pairs, ascending.
     pub percentiles: Vec<[f64; 2]>,
 }
 
-/// JSON has no infinities: values that overflow in data units end at the greatest double.
+/// Clamps a value to finite doubles, because JSON has no infinities.
 #[must_use]
 pub fn finite(value: f64) -> f64 {
     value.clamp(f64::MIN, f64::MAX)
 }
 
 impl Values {
-    /// Of the voxels that were counted.
+    /// Converts counted statistics.
     #[must_use]
     pub fn of(descriptor: &Descriptor, statistics: &Statistics) -> Self {
         let stored = statistics.range();
@@ -181,7 +181,7 @@ impl Values {
         let mut percentiles: Vec<[f64; 2]> = statistics.percentiles().into_iter().map(|[p, v]| [p, value(v)]).collect();
         let mut histogram = if stored.is_empty() { Vec::new() } else { statistics.histogram() };
         if descriptor.scale < 0.0 {
-            // A negative scale turns the order of values round.
+            // A negative scale reverses the order of the values.
             percentiles.iter_mut().for_each(|p| p[0] = 100.0 - p[0]);
             percentiles.reverse();
             histogram.reverse();
@@ -190,46 +190,46 @@ impl Values {
     }
 }
 
-/// The bin of a stored value; greater values have no smaller bins.
+/// Bin of a stored value; greater values never have a smaller bin.
 fn key(voxel_type: VoxelType, value: f64) -> usize {
     match voxel_type {
         VoxelType::U8 | VoxelType::U16 => value as usize,
         VoxelType::I8 => (value + 128.0) as usize,
         VoxelType::I16 => (value + 32768.0) as usize,
         VoxelType::F64 => {
-            // Numbers that single precision has are counted as it rounds them, like those of the other types.
+            // Doubles in the range of f32 are rounded to f32 first, as for the other types.
             let single = value as f32;
             let value = if single.is_normal() { f64::from(single) } else { value };
             (sortable(value) >> (64 - DOUBLE_BITS)) as usize
         }
         _ => {
-            // Integers reach no infinity, and floats have none among the present ones.
+            // Integers stay below infinity in f32, and present floats are finite.
             let bits = (value as f32).to_bits();
-            // Floats sort as integers when negative ones have all bits flipped and the others the sign bit.
+            // Floats sort like integers if negative ones have all bits flipped, and the others the sign bit.
             let sortable = if bits >> 31 == 1 { !bits } else { bits | 1 << 31 };
             (sortable >> (32 - SINGLE_BITS)) as usize
         }
     }
 }
 
-/// Bits that sort as the numbers do: negative numbers have all bits flipped, the others the sign bit.
+/// Bits that sort like the numbers: negative numbers have all bits flipped, the others the sign bit.
 fn sortable(value: f64) -> u64 {
     let bits = value.to_bits();
     if bits >> 63 == 1 { !bits } else { bits | 1 << 63 }
 }
 
-/// The stored value that a bin stands for: the value itself, or the middle of the bin.
+/// Stored value of a bin: the value itself, or the middle of the bin.
 fn value_of(voxel_type: VoxelType, bin: usize) -> f64 {
     match voxel_type {
         VoxelType::U8 | VoxelType::U16 => bin as f64,
         VoxelType::I8 => bin as f64 - 128.0,
         VoxelType::I16 => bin as f64 - 32768.0,
-        // Zero is common, and the middle of its bin is a number that nobody wrote.
+        // Zero is common, and the middle of its bin would be an arbitrary number.
         VoxelType::F64 if bin == key(VoxelType::F64, 0.0) => 0.0,
         VoxelType::F64 => {
             let sortable = (bin as u64) << (64 - DOUBLE_BITS) | 1 << (63 - DOUBLE_BITS);
             let middle = if sortable >> 63 == 1 { sortable & !(1 << 63) } else { !sortable };
-            // Bits that single precision has: the middle is the same number for both.
+            // Bits that f32 has, too: the middle is the same number for both types.
             f64::from_bits(middle & !((1 << 29) - 1))
         }
         _ => {

@@ -1,19 +1,20 @@
-//! Checking a whole container: every rule of the format, brick by brick and level by level.
+//! Check of a whole container against every rule of the format, brick by brick and level by level.
 //!
-//! 1. Header, footer, sections and manifest agree (opening the container checks that).
-//! 2. The records tile the file: nothing overlaps, nothing is unreachable.
-//! 3. Each brick keeps [`check_brick`]'s rules: checksum, flags, exact ranges, macro cells, range beneath.
-//! 4. Aprons repeat the neighbours' voxels (and beyond the grid the nearest ones).
-//! 5. Coarser voxels are what stands for those of the finer level, by what the manifest says (mean, max, majority), moved to
-//!    the multiples of the container's step, or of the level's where the manifest says one; voxels of level 0 are multiples of
-//!    the container's.
-//! 6. Each error bound is the largest of its children's plus this level's own greatest difference, or what the value
-//!    ranges allow where that is less ([`brick_error`]): not less, not more. At level 0 it is at most what voxels may have been
-//!    moved by; how far they were, only the source can tell ([`crate::compare`]).
-//! 7. What the manifest says of the values (range, percentiles, histogram, count, errors of levels) is what the voxels say.
+//! 1. Header, footer, sections and manifest agree (opening the container checks this).
+//! 2. The records tile the file without gaps or overlaps.
+//! 3. Each brick keeps the rules of [`check_brick`]: checksum, flags, exact ranges, macro cells, range beneath.
+//! 4. Aprons repeat the neighbours' voxels, and beyond the grid the nearest ones.
+//! 5. Coarser voxels are the mean, maximum or majority of the finer ones, as the manifest says. They are moved to
+//!    multiples of the container's step, or of the level's step in the manifest. Voxels of level 0 are multiples of the
+//!    container's step.
+//! 6. Each error bound is exactly the children's largest bound plus this level's greatest difference. If the limit from
+//!    the value ranges is less, it is that limit ([`brick_error`]). At level 0 it is at most the distance that voxels
+//!    may have been moved. Only a comparison with the source shows the real distance ([`crate::compare`]).
+//! 7. The manifest's values (range, percentiles, histogram, count, errors of levels) agree with the voxels.
 //!
-//! Memory: at most `memory_bytes`: for each thread some bricks and those that its coarser brick averages, counts of values; the
-//! rest keeps decoded bricks. As many threads work as it suffices for; where that is none, it says what would do.
+//! Memory: at most `memory_bytes`. Each thread holds some bricks, the finer ones of a coarser brick, and counts of
+//! values; the rest caches decoded bricks. The number of threads follows from the memory. If it does not suffice for
+//! one thread, the error names a sufficient number.
 
 use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -35,14 +36,14 @@ use crate::pipeline::quantizer_of;
 use crate::provenance::{reduce_of, steps_of};
 use crate::statistics::{Statistics, Values, finite};
 
-/// Voxels around a core that a brick stores.
+/// Width in voxels of the apron around a core.
 const APRON: u64 = supervol_format::brick::APRON as u64;
-/// Bricks checked between two calls of the progress callback.
+/// Number of bricks between two calls of the progress callback.
 const BATCH: usize = 256;
 
-/// Checks all rules; the error names the first broken one in entry order of a batch.
+/// Checks all rules. The error is the first broken one in entry order of a batch.
 ///
-/// `on_progress` hears of bricks done and bricks in all.
+/// `on_progress` receives the number of checked bricks and of all bricks.
 ///
 /// # Errors
 /// The first broken rule, or a failure to read.
@@ -87,17 +88,17 @@ pub fn verify(path: &Path, memory_bytes: u64, on_progress: &dyn Fn(u64, u64)) ->
     Ok(container)
 }
 
-/// Threads, and how the bytes of `--memory` are divided among what they hold at once.
+/// Number of threads, and the division of `--memory` among their buffers.
 struct Plan {
     threads: usize,
-    /// Decoded bricks of a level, for each of two.
+    /// Bytes for decoded bricks of a level; two levels are cached.
     cache_bytes: usize,
 }
 
-/// Bricks that a thread holds at once: a record and what it is decompressed into, the brick, the same cut from its
-/// neighbours, and averaged; a neighbour, its record and what that is decompressed into; and values of macro cells.
+/// Bricks that a thread holds at once: a record and its decompressed bytes, the brick, the same cut from its
+/// neighbours, and averaged. Also a neighbour, its record and decompressed bytes, and values of macro cells.
 const BRICKS_AT_HAND: u64 = 10;
-/// Bytes of a record's place in the file, for rule 2; the list grows by doubling.
+/// Memory per record position in bytes, for rule 2; the list grows by doubling.
 const COVERAGE_BYTES: u64 = 2 * 16;
 
 impl Plan {
@@ -113,18 +114,18 @@ impl Plan {
         let needed = fixed(1).max(pyramid.brick_count() * COVERAGE_BYTES);
         let what = || format!("to check bricks on one thread, and the places of {} of them", pyramid.brick_count());
         let memory_bytes = left_for_data(memory_bytes, needed, what, ALLOW_MORE)?;
-        // At most three quarters for the threads; the rest keeps bricks that are needed again.
+        // The threads take at most three quarters; the rest caches bricks.
         let fits = |threads: &usize| *threads == 1 || fixed(*threads) <= memory_bytes / 4 * 3;
         let threads = (1..=rayon::current_num_threads()).rev().find(fits).unwrap_or(1);
         Ok(Self { threads, cache_bytes: ((memory_bytes - fixed(threads)) / 2) as usize })
     }
 }
 
-/// What the bricks say of the values, gathered on all threads.
+/// Statistics of the bricks' values, collected on all threads.
 struct Counts {
-    /// One for each thread, so that none waits for another.
+    /// One per thread, so that no thread waits for another.
     statistics: Vec<Mutex<Statistics>>,
-    /// Greatest error of each level, stored units.
+    /// Greatest error of each level in stored units.
     errors: Vec<Mutex<f64>>,
 }
 
@@ -188,10 +189,10 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// How voxels of coarser levels are made of finer ones, as the manifest says it.
+/// Downsampling method, from the manifest.
 struct Coarser {
     reduce: Reduce,
-    /// See [`steps_of`].
+    /// Steps of the levels, see [`steps_of`].
     steps: Vec<f64>,
 }
 
@@ -212,7 +213,7 @@ impl Coarser {
     }
 }
 
-/// What bricks are checked against, and where their values are counted.
+/// Container to check, and the statistics of its values.
 struct Verification<'a> {
     path: &'a Path,
     container: &'a Container,
@@ -221,7 +222,7 @@ struct Verification<'a> {
 }
 
 impl Verification<'_> {
-    /// Rules 3 to 6 for one brick; readers of its level, and of the finer one where there is one.
+    /// Rules 3 to 6 for one brick. `own` and `finer` read its level and the next finer level, if there is one.
     fn check(&self, key: BrickKey, own: &LevelReader<'_>, finer: Option<&LevelReader<'_>>) -> Result<(), BuildError> {
         let &Self { path, container, ref coarser, counts } = self;
         let wrong = |e| BuildError::container(path, e);
@@ -245,13 +246,13 @@ impl Verification<'_> {
     }
 }
 
-/// A brick, and what those around it hold.
+/// A brick, and the voxels around it.
 struct Checked<'a> {
     path: &'a Path,
     container: &'a Container,
     key: BrickKey,
     entry: BrickEntry,
-    /// Its core and one apron of the voxels that its level has there.
+    /// Box of the core and one apron around it, clipped to the level.
     around: VoxelBox,
     voxels: Vec<u8>,
 }
@@ -265,7 +266,7 @@ impl Checked<'_> {
         VoxelBlock { voxels: self.around, bytes: &self.voxels }
     }
 
-    /// Rule 4: what the neighbours own is what this brick's apron holds.
+    /// Rule 4: the apron holds the voxels that the neighbours own.
     fn check_apron(&self, stored: &[u8]) -> Result<(), BuildError> {
         let size = self.container.descriptor().voxel_type.bytes();
         let expected = cut_brick(self.container.pyramid(), self.key, size, self.block());
@@ -275,7 +276,7 @@ impl Checked<'_> {
         }
     }
 
-    /// Voxels of level 0 are multiples of the step, where there is one.
+    /// Rule 5 at level 0: voxels are multiples of the step, if there is one.
     fn check_moved(mut self) -> Result<(), BuildError> {
         let &Descriptor { voxel_type, absence, quantizer, .. } = self.container.descriptor();
         let Some(quantizer) = quantizer else { return Ok(()) };
@@ -287,7 +288,7 @@ impl Checked<'_> {
         Ok(())
     }
 
-    /// Rule 5: what stands for the finer voxels.
+    /// Rule 5: coarser voxels follow from the finer ones.
     fn check_reduced(&self, coarser: &Coarser, fine: VoxelBlock<'_>) -> Result<(), BuildError> {
         let descriptor = self.container.descriptor();
         let (voxel_type, absence) = (descriptor.voxel_type, descriptor.absence);

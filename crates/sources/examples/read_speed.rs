@@ -1,6 +1,6 @@
-//! How fast volume files are read: opened, and every voxel read in file order and in boxes of bricks, in MB of voxels a second of
-//! processor time, which other programs on the machine disturb less than wall time. Each the best of [`ROUNDS`].
-//!
+//! Measures the read speed of volume files. Opens a file and reads every voxel, once in file order and once in boxes of
+//! brick size. Prints MB of voxels per second of processor time, which other programs disturb less than wall time. Each
+//! number is the best of [`ROUNDS`].
 //!     cargo run --release -p supervol-sources --example read_speed -- FILE...
 
 use std::io::Write;
@@ -11,7 +11,7 @@ use supervol_format::VoxelBox;
 use supervol_sources::open::{OpenOptions, open};
 use supervol_sources::{SourceInfo, VolumeSource};
 
-/// Voxels of a box in file order, and edge of a box of bricks.
+/// Voxels of a box in file order, and edge of a box of brick size in voxels.
 const BOX_VOXELS: u64 = 1 << 22;
 const EDGE: u64 = 64;
 
@@ -22,7 +22,7 @@ fn cpu_seconds() -> f64 {
     now.tv_sec as f64 + now.tv_nsec as f64 * 1e-9
 }
 
-/// Reads these boxes of a file, opening included; MB a second.
+/// Opens a file and reads these boxes; returns MB of voxels per second.
 fn speed<B: Iterator<Item = VoxelBox>>(
     path: &Path,
     cut: impl Fn(&SourceInfo) -> B,
@@ -39,7 +39,7 @@ fn speed<B: Iterator<Item = VoxelBox>>(
     Ok((format!("{} {}", info.dims, info.voxel_type), bytes as f64 / 1e6 / (cpu_seconds() - begun)))
 }
 
-/// Whole slices across the axis that is the slowest in the file, some at a time.
+/// Groups of whole slices across the slowest axis of the file.
 fn slices(info: &SourceInfo) -> impl Iterator<Item = VoxelBox> + use<> {
     let (whole, axis) = (info.dims.full_box(), info.access_order.0[0]);
     let slice = whole.voxels() as u64 / whole.end[axis];

@@ -1,7 +1,7 @@
-//! A volume computed voxel by voxel from any function of its coordinates: fixtures, demonstrations, experiments.
+//! A volume computed voxel by voxel from a function of its coordinates, for fixtures, demonstrations and experiments.
 //!
-//! [`super::synthetic`] holds the named volumes of the command line, which are made for speed; this is for everything
-//! else. The function gives stored values; they are rounded to the voxel type.
+//! [`super::synthetic`] holds the named, fast volumes of the command line; this module serves everything else. The
+//! function returns stored values, which are rounded to the voxel type.
 
 use supervol_format::voxel_type::Voxel;
 use supervol_format::{Dims, VoxelBox, VoxelType, with_voxel};
@@ -10,7 +10,7 @@ use super::{SourceError, SourceInfo, VolumeSource};
 
 type Value = Box<dyn Fn([u64; 3]) -> f64 + Send + Sync>;
 
-/// See the module.
+/// Volume computed from a function, see the module head.
 pub struct Computed {
     info: SourceInfo,
     value: Value,
@@ -23,13 +23,14 @@ impl std::fmt::Debug for Computed {
 }
 
 impl Computed {
-    /// The volume whose voxel `[i, j, k]` has the stored value `value([i, j, k])`.
+    /// Volume whose voxel `[i, j, k]` has the stored value `value([i, j, k])`.
     #[must_use]
     pub fn new(dims: [u64; 3], voxel_type: VoxelType, value: impl Fn([u64; 3]) -> f64 + Send + Sync + 'static) -> Self {
         Self { info: SourceInfo::plain("synth", Dims(dims), voxel_type), value: Box::new(value) }
     }
 
-    /// The same volume with its description changed: spacing, scale, nodata, ...; not its dims or its voxel type.
+    /// The same volume with another description: spacing, scale, nodata, ... `change` must not change the dims or the
+    /// voxel type.
     #[must_use]
     pub fn with_info(mut self, change: impl FnOnce(&mut SourceInfo)) -> Self {
         change(&mut self.info);

@@ -1,26 +1,28 @@
 //! Stops a build from another thread.
 //!
-//! A build asks before each part of its source that it reads, before each brick that it encodes, and every few hundred kilobytes where
-//! it decodes or sums up whole files: several times a second. What it has finished stays, and the same build goes on with it
-//! ([`supervol_preprocess::journal`]). A signal needs no asking: it ends the process, and removes what that had not finished
-//! ([`supervol_files::unfinished`]).
+//! A build checks the canceller several times a second: before each part of its source that it reads and before each
+//! brick that it encodes. While it decodes or hashes whole files, it checks every few hundred kilobytes. Finished work
+//! stays on disk, and the same build continues from there (`supervol_preprocess::journal`). A signal ends the process
+//! without such a check and removes its unfinished files ([`supervol_files::unfinished`]).
 
 use supervol_format::VoxelBox;
 use supervol_format::canceller::Canceller;
 
 use crate::{SourceError, SourceInfo, VolumeSource};
 
+/// Fails if the canceller is set.
+///
 /// # Errors
-/// If somebody wants the build to stop.
+/// [`SourceError::Stopped`] if it is.
 pub fn check(canceller: &Canceller) -> Result<(), SourceError> {
     if canceller.is_cancelled() { Err(SourceError::Stopped) } else { Ok(()) }
 }
 
-/// A source that hands out nothing any more once somebody wants the build to stop.
+/// A source whose reads fail once the canceller is set.
 pub struct Stoppable<'a> {
-    /// The source that is read.
+    /// The source to read.
     pub source: &'a dyn VolumeSource,
-    /// The request to stop.
+    /// The cancel flag.
     pub canceller: &'a Canceller,
 }
 

@@ -1,23 +1,23 @@
-//! What stands before and behind the voxels of a plain file: npy, NRRD, NIfTI, MetaImage, TIFF, VTK.
+//! Bytes before and behind the voxels of a plain file: npy, NRRD, NIfTI, MetaImage, TIFF, VTK.
 //!
-//! All formats but raw and npy say where the volume lies: [`Place`]. NIfTI's world is right-anterior-superior, MetaImage's
-//! left-posterior-superior; a patient of the other kind has x and y turned round, so that each voxel stays where it is in the patient.
-//! TIFF says spacing and unit only (as OME-XML). Everything is little endian.
+//! All formats but raw and npy state the placement of the volume: [`Place`]. NIfTI's world is right-anterior-superior,
+//! MetaImage's left-posterior-superior. For a patient volume in the other space, x and y are reversed, so that each
+//! voxel keeps its place in the patient. TIFF states only spacing and unit (as OME-XML). All numbers are little endian.
 
 use supervol_format::space::WorldSpace;
 use supervol_format::{Geometry, VoxelType};
 
-/// Most slices of a TIFF, which has a directory for each of them: as many as are read.
+/// Largest number of slices of a TIFF, which has a directory per slice; our reader has the same limit.
 pub(super) const TIFF_SLICES_LIMIT: usize = 1 << 16;
 /// Bytes of a BigTIFF's header, and of an entry of its directories.
 const BIG_TIFF_HEADER_BYTES: u64 = 16;
 const BIG_TIFF_ENTRY_BYTES: u64 = 20;
-/// Bytes before the voxels of a NIfTI file: the header of either version, and the mark that no extension follows.
+/// Bytes before the voxels of a NIfTI-1 and a NIfTI-2 file: the header, and the mark that no extension follows.
 const NIFTI_OFFSETS: [usize; 2] = [352, 544];
-/// Greatest size of an axis that NIfTI-1 can say.
+/// Greatest size of an axis in NIfTI-1.
 const NIFTI_1_AXIS_LIMIT: usize = i16::MAX as usize;
 
-/// Kinds of plain files.
+/// Formats of plain files.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Format {
     Npy,
@@ -32,7 +32,7 @@ pub(super) enum Format {
 }
 
 impl Format {
-    /// The format of a name's end, and whether the file is compressed.
+    /// The format of a file name's ending, and whether the file is compressed.
     pub(super) fn of_name(name: &str) -> Option<(Self, bool)> {
         const ENDS: [(&str, Format, bool); 12] = [
             (".npy", Format::Npy, false),
@@ -53,22 +53,22 @@ impl Format {
     }
 }
 
-/// What a header says of the voxels.
+/// Properties of the voxels for a header.
 pub(super) struct Place<'a> {
     pub(super) voxel_type: VoxelType,
-    /// Voxels along x, y, z.
+    /// Number of voxels along x, y, z.
     pub(super) sizes: [usize; 3],
     pub(super) geometry: Geometry,
     pub(super) space: WorldSpace,
-    /// Unit of the spacings, empty where unknown.
+    /// Unit of the spacing; empty if unknown.
     pub(super) unit: &'a str,
 }
 
 impl Place<'_> {
-    /// What stands before the voxels.
+    /// Bytes before the voxels.
     pub(super) fn header(&self, format: Format) -> Vec<u8> {
         match format {
-            // Written by modules of their own.
+            // These have writers of their own, or no header.
             Format::Raw | Format::Zarr | Format::Segy => Vec::new(),
             Format::Npy => self.npy(),
             Format::Nrrd => self.nrrd().into_bytes(),
@@ -79,7 +79,7 @@ impl Place<'_> {
         }
     }
 
-    /// What stands behind them.
+    /// Bytes behind the voxels.
     pub(super) fn trailer(&self, format: Format) -> Vec<u8> {
         match format {
             Format::Tiff => self.tiff_directories(),
@@ -92,7 +92,7 @@ impl Place<'_> {
         self.sizes.iter().map(|&n| n as u64).product::<u64>() * self.voxel_type.bytes() as u64
     }
 
-    /// The geometry in a patient's world of one kind: x and y are turned round where the volume's is the other kind.
+    /// The geometry in a patient space; x and y are reversed if the volume is in the other patient space.
     fn geometry_in(&self, space: WorldSpace) -> Geometry {
         let mut geometry = self.geometry;
         if self.space != WorldSpace::Unknown && self.space != space {
@@ -153,7 +153,7 @@ impl Place<'_> {
         )
     }
 
-    /// NIfTI-1, or NIfTI-2 where an axis is too long for it; the place is the sform.
+    /// NIfTI-1, or NIfTI-2 if an axis is too long for it. The placement is the sform.
     fn nifti(&self) -> Vec<u8> {
         let code: i16 = match self.voxel_type {
             VoxelType::U8 => 2,
@@ -172,7 +172,7 @@ impl Place<'_> {
             "um" => 3,
             _ => 0,
         };
-        // In a scanner's world, or in one that is aligned to something else.
+        // 1: scanner coordinates; 2: aligned to another data set.
         let sform_code: i32 = if self.space == WorldSpace::Unknown { 2 } else { 1 };
         let geometry = self.geometry_in(WorldSpace::RightAnteriorSuperior);
         let linear = geometry.linear().transpose().to_cols_array();
@@ -224,13 +224,13 @@ impl Place<'_> {
         };
         let Geometry { spacing, origin, direction: d } = self.geometry_in(WorldSpace::LeftPosteriorSuperior);
         let words = |numbers: &[f64]| numbers.iter().map(f64::to_string).collect::<Vec<_>>().join(" ");
-        // A row of the matrix is an axis of the grid.
+        // Each row of the matrix is an axis of the grid.
         let matrix = [d[0], d[3], d[6], d[1], d[4], d[7], d[2], d[5], d[8]];
         let orientation = match self.space {
             WorldSpace::Unknown => "???".into(),
             _ => anatomical(&matrix),
         };
-        // What ITK means by every image stands here where it is meant indeed; our reader looks for it.
+        // ITK declares this space for every image. The comment tells our reader that it really holds.
         let comment = match self.space {
             WorldSpace::Unknown => String::new(),
             _ => format!("Comment = {}\n", WorldSpace::LeftPosteriorSuperior.name()),
@@ -247,13 +247,13 @@ impl Place<'_> {
         )
     }
 
-    /// BigTIFF: eight bytes for each offset. Directories are behind the voxels, since their number is known before their place is.
+    /// BigTIFF, with eight bytes per offset. The directories are behind the voxels.
     fn tiff_header(&self) -> Vec<u8> {
         let first_directory = BIG_TIFF_HEADER_BYTES + self.bytes();
         [&b"II\x2b\0\x08\0\0\0"[..], &(first_directory + self.ome_xml().len() as u64).to_le_bytes()].concat()
     }
 
-    /// OME-XML, whose sizes of voxels are exact.
+    /// OME-XML, which states exact voxel sizes.
     fn ome_xml(&self) -> Vec<u8> {
         let kind = match self.voxel_type {
             VoxelType::U8 => "uint8",
@@ -267,7 +267,7 @@ impl Place<'_> {
         };
         let [nx, ny, nz] = self.sizes;
         let known = ["m", "mm", "nm", "km", "ft"].contains(&self.unit);
-        // Micrometres are what is meant where no unit is said; `reference frame` is what has none.
+        // OME's default unit is the micrometre; `reference frame` means no unit.
         let unit = match self.unit {
             "um" => "\u{b5}m",
             unit if known => unit,
@@ -365,7 +365,7 @@ impl Place<'_> {
     }
 }
 
-/// From which side of the patient each axis of the grid comes, as ITK spells it; the matrix has an axis in each row, in
+/// Patient side at which each axis of the grid begins, in ITK's spelling. The matrix has an axis in each row, in
 /// left-posterior-superior.
 fn anatomical(matrix: &[f64; 9]) -> String {
     let letter = |axis: &[f64]| {
@@ -376,7 +376,7 @@ fn anatomical(matrix: &[f64; 9]) -> String {
     matrix.chunks(3).map(letter).collect()
 }
 
-/// A type as NumPy and Zarr call it, lowest byte first (`numpy.lib.format`).
+/// Name of a type in NumPy and Zarr, little endian (`numpy.lib.format`).
 pub(super) fn numpy_name(voxel_type: VoxelType) -> &'static str {
     match voxel_type {
         VoxelType::U8 => "|u1",

@@ -1,10 +1,10 @@
-//! Voxels of a container back into plain files: npy, raw, NRRD, NIfTI, MetaImage, TIFF, VTK, OME-Zarr, SEG-Y. What each says of the volume's place is
-//! told in `headers.rs`.
+//! Writes voxels of a container to plain files: npy, raw, NRRD, NIfTI, MetaImage, TIFF, VTK, OME-Zarr, SEG-Y.
+//! `headers.rs` tells which placement each format states.
 //!
-//! Voxels come out in the data's own units: the stored type where no scale applies, otherwise f64 for 64-bit and 32-bit
-//! integer voxels and f32 for all others (f32 holds every scaled 8- or 16-bit voxel to 24 bits). Absent voxels of scaled
-//! volumes become NaN; unscaled ones keep the nodata value they have. Written in file order within a number of bytes,
-//! whatever the box's shape, under a temporary name; renamed when whole.
+//! Voxels are in the data's own units. Without a scale they have the stored type. Scaled 32- and 64-bit integer and
+//! 64-bit float voxels become f64, all others f32, which holds every scaled 8- or 16-bit voxel to 24 bits. Absent
+//! voxels of scaled volumes become NaN; unscaled ones keep the nodata value. Voxels are written in file order within a
+//! memory limit, whatever the box's shape. The file has a temporary name until it is whole.
 
 mod headers;
 mod segy;
@@ -28,28 +28,28 @@ use supervol_preprocess::memory::{ALLOW_MORE, left_for_data};
 
 use headers::{Format, Place, TIFF_SLICES_LIMIT};
 
-/// Bytes buffered before the file is written to.
+/// Size of the output buffer in bytes.
 const WRITE_BUFFER_BYTES: usize = 1 << 20;
-/// Least bytes of voxels on their way to the file.
+/// Smallest memory for voxels in flight, in bytes.
 const LEAST_BOX_BYTES: u64 = 64 << 10;
 
-/// What to extract.
+/// Options of an extraction.
 #[derive(Debug, Clone, Copy)]
 pub struct Extraction {
     /// Level of detail.
     pub lod: Lod,
-    /// Voxels of that level; `None` for all.
+    /// Box in voxels of that level; `None`: all voxels.
     pub voxels: Option<VoxelBox>,
-    /// What to do when the output exists.
+    /// Reaction to an existing output.
     pub existing: Existing,
-    /// Most bytes of memory to use.
+    /// Largest memory to use, in bytes.
     pub memory_bytes: u64,
 }
 
-/// Writes voxels to `output`, whose extension chooses the format. Returns the box and the type written.
+/// Writes voxels to `output`, whose extension determines the format. Returns the box and the voxel type written.
 ///
 /// # Errors
-/// If the level or box is not there, the extension unknown, a brick unreadable or the output unwritable.
+/// If the level or box does not exist, the extension is unknown, a brick is unreadable or the output is not writable.
 pub fn extract(container: &Container, output: &Path, what: &Extraction) -> Result<(VoxelBox, VoxelType), BuildError> {
     let name = output.file_name().map(|name| name.to_string_lossy()).unwrap_or_default();
     let Some((format, is_compressed)) = Format::of_name(&name) else {
@@ -82,7 +82,7 @@ pub fn extract(container: &Container, output: &Path, what: &Extraction) -> Resul
     let write_error = |e| BuildError::write(output, e);
     let file = OutputFile::begin(output, what.existing)?;
     let mut plain = BufWriter::with_capacity(WRITE_BUFFER_BYTES, file.file());
-    // A TIFF's directories are held until they are written.
+    // A TIFF's directories stay in memory until they are written.
     let trailer = place.trailer(format);
     let memory_bytes = what.memory_bytes.saturating_sub(trailer.len() as u64);
     let part = Extraction { memory_bytes, ..*what };
@@ -104,10 +104,10 @@ pub fn extract(container: &Container, output: &Path, what: &Extraction) -> Resul
     Ok((voxels, written_type))
 }
 
-/// The box of a level that is wanted, all of it where none is named.
+/// The requested box of a level; by default the whole level.
 ///
 /// # Errors
-/// If the level is not there, or the box has no voxel or leaves it.
+/// If the level does not exist, or the box is empty or leaves the level.
 pub(crate) fn checked_box(container: &Container, lod: Lod, voxels: Option<VoxelBox>) -> Result<VoxelBox, BuildError> {
     let levels = container.pyramid().levels();
     let Some(level) = levels.get(usize::from(lod.0)) else {
@@ -127,7 +127,7 @@ pub(crate) fn checked_box(container: &Container, lod: Lod, voxels: Option<VoxelB
     Ok(voxels)
 }
 
-/// The type that voxels are written in.
+/// Voxel type of the output.
 fn output_type(descriptor: &Descriptor) -> VoxelType {
     let unscaled = descriptor.scale == 1.0 && descriptor.offset == 0.0;
     match descriptor.voxel_type {
@@ -137,28 +137,28 @@ fn output_type(descriptor: &Descriptor) -> VoxelType {
     }
 }
 
-/// Whether voxels are written as others than they are stored.
+/// Whether the written voxels differ from the stored ones.
 fn needs_scaling(descriptor: &Descriptor, written_type: VoxelType) -> bool {
     written_type != descriptor.voxel_type || descriptor.scale != 1.0 || descriptor.offset != 0.0
 }
 
-/// Threads, and how the bytes of `--memory` are divided among what they hold at once.
+/// Number of threads, and the division of `--memory` among the buffers.
 struct Plan {
     threads: usize,
     cache_bytes: usize,
-    /// Voxels of a box that is read, scaled and written at once.
+    /// Voxels of a box that is read, scaled and written as one.
     box_voxels: u64,
 }
 
 impl Plan {
-    /// The same for formats that are written in boxes of at least so many voxels, one for each thread.
+    /// Plan for formats that are written in boxes of at least `voxels` voxels, one box per thread.
     fn of_boxes(
         descriptor: &Descriptor,
         written_type: VoxelType,
         memory_bytes: u64,
         voxels: u64,
     ) -> Result<Self, BuildError> {
-        // As stored, as doubles, as written, filled up and encoded.
+        // As stored, as doubles, as written, padded and encoded.
         let voxel = (descriptor.voxel_type.bytes() + size_of::<f64>() + 3 * written_type.bytes()) as u64;
         let fixed = |threads: usize| {
             LevelReader::working_bytes(descriptor, threads)
@@ -172,18 +172,18 @@ impl Plan {
     fn new(descriptor: &Descriptor, written_type: VoxelType, memory_bytes: u64) -> Result<Self, BuildError> {
         let fixed = |threads: usize| LevelReader::working_bytes(descriptor, threads) + WRITE_BUFFER_BYTES as u64;
         let (threads, rest) = Self::share_out(memory_bytes, 2 * LEAST_BOX_BYTES, fixed)?;
-        // Scaled voxels are there as stored, as doubles and as written.
+        // Scaled voxels exist as stored, as doubles and as written.
         let voxel = descriptor.voxel_type.bytes() + size_of::<f64>() + written_type.bytes();
         Ok(Self { threads, cache_bytes: (rest / 2) as usize, box_voxels: rest / 2 / voxel as u64 })
     }
 
-    /// How many threads fit into the memory, by what so many take, and the bytes left for the cache and for voxels on their
-    /// way: at least so many.
+    /// Number of threads that fit into the memory, and the bytes left for the cache and for voxels in flight, at least
+    /// `least`. `fixed` gives the bytes that a number of threads takes.
     fn share_out(memory_bytes: u64, least: u64, fixed: impl Fn(usize) -> u64) -> Result<(usize, u64), BuildError> {
         let needed = fixed(1) + least;
         let what = || "to decode bricks on one thread and to write".into();
         let memory_bytes = left_for_data(memory_bytes, needed, what, ALLOW_MORE)?;
-        // At most half for the threads.
+        // The threads take at most half of the memory.
         let fits = |threads: &usize| *threads == 1 || fixed(*threads) <= memory_bytes / 2;
         let threads = (1..=rayon::current_num_threads()).rev().find(fits).unwrap_or(1);
         Ok((threads, memory_bytes - fixed(threads)))
@@ -230,7 +230,7 @@ fn scaled(descriptor: &Descriptor, stored: &[u8], written_type: VoxelType) -> Ve
     out
 }
 
-/// Placement of a box of a level: its first voxel's position, and the level's spacing.
+/// Geometry of a box of a level: the position of its first voxel, and the level's spacing.
 pub(crate) fn level_geometry(container: &Container, lod: Lod, voxels: VoxelBox) -> Geometry {
     let base = container.descriptor().geometry;
     let scale = container.pyramid().level_at(lod).scale;

@@ -1,8 +1,9 @@
-//! SEG-Y: traces along z, big endian, inline after inline; line numbers and coordinates of the survey where there is one.
+//! SEG-Y writer: traces along z, big endian, inline after inline, with the survey's line numbers and coordinates.
 //!
-//! Revision 1 where it suffices, else 2.0: for unsigned and double samples, traces of more than 32,767 samples, intervals that are no
-//! whole number of microseconds. Line numbers stand at bytes 189 and 193, coordinates at 181 and 185, where the standard has them. Of a
-//! volume without a survey, lines are counted from 1, and coordinates are those of the world. Traces without voxels are marked dead.
+//! It writes revision 1 if that suffices, else 2.0. Revision 2.0 is needed for unsigned and double samples, traces of
+//! more than 32,767 samples, and intervals that are not whole microseconds. Line numbers are at bytes 189 and 193,
+//! coordinates at 181 and 185, as in the standard. Without a survey, lines are counted from 1, and coordinates are
+//! world coordinates. Traces without present voxels are marked dead.
 
 use std::io::{BufWriter, Write};
 use std::path::Path;
@@ -18,25 +19,25 @@ use supervol_sources::{LineNumbers, Survey};
 use super::headers::Place;
 use super::{Extraction, Plan, WRITE_BUFFER_BYTES, needs_scaling, scaled};
 
-/// Bytes of the binary header, and of a trace's.
+/// Bytes of the binary header, and of a trace header.
 const BINARY_BYTES: usize = 400;
 const TRACE_BYTES: usize = 240;
-/// Lines of the text header that are ours; those of the survey follow.
+/// Lines of the text header that we write; those of the survey follow.
 const OWN_LINES: usize = 6;
 
-/// What the headers say of the traces.
+/// Header values that all traces share.
 struct Headers {
     voxel_type: VoxelType,
     /// Format code of the samples.
     format: u16,
     is_second: bool,
     samples: usize,
-    /// Thousandths of the z axis's unit.
+    /// Sample interval in thousandths of the z axis's unit.
     interval: f64,
     /// First sample: value and scalar.
     delay: (i16, i16),
     lines: Lines,
-    /// Divides coordinates.
+    /// Divisor of the stored coordinates.
     divisor: f64,
     is_feet: bool,
     is_depth: bool,
@@ -44,14 +45,14 @@ struct Headers {
 
 /// Line numbers and coordinates of the traces.
 struct Lines {
-    /// Number of the first line, and what is added from line to line: inlines, crosslines.
+    /// Number of the first inline and the step from line to line; then the same for crosslines.
     inline: [i64; 2],
     crossline: [i64; 2],
-    /// Place of the first trace on the grid of the corners, and what is added from trace to trace, along x and y.
+    /// Position of the first trace on the grid of the corners, and the step from trace to trace, along x and y.
     start: [f64; 2],
     step: [f64; 2],
-    /// Coordinates of the grid's first point, and what is added along x, along y, and along both: corners need not be those of a
-    /// parallelogram.
+    /// Coordinates of the grid's first point, and the increments along x, along y, and along both: the corners need not
+    /// form a parallelogram.
     origin: [f64; 2],
     along: [[f64; 2]; 3],
 }
@@ -59,7 +60,7 @@ struct Lines {
 impl Lines {
     fn of(container: &Container, what: &Extraction, voxels: VoxelBox, geometry: &Geometry) -> Self {
         let scale = container.pyramid().level_at(what.lod).scale.map(|s| s as i64);
-        // A coarse voxel stands for the lines around its middle.
+        // A coarse voxel gets the line number at the middle of its lines.
         let fine = |axis: usize| voxels.start[axis] as i64 * scale[axis] + (scale[axis] - 1) / 2;
         let survey = Survey::of(container.manifest());
         let numbers = |line: Option<LineNumbers>, axis: usize| match line {
@@ -70,7 +71,7 @@ impl Lines {
         let crossline = numbers(survey.as_ref().map(|s| s.crossline), 0);
         let corners = survey.as_ref().and_then(|s| Some((s.corners?, [s.crossline.count, s.inline.count])));
         let Some((points, counts)) = corners else {
-            // Coordinates that a survey does not have are zeros. Other volumes lie where they do in the world.
+            // Unknown coordinates of a survey are zero. Other volumes have their world coordinates.
             let known = if survey.is_some() { 0.0 } else { 1.0 };
             let linear = geometry.linear() * known;
             let [x, y] = [0, 1].map(|axis| [linear.col(axis).x, linear.col(axis).y]);
@@ -148,7 +149,7 @@ impl Headers {
         })
     }
 
-    /// Text and binary header.
+    /// Text header and binary header.
     fn file_header(&self, container: &Container) -> Vec<u8> {
         let manifest = container.manifest();
         let domain = if self.is_depth { "DOMAIN: DEPTH" } else { "" };
@@ -175,7 +176,7 @@ impl Headers {
         header.resize(TEXT_BYTES, 0x40);
         let mut binary = [0; BINARY_BYTES];
         let mut put = |byte: usize, value: &[u8]| binary[byte - 3201..][..value.len()].copy_from_slice(value);
-        // What does not fit stands in revision 2's own fields.
+        // Values that do not fit are in revision 2's own fields.
         let interval = if self.interval.fract() == 0.0 { self.interval as u16 } else { 0 };
         put(3217, &interval.min(i16::MAX as u16).to_be_bytes());
         put(3221, &u16::try_from(self.samples).unwrap_or(0).to_be_bytes());
@@ -217,7 +218,7 @@ impl Headers {
     }
 }
 
-/// The first sample as a number and its scalar: the nearest, and within a thousandth of a sample.
+/// The first sample as a number and a scalar: the closest pair, if it is within a thousandth of a sample.
 fn delay(first: f64, interval: f64) -> Option<(i16, i16)> {
     let limit = f64::from(i16::MAX);
     let candidates = [1i16, -10, -100, -1000, -10000, 10, 100, 1000, 10000].map(|scalar| {
@@ -264,7 +265,7 @@ pub(super) fn write(
     Ok(())
 }
 
-/// Boxes of whole traces in file order: some inlines, one inline, or a part of one; as many as are allowed.
+/// Boxes of whole traces in file order, as large as allowed: some inlines, one inline, or a part of one.
 fn trace_boxes(voxels: VoxelBox, most_voxels: u64, core: u64) -> impl Iterator<Item = VoxelBox> {
     let [nx, _, nz] = voxels.extent().map(|n| n as u64);
     let rows = (most_voxels / (nx * nz)).min(core).max(1);
@@ -278,7 +279,7 @@ fn trace_boxes(voxels: VoxelBox, most_voxels: u64, core: u64) -> impl Iterator<I
     })
 }
 
-/// Writes the traces of a box, whose voxels come x fastest.
+/// Writes the traces of a box; `bytes` has its voxels, x fastest.
 fn write_traces(
     headers: &Headers,
     absence: Absence,

@@ -1,7 +1,7 @@
-//! OME-Zarr 0.4 (Zarr 2): a folder with one level, in chunks compressed by zstd, each in a file of its own.
+//! OME-Zarr 0.4 (Zarr 2) writer: a folder with one level, in chunks compressed by zstd, one file per chunk.
 //!
-//! Chunks are cubes of [`CHUNK_EDGE`] voxels; those at the ends are filled up. Spacings, the place of the first voxel and units are
-//! written as the format has them: it knows no directions of axes. The folder appears under its name when it is whole.
+//! Chunks are cubes of [`CHUNK_EDGE`] voxels; those at the ends are padded. Spacing, origin and units are written; the
+//! format has no axis directions. The folder gets its name when it is whole.
 
 use std::path::Path;
 
@@ -17,9 +17,9 @@ use supervol_sources::formats::zarr::is_zarr;
 use super::headers::{Place, numpy_name};
 use super::{Extraction, Plan, scaled};
 
-/// Voxels of a chunk along each axis, where there are as many.
+/// Edge of a chunk in voxels, unless an axis is shorter.
 const CHUNK_EDGE: u64 = 64;
-/// As fast as the disk, and little longer than more effort would make it.
+/// At this level compression keeps up with the disk; higher levels save little more.
 const ZSTD_LEVEL: i32 = 3;
 
 pub(super) fn write(
@@ -64,13 +64,13 @@ pub(super) fn write(
     };
     pool.install(|| (0..counts.iter().product()).into_par_iter().try_for_each(write_chunk))?;
     if output.is_dir() {
-        // It was looked at: another Zarr, which may be replaced.
+        // `check_free` has found that it is another Zarr and may be replaced.
         std::fs::remove_dir_all(output).map_err(write_error)?;
     }
     folder.publish(output).map_err(write_error)
 }
 
-/// A folder is written where there is none, or where another Zarr may be replaced.
+/// Checks that the folder does not exist, or is another Zarr that may be replaced.
 fn check_free(output: &Path, existing: Existing) -> Result<(), BuildError> {
     match output.symlink_metadata() {
         Err(_) => Ok(()),
@@ -83,7 +83,7 @@ fn check_free(output: &Path, existing: Existing) -> Result<(), BuildError> {
     }
 }
 
-/// Voxels of a chunk that ends with the volume, with zeros behind them.
+/// Voxels of a chunk at the end of the volume, padded with zeros.
 fn filled_up(bytes: Vec<u8>, extent: [usize; 3], chunk: [u64; 3], voxel: usize) -> Vec<u8> {
     let chunk = chunk.map(|n| n as usize);
     if extent == chunk {
@@ -125,7 +125,7 @@ fn attributes(place: &Place<'_>) -> Value {
     }] })
 }
 
-/// Units by the names that OME-Zarr has for them.
+/// Names of units in OME-Zarr.
 fn unit_of(unit: &str) -> Option<&'static str> {
     Some(match unit {
         "nm" => "nanometer",

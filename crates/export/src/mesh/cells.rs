@@ -1,34 +1,34 @@
-//! Marching cubes in a box of voxels: each cell between eight voxels gives triangles by which of its corners are inside.
+//! Marching cubes in a box of voxels: the corners of a cell that are inside determine its triangles.
 //!
-//! The cases are those of the modified marching cubes of E. Lengyel, "Voxel-Based Terrain for Real-Time Virtual Simulations"
-//! (2010), section 3.2, which leave no hole between any two cells; their tables are the crate `transvoxel-data`'s. A vertex is
-//! computed from the two voxels of its edge, the lesser index first, and from nothing else: boxes that share a face of voxels
-//! compute the same bits there. Cells with an absent voxel give nothing.
+//! The cases are those of the modified marching cubes of E. Lengyel, "Voxel-Based Terrain for Real-Time Virtual
+//! Simulations" (2010), section 3.2, which leave no hole between cells. The tables are from the crate
+//! `transvoxel-data`. A vertex is computed only from the two voxels of its edge, lower index first. Boxes that share a
+//! face of voxels therefore compute the same bits there. Cells with an absent voxel have no triangles.
 
 use transvoxel_data::regular_cell_data::{REGULAR_CELL_CLASS, REGULAR_CELL_DATA, REGULAR_VERTEX_DATA};
 
-/// Voxels of a box as values; NaN where absent.
+/// Values of the voxels of a box; NaN if absent.
 pub(super) struct Values {
     /// Index of the first voxel.
     pub(super) start: [u64; 3],
-    /// Voxels along x, y, z.
+    /// Number of voxels along x, y, z.
     pub(super) size: [usize; 3],
-    /// x fastest.
+    /// The values, x fastest.
     pub(super) values: Vec<f64>,
 }
 
-/// Vertices at index points, and triangles of their numbers, counter-clockwise seen from where values are less, if the axes are
-/// right-handed.
+/// Vertices at index points, and triangles of vertex numbers. With right-handed axes, triangles are counter-clockwise
+/// seen from the side of smaller values.
 #[derive(Debug, Default)]
 pub(super) struct Surface {
     pub(super) vertices: Vec<[f64; 3]>,
     pub(super) triangles: Vec<[u32; 3]>,
 }
 
-/// Most bytes that a box of so many voxels along an axis takes while its surface is made: values, vertices with their numbers (one
-/// on each of three edges), five triangles.
+/// Largest memory in bytes for the surface of a box of `voxels` voxels per axis. Each cell has a value, three vertices
+/// with their numbers, and five triangles.
 pub(super) fn bytes_of_box(voxels: u64) -> u64 {
-    // Lists that grow may be there twice.
+    // The factor 2: a growing list exists twice while it is moved.
     voxels.pow(3) * (8 + 3 * (4 + 2 * 24) + 2 * 5 * 12)
 }
 
@@ -37,7 +37,7 @@ impl Values {
         self.values[(z * self.size[1] + y) * self.size[0] + x]
     }
 
-    /// The surface where values are `iso`; corners at or above it are inside.
+    /// The isosurface of the value `iso`; corners at or above it are inside.
     pub(super) fn surface(&self, iso: f64) -> Surface {
         let mut surface = Surface::default();
         let mut numbers = vec![u32::MAX; 3 * self.values.len()];
@@ -64,7 +64,7 @@ impl Values {
             if i >= usize::from(class.get_vertex_count()) {
                 return u32::MAX;
             }
-            // The lesser corner is in the higher half of the byte; they differ in one axis.
+            // The lower corner is in the high half of the byte; the two corners differ in one axis.
             let code = REGULAR_VERTEX_DATA[case][i];
             let (a, b) = (usize::from(code >> 4 & 15), usize::from(code & 15));
             let axis = (a ^ b).trailing_zeros() as usize;
@@ -83,7 +83,7 @@ impl Values {
         for triangle in class.vertex_index.chunks_exact(3).take(usize::from(class.get_triangle_count())) {
             let [a, b, c] = [0, 1, 2].map(|i| vertices[usize::from(triangle[i])]);
             let point = |n: u32| surface.vertices[n as usize];
-            // Where a voxel is `iso` itself, several edges end in one point.
+            // If a voxel equals `iso`, several edges end in the same point.
             if point(a) != point(b) && point(b) != point(c) && point(c) != point(a) {
                 surface.triangles.push([a, b, c]);
             }

@@ -1,7 +1,7 @@
-//! Meshes in files: PLY (binary), STL (binary), OBJ (text).
+//! Mesh files: PLY (binary), STL (binary), OBJ (text).
 //!
-//! What comes first in a file is how many vertices and triangles there are, which is known last: both are kept in temporary files
-//! until then, and never in memory.
+//! The numbers of vertices and triangles come first in a file but are known last. Both lists are therefore spooled to
+//! temporary files and never held in memory.
 
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, Write};
@@ -11,12 +11,12 @@ use glam::DVec3;
 use supervol_preprocess::error::BuildError;
 use supervol_sources::input::spool::{Spool, SpoolFolder};
 
-/// Bytes copied at once.
+/// Buffer size for copying in bytes.
 const BUFFER_BYTES: usize = 1 << 18;
-/// Bytes at the beginning of an STL file that mean nothing.
+/// Bytes at the beginning of an STL file without a meaning.
 const STL_TITLE_BYTES: usize = 80;
 
-/// Formats of meshes.
+/// Mesh formats.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Format {
     Ply,
@@ -25,7 +25,7 @@ pub(super) enum Format {
 }
 
 impl Format {
-    /// By the end of a name.
+    /// The format of a file name's ending.
     pub(super) fn of(path: &Path) -> Result<Self, BuildError> {
         let end = path.extension().map(|end| end.to_string_lossy().to_lowercase());
         match end.as_deref() {
@@ -56,16 +56,16 @@ pub(super) struct MeshFile<'a> {
 }
 
 impl<'a> MeshFile<'a> {
-    /// An empty mesh; its parts are kept in `folder`.
+    /// An empty mesh; its temporary files are in `folder`.
     pub(super) fn begin(output: &'a Path, format: Format, is_double: bool, folder: &Path) -> Result<Self, BuildError> {
         let folder = SpoolFolder::at(folder);
         let (vertices, triangles) = (Spool::create(&folder)?, Spool::create(&folder)?);
         Ok(Self { output, format, is_double, vertices, triangles, vertex_count: 0, triangle_count: 0 })
     }
 
-    /// Adds vertices, and triangles of their numbers among these.
+    /// Adds vertices, and triangles whose numbers refer to these vertices.
     pub(super) fn add(&mut self, vertices: &[DVec3], triangles: &[[u32; 3]]) -> Result<(), BuildError> {
-        // STL counts triangles by 32 bits, PLY numbers vertices by them.
+        // STL counts triangles with 32 bits, and PLY numbers vertices with 32 bits.
         let (vertex_count, triangle_count) =
             (self.vertex_count + vertices.len() as u64, self.triangle_count + triangles.len() as u64);
         if vertex_count.max(triangle_count) > u64::from(u32::MAX) {
@@ -103,7 +103,7 @@ impl<'a> MeshFile<'a> {
             Format::Obj => {
                 let lines: String = vertices.iter().map(|p| format!("v {} {} {}\n", p.x, p.y, p.z)).collect();
                 self.vertices.append(lines.as_bytes())?;
-                // Numbers begin at 1.
+                // OBJ numbers begin at 1.
                 let number = |n: u32| u64::from(n) + self.vertex_count + 1;
                 let lines: String = triangles
                     .iter()

@@ -1,9 +1,9 @@
-//! The surface where a volume has one value, as a mesh in world coordinates: PLY, STL, OBJ.
+//! Isosurface of a volume as a triangle mesh in world coordinates: PLY, STL, OBJ.
 //!
-//! The volume is walked box by box, within a number of bytes whatever its size; boxes that the value does not cross are not read.
-//! Vertices on the faces between boxes are written by both, the same to the last bit: there are no cracks, and every program that
-//! merges equal vertices gets one closed mesh. Triangles face away from greater values. Where voxels are absent, and at the border
-//! of the box, the surface ends.
+//! The volume is processed box by box within a memory limit; boxes that the isovalue does not cross are not read. Both
+//! neighbours write the vertices on the face between two boxes, equal to the last bit. So there are no cracks, and a
+//! program that merges equal vertices gets one closed mesh. Triangles face away from greater values. The surface ends
+//! at absent voxels and at the border of the box.
 
 mod cells;
 mod files;
@@ -23,41 +23,43 @@ use crate::extract::{checked_box, level_geometry};
 use cells::{Values, bytes_of_box};
 use files::{Format, MeshFile};
 
-/// Least cells along an axis of a box.
+/// Smallest number of cells along an axis of a box.
 const LEAST_CELLS: u64 = 4;
-/// Spacings of voxels that single precision must tell apart, at the farthest corner of the volume.
+/// Positions per voxel spacing that single precision must resolve at the farthest corner of the volume; otherwise
+/// vertices are doubles.
 const STEPS_PER_SPACING: f64 = 1024.0;
-/// Bytes buffered before files are written to: the mesh and its two parts.
+/// Bytes of the output buffers: the mesh and its two parts.
 const WRITE_BUFFERS_BYTES: u64 = 2 << 20;
 
-/// Which surface.
+/// Options of a mesh.
 #[derive(Debug, Clone, Copy)]
 pub struct MeshOptions {
-    /// The value, in the data's own units.
+    /// Isovalue in the data's own units.
     pub iso: f64,
     /// Level of detail.
     pub lod: Lod,
-    /// Voxels of that level; `None` for all.
+    /// Box in voxels of that level; `None`: all voxels.
     pub voxels: Option<VoxelBox>,
-    /// What to do when the output exists.
+    /// Reaction to an existing output.
     pub existing: Existing,
-    /// Most bytes of memory to use.
+    /// Largest memory to use, in bytes.
     pub memory_bytes: u64,
 }
 
-/// What was written.
+/// Size of the written mesh.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct MeshReport {
-    /// Vertices, those between two boxes counted for each.
+    /// Number of vertices; those on the face between two boxes count twice.
     pub vertices: u64,
-    /// Triangles.
+    /// Number of triangles.
     pub triangles: u64,
 }
 
-/// Writes the surface to `output`, whose extension chooses the format.
+/// Writes the isosurface to `output`, whose extension determines the format.
 ///
 /// # Errors
-/// If the level or box is not there, the extension unknown, nothing has that value, a brick unreadable or the output unwritable.
+/// If the level or box does not exist, the extension is unknown, or the surface is empty. If a brick is unreadable or
+/// the output is not writable.
 pub fn mesh(container: &Container, output: &Path, options: &MeshOptions) -> Result<MeshReport, BuildError> {
     let format = Format::of(output)?;
     let voxels = checked_box(container, options.lod, options.voxels)?;
@@ -106,9 +108,9 @@ pub fn mesh(container: &Container, output: &Path, options: &MeshOptions) -> Resu
     Ok(report)
 }
 
-/// How the bytes of `--memory` are divided.
+/// Division of `--memory`.
 struct Plan {
-    /// Cells along an axis of a box: a power of two, at most a brick's.
+    /// Cells along an axis of a box: a power of two, at most the core of a brick.
     cells: u64,
     cache_bytes: usize,
 }
@@ -121,14 +123,14 @@ impl Plan {
         let what = || "to decode a brick and to make a mesh of it".into();
         let memory_bytes = left_for_data(memory_bytes, needed(LEAST_CELLS), what, ALLOW_MORE)?;
         let core = container.pyramid().layout().core() as u64;
-        // A part of the memory is left for bricks that are needed again.
+        // A quarter of the memory is left for the brick cache.
         let fits = |cells: &u64| *cells == LEAST_CELLS || needed(*cells) <= memory_bytes / 4 * 3;
         let cells = std::iter::successors(Some(core), |n| Some(n / 2)).find(fits).unwrap_or(LEAST_CELLS);
         Ok(Self { cells, cache_bytes: (memory_bytes - needed(cells)) as usize })
     }
 }
 
-/// Boxes of voxels that overlap by one, so that each cell between voxels is in one of them.
+/// Boxes of voxels that overlap by one voxel, so that each cell between voxels is in exactly one of them.
 fn boxes_of_cells(voxels: VoxelBox, cells: u64) -> impl Iterator<Item = VoxelBox> {
     let pieces = move |axis: usize| {
         let (start, last) = (voxels.start[axis], voxels.end[axis] - 1);
@@ -144,7 +146,8 @@ fn boxes_of_cells(voxels: VoxelBox, cells: u64) -> impl Iterator<Item = VoxelBox
     })
 }
 
-/// Whether the value lies in the range of the brick that a box begins in; a brick's range covers the voxels around it, too.
+/// Whether the isovalue lies in the range of the brick in which a box begins; the range includes the voxels around the
+/// brick.
 fn is_crossed(container: &Container, options: &MeshOptions, part: VoxelBox) -> Result<bool, BuildError> {
     let core = container.pyramid().layout().core() as u64;
     let brick = part.start.map(|at| (at / core) as u32);

@@ -1,4 +1,4 @@
-//! What `extract` writes is read back: the same voxels, at the same places in the world, in every format, level and box.
+//! Files written by `extract`, read again: the same voxels at the same world positions, in every format, level and box.
 
 use std::path::Path;
 
@@ -22,7 +22,7 @@ const DIMS: [u64; 3] = [21, 18, 19];
 const ENDS: [&str; 6] = ["nii", "nii.gz", "mha", "tif", "vti", "nrrd"];
 const MEMORY_BYTES: u64 = 64 << 20;
 
-/// A third of a turn about the diagonal, sheared a little, and no power of two anywhere.
+/// A third of a turn about the diagonal, slightly sheared, without any power of two.
 const OBLIQUE: Geometry = Geometry {
     spacing: [0.3, 0.7, 1.1],
     origin: [-12.3, 45.6, 7.0],
@@ -52,7 +52,7 @@ fn extraction(lod: u8, voxels: Option<VoxelBox>) -> Extraction {
     Extraction { lod: Lod(lod), voxels, existing: Existing::Replace, memory_bytes: MEMORY_BYTES }
 }
 
-/// World points of one kind of patient's world as those of another.
+/// Converts a world point from one patient space to another.
 fn in_space(point: DVec3, from: WorldSpace, to: WorldSpace) -> DVec3 {
     let is_other = from != WorldSpace::Unknown && to != WorldSpace::Unknown && from != to;
     if is_other { point * DVec3::new(-1.0, -1.0, 1.0) } else { point }
@@ -126,7 +126,7 @@ fn scaled_values_and_long_axes() {
     let source = open(&output, &OpenOptions::default()).unwrap();
     let values = voxels_as_f64(VoxelType::F32, &read_all(source.as_ref()).unwrap());
     assert_eq!((source.info().voxel_type, values[4]), (VoxelType::F32, 12.0 * 0.5 - 20.0));
-    // An axis that NIfTI-1 has no number for.
+    // An axis that is too long for NIfTI-1.
     let long = Computed::new([40_000, 2, 1], VoxelType::U8, |[x, ..]| (x % 251) as f64)
         .with_info(|info| info.geometry = OBLIQUE);
     let origin = Source { name: "v".into(), format: "synth".into(), bytes: 0, xxh3_64: String::new() };
@@ -142,7 +142,7 @@ fn scaled_values_and_long_axes() {
     assert!(matches!(&error, BuildError::Options(text) if text.contains(".nii.gz")), "{error}");
 }
 
-/// Everything that `extract` writes as OME-Zarr and SEG-Y of a volume: the same voxels, at the same places.
+/// OME-Zarr written by `extract`: the same voxels at the same positions.
 #[test]
 fn ome_zarr_keeps_spacings_and_the_first_voxels_place() {
     let folder = tempfile::tempdir().unwrap();
@@ -164,7 +164,7 @@ fn ome_zarr_keeps_spacings_and_the_first_voxels_place() {
         assert_eq!(found.spacing, std::array::from_fn(|a| OBLIQUE.spacing[a] * scale[a] as f64));
         assert_eq!(source.info().axes[0].unit, "mm");
     }
-    // It is not overwritten unasked, and never takes the place of anything else.
+    // It is not overwritten without permission, and replaces nothing else.
     let output = folder.path().join("out.ome.zarr");
     let keep = Extraction { existing: Existing::Keep, ..extraction(0, None) };
     assert!(matches!(extract(&container, &output, &keep), Err(BuildError::Output(OutputError::Exists { .. }))));
@@ -178,7 +178,7 @@ fn ome_zarr_keeps_spacings_and_the_first_voxels_place() {
     assert_eq!(names.len(), 3, "nothing is left behind: {names:?}");
 }
 
-/// A chunk is longer than the volume in some directions, and shorter in others.
+/// Chunks longer than the volume in some directions, and shorter in others.
 #[test]
 fn chunks_of_ome_zarr_are_filled_up() {
     let folder = tempfile::tempdir().unwrap();
@@ -228,7 +228,7 @@ fn segy_keeps_lines_coordinates_and_samples() {
     }
 }
 
-/// Of each voxel type, of a box, of a coarser level: what the headers say follows.
+/// For each voxel type, for a box, and for a coarser level, the headers are right.
 #[test]
 fn segy_of_boxes_levels_and_types() {
     let folder = tempfile::tempdir().unwrap();
@@ -260,7 +260,7 @@ fn segy_of_boxes_levels_and_types() {
     }
 }
 
-/// In as little memory as it says that it needs, and never in less.
+/// The smallest memory that the error names suffices; less does not.
 #[test]
 fn zarr_and_segy_in_little_memory() {
     let folder = tempfile::tempdir().unwrap();

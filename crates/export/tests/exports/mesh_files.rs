@@ -1,4 +1,4 @@
-//! Surfaces as meshes: closed across bricks, facing outwards, where they should be, in three formats.
+//! Meshes: closed across bricks, facing outwards, at the right place, in three formats.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -56,7 +56,7 @@ fn options(iso: f64) -> MeshOptions {
     MeshOptions { iso, lod: Lod(0), voxels: None, existing: Existing::Replace, memory_bytes: 64 << 20 }
 }
 
-/// Triangles of a mesh in any of the three formats.
+/// Triangles of a mesh file in any of the three formats.
 fn read(path: &Path) -> Vec<[DVec3; 3]> {
     let bytes = std::fs::read(path).unwrap();
     let f32_at = |at: usize| f64::from(f32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()));
@@ -97,7 +97,7 @@ fn read(path: &Path) -> Vec<[DVec3; 3]> {
     }
 }
 
-/// Whether each edge is as often walked one way as the other, corners being equal to the last bit.
+/// Whether each edge is used equally often in both directions, with corners compared by their bits.
 fn is_closed(triangles: &[[DVec3; 3]]) -> bool {
     let bits = |p: DVec3| p.to_array().map(|v| (v + 0.0).to_bits());
     let mut balance: HashMap<_, i64> = HashMap::new();
@@ -110,13 +110,13 @@ fn is_closed(triangles: &[[DVec3; 3]]) -> bool {
     balance.values().all(|n| *n == 0)
 }
 
-/// Volume enclosed by triangles that face outwards, and their area.
+/// Volume enclosed by triangles that face outwards, and their total area.
 fn volume_and_area(triangles: &[[DVec3; 3]]) -> (f64, f64) {
     let volume = triangles.iter().map(|[a, b, c]| a.dot(b.cross(*c)) / 6.0).sum();
     (volume, triangles.iter().map(|[a, b, c]| (b - a).cross(c - a).length() / 2.0).sum())
 }
 
-/// Noise inside, nothing at the border.
+/// Noise inside, zero at the border.
 fn noise([x, y, z]: [u64; 3]) -> f64 {
     let is_border = [x, y, z].iter().any(|i| *i == 0 || *i == N - 1);
     let hash = Random::new(x + (y << 20) + (z << 40)).next_u64();
@@ -126,7 +126,7 @@ fn noise([x, y, z]: [u64; 3]) -> f64 {
 #[test]
 fn noise_across_bricks_has_no_cracks() {
     let case = Case::new(VoxelType::U8, |_| (), noise);
-    // Between values, and at one of them, where edges end in one point.
+    // Isovalues between voxel values, and equal to one, where several edges end in one point.
     for iso in [100.5, 100.0] {
         for name in ["m.ply", "m.stl", "m.obj"] {
             let triangles = case.triangles(name, iso);
@@ -134,7 +134,7 @@ fn noise_across_bricks_has_no_cracks() {
             assert!(is_closed(&triangles), "{name} at {iso} has a crack");
         }
     }
-    // With little memory, in smaller boxes: the same triangles.
+    // Little memory gives smaller boxes, but the same triangles.
     let sorted = |triangles: Vec<[DVec3; 3]>| {
         let mut keys: Vec<_> = triangles.iter().map(|t| t.map(|p| p.to_array().map(f64::to_bits))).collect();
         keys.sort_unstable();
@@ -172,7 +172,7 @@ fn levels_boxes_holes_and_places_far_away() {
     let ball = |[x, y, z]: [u64; 3]| 10.0 - (DVec3::new(x as f64, y as f64, z as f64) - DVec3::splat(18.0)).length();
     let far = Geometry { origin: [432_000.0, 6_475_000.0, 0.0], ..Geometry::IDENTITY };
     let case = Case::new(VoxelType::F32, |info| info.geometry = far, ball);
-    // Single precision would put vertices half a metre apart.
+    // Single precision would place vertices half a metre apart.
     assert!(
         std::fs::read(case.write("far.ply", &options(0.0)).unwrap())
             .unwrap()
@@ -186,7 +186,7 @@ fn levels_boxes_holes_and_places_far_away() {
     let coarse = read(&case.write("coarse.ply", &MeshOptions { lod: Lod(1), ..options(0.0) }).unwrap());
     assert!(coarse.len() < triangles.len() / 3 && is_closed(&coarse));
     assert!(coarse.iter().flatten().all(|p| ((*p - middle).length() - 10.0).abs() < 0.3));
-    // Half of it.
+    // Half of the volume.
     let half = VoxelBox { start: [0; 3], end: [19, N, N] };
     let cut = read(&case.write("half.stl", &MeshOptions { voxels: Some(half), ..options(0.0) }).unwrap());
     assert!(!is_closed(&cut) && (cut.len() * 10).abs_diff(triangles.len() * 5) < triangles.len());
@@ -195,7 +195,7 @@ fn levels_boxes_holes_and_places_far_away() {
     let error = case.write("none.glb", &options(0.0)).unwrap_err();
     assert!(error.to_string().contains(".ply, .stl or .obj"), "{error}");
     assert!(!case.folder.path().join("none.obj").exists());
-    // Where voxels are absent there is no surface.
+    // There is no surface at absent voxels.
     let holes = Case::new(VoxelType::F32, |_| (), move |at| if at[0] < 18 { f64::NAN } else { ball(at) });
     let triangles = holes.triangles("holes.ply", 0.0);
     assert!(triangles.iter().flatten().all(|p| p.x >= 18.0) && !triangles.is_empty());

@@ -1,5 +1,5 @@
-//! Zstandard's compressors, their output, and its decompressor, kept by each thread from one call to the next: to prepare them takes longer
-//! than a small payload, and given back to the system their memory comes anew, page by page.
+//! Zstandard's compressors, their output buffer and its decompressor, kept per thread between calls. To prepare them
+//! takes longer than a small payload, and returned memory would come back from the system page by page.
 
 use std::cell::RefCell;
 use std::io;
@@ -7,30 +7,30 @@ use std::io;
 use zstd::bulk::{Compressor, Decompressor};
 use zstd::zstd_safe::{CParameter, ParamSwitch, compress_bound};
 
-/// Level of compression: 1 compresses at some 400 MB/s per core; 3 saves 2 to 4 % more at half the speed.
+/// Compression level: 1 compresses about 400 MB/s per core; 3 saves 2 to 4 % more bytes at half the speed.
 const LEVEL: i32 = 1;
 
-/// What a frame is made of.
+/// Contents of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Frames {
-    /// Matches with what stands before, and Huffman codes of the rest.
+    /// Matches with earlier bytes, and Huffman codes for the rest.
     Matches,
-    /// Huffman codes alone, as far as Zstandard can be kept from looking. A match of five tokens by chance takes more than their codes, and
-    /// longer to decode.
+    /// Huffman codes alone, as far as Zstandard can be kept from searching matches. A chance match of five tokens takes
+    /// more bytes than their codes, and longer to decode.
     Codes,
 }
 
 impl Frames {
     fn compressor(self) -> io::Result<Compressor<'static>> {
-        /// Bytes between two places where a match is looked for: as many as a block has.
+        /// Bytes between two positions at which matches are searched: the size of a block.
         const STRIDE: u32 = 128 << 10;
-        /// The smallest table of such places, 2 to the power of it.
+        /// Smallest table of such positions, as a power of two.
         const LEAST_TABLE: u32 = 6;
         let mut compressor = Compressor::new(LEVEL)?;
         if self == Self::Codes {
             compressor.set_parameter(CParameter::TargetLength(STRIDE))?;
             compressor.set_parameter(CParameter::HashLog(LEAST_TABLE))?;
-            // Who looks for no matches is taken to be in a hurry, and would get no codes either.
+            // With such a target length Zstandard would also leave the literals uncompressed.
             compressor.set_parameter(CParameter::LiteralCompressionMode(ParamSwitch::Enable))?;
         }
         Ok(compressor)
@@ -39,7 +39,7 @@ impl Frames {
 
 #[derive(Default)]
 struct Kept {
-    /// By [`Frames`].
+    /// Indexed by [`Frames`].
     compressors: [Option<Compressor<'static>>; 2],
     frame: Vec<u8>,
     decompressor: Option<Decompressor<'static>>,
@@ -49,10 +49,7 @@ thread_local! {
     static KEPT: RefCell<Kept> = RefCell::default();
 }
 
-/// Appends the frame that holds some bytes; its length.
-///
-/// # Errors
-/// If Zstandard cannot get memory.
+/// Compresses `bytes` to a frame and appends it to `out`; returns its length in bytes.
 pub(super) fn append_frame(frames: Frames, bytes: &[u8], out: &mut Vec<u8>) -> io::Result<usize> {
     KEPT.with_borrow_mut(|Kept { compressors, frame, .. }| {
         let compressor = match &mut compressors[frames as usize] {
@@ -67,10 +64,10 @@ pub(super) fn append_frame(frames: Frames, bytes: &[u8], out: &mut Vec<u8>) -> i
     })
 }
 
-/// Fills the beginning of a buffer with what a frame holds; how many bytes that is.
+/// Decompresses a frame into the beginning of `out`; returns the number of decompressed bytes.
 ///
 /// # Errors
-/// If the frame is damaged, or holds more than there is room for.
+/// If the frame is damaged, or its content is longer than `out`.
 pub(super) fn read_frame(frame: &[u8], out: &mut [u8]) -> io::Result<usize> {
     KEPT.with_borrow_mut(|Kept { decompressor, .. }| {
         let decompressor = match decompressor {

@@ -1,18 +1,18 @@
-//! Brick voxels to bytes and back.
+//! Codecs: encoding of brick voxels to bytes, and decoding.
 //!
-//! A codec sees the stored voxels of one brick (core and apron), little endian, x fastest, and nothing else. Decoders
-//! write into a caller's buffer of exactly the decoded size, trust nothing, and fail instead of overrunning. All codecs
-//! here are lossless: the decoded bytes are the encoded ones, bit for bit. Containers with a bounded error are made by
-//! moving voxels to multiples of a step before they are coded ([`quantize`]).
+//! A codec sees only the stored voxels of one brick (core and apron), little endian, x fastest. Decoders write into a
+//! caller's buffer of exactly the decoded size. They trust nothing and fail instead of overrunning. All codecs are
+//! lossless: the decoded bytes are the encoded ones, bit for bit. For containers with a bounded error, the voxels are
+//! moved to multiples of a step before encoding ([`quantize`]).
 //!
 //! | tag | codec | payload | when it wins |
 //! |---|---|---|---|
-//! | 0 | uniform | none: the value stands in the table of contents | one value everywhere, or no data at all |
+//! | 0 | uniform | none: the value is in the TOC entry | one value everywhere, or no data at all |
 //! | 1 | [`raw`] | the voxels as they are | noise |
 //! | 2 | [`rle`] | runs of equal voxels | labels, masks, sparse data |
 //! | 3 | [`zstd`] | predicted differences, byte planes, Zstandard | nearly everything else |
-//! | 4 | [`wavelet`] | multiples of a step, lifted or predicted, in tokens | whatever is measured: integers, floats that are few numbers of steps |
-//! | 5 | [`trimmed`] | one of raw, rle, zstd, without layers of apron that repeat | at the edges of a grid, above all of thin ones |
+//! | 4 | [`wavelet`] | multiples of a step, transformed | measured data: integers, and floats with a common step |
+//! | 5 | [`trimmed`] | raw, rle or zstd, without repeated layers of apron | edges of a grid, above all of a thin one |
 
 mod compressor;
 pub mod quantize;
@@ -27,7 +27,7 @@ use crate::VoxelType;
 use crate::voxel_type::Absence;
 use quantize::Quantizer;
 
-/// How a brick's payload is coded.
+/// Codec of a brick's payload.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum Codec {
@@ -39,23 +39,23 @@ pub enum Codec {
     Rle = 2,
     /// Predicted differences in byte planes, compressed by Zstandard.
     Zstd = 3,
-    /// Multiples of a step, transformed, in tokens, compressed by Zstandard.
+    /// Multiples of a step, transformed, as tokens, compressed by Zstandard.
     Wavelet = 4,
-    /// One of raw, rle and zstd, without layers of apron that repeat.
+    /// Raw, rle or zstd, without repeated layers of apron.
     Trimmed = 5,
 }
 
 impl Codec {
-    /// All of them.
+    /// All codecs, in tag order.
     pub const ALL: [Self; 6] = [Self::Uniform, Self::Raw, Self::Rle, Self::Zstd, Self::Wavelet, Self::Trimmed];
 
-    /// The codec of a tag, if this version knows it.
+    /// The codec with this tag, or `None` if this version does not know it.
     #[must_use]
     pub fn from_tag(tag: u8) -> Option<Self> {
         Self::ALL.into_iter().find(|c| *c as u8 == tag)
     }
 
-    /// Name as written on the command line and in reports.
+    /// Name, as on the command line and in reports.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -69,12 +69,12 @@ impl Codec {
     }
 }
 
-/// Shape and type of the voxels that a payload holds.
+/// Shape and type of the voxels of a payload.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct BrickShape {
     /// Type of one voxel.
     pub voxel_type: VoxelType,
-    /// Stored voxels along x, y, z.
+    /// Number of stored voxels along x, y, z.
     pub extent: [usize; 3],
 }
 
@@ -85,14 +85,14 @@ impl BrickShape {
         self.extent.iter().product()
     }
 
-    /// Bytes of the decoded voxels.
+    /// Size of the decoded voxels in bytes.
     #[must_use]
     pub fn bytes(self) -> usize {
         self.voxels() * self.voxel_type.bytes()
     }
 }
 
-/// Why a payload cannot be decoded.
+/// Reason why a payload cannot be encoded or decoded.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum CodecError {
@@ -112,19 +112,19 @@ pub enum CodecError {
     NoPayload { codec: &'static str },
 }
 
-/// Which codecs the writer may use.
+/// Codecs that the writer may use.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CodecChoice {
-    /// Whatever is smallest, brick by brick.
+    /// The codec with the smallest payload, chosen per brick.
     Smallest,
-    /// This codec for every brick that is not uniform; raw where it would make a brick larger. In place of wavelets, zstd
-    /// where voxels are no multiples of a step. Trimmed where rle or zstd would code layers of apron that repeat; where
-    /// it is asked for and none does, the smallest of raw, rle and zstd.
+    /// This codec for every brick that is not uniform, with three exceptions. A brick that would grow is stored raw.
+    /// Zstd replaces wavelet if the voxels are not multiples of a step. Trimmed replaces rle and zstd if layers of
+    /// apron repeat. Without such layers, trimmed means the smallest of raw, rle and zstd.
     Only(Codec),
 }
 
 impl CodecChoice {
-    /// Name as `--codec` has it.
+    /// Name, as for the option `--codec`.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -134,31 +134,31 @@ impl CodecChoice {
     }
 }
 
-/// What an encoder may do, and what it knows of the voxels beside their bytes.
+/// Options of the encoder, and facts about the voxels that their bytes do not tell.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Coding {
     /// Codecs that may be used.
     pub choice: CodecChoice,
-    /// Which voxels are holes.
+    /// Rule for absent voxels.
     pub absence: Absence,
-    /// What present voxels are multiples of; none if nobody has moved them.
+    /// Present voxels are multiples of this quantizer's step; `None` if they were not moved.
     pub quantizer: Option<Quantizer>,
 }
 
-/// Of voxels of which nothing else is known.
+/// Coding of voxels about which nothing else is known.
 impl From<CodecChoice> for Coding {
     fn from(choice: CodecChoice) -> Self {
         Self { choice, absence: Absence::NON_FINITE_ONLY, quantizer: None }
     }
 }
 
-/// Encodes the stored voxels of one brick.
+/// Encodes the stored voxels of one brick. Returns the codec used and the payload.
 ///
 /// # Errors
-/// If Zstandard fails, which means that it could not get memory.
+/// If Zstandard cannot get memory.
 ///
 /// # Panics
-/// If `voxels` is not as long as `shape` says, or the choice is [`Codec::Uniform`], which has no payload.
+/// If the length of `voxels` is not that of `shape`, or the choice is [`Codec::Uniform`], which has no payload.
 pub fn encode(coding: impl Into<Coding>, shape: BrickShape, voxels: &[u8]) -> Result<(Codec, Vec<u8>), CodecError> {
     assert_eq!(voxels.len(), shape.bytes(), "a brick of {:?} {} has other bytes", shape.extent, shape.voxel_type);
     let Coding { choice, absence, quantizer } = coding.into();
@@ -176,14 +176,14 @@ pub fn encode(coding: impl Into<Coding>, shape: BrickShape, voxels: &[u8]) -> Re
         },
         CodecChoice::Only(Codec::Trimmed) => without_repeats(shape, voxels, smallest_plain),
         CodecChoice::Smallest => {
-            // Ties go to the codec that decodes faster: all others before wavelets.
+            // On equal size the codec that decodes faster wins; wavelets decode slowest.
             let best = without_repeats(shape, voxels, smallest_plain)?;
             Ok(wavelet(best.1.len())?.map_or(best, |payload| (Codec::Wavelet, payload)))
         }
     }
 }
 
-/// Encodes what is left of a brick without layers of apron that repeat, or all of it where none does.
+/// Encodes a brick without its repeated layers of apron, or the whole brick if no layer repeats.
 fn without_repeats(
     shape: BrickShape,
     voxels: &[u8],
@@ -198,7 +198,7 @@ fn zstd_unless_larger(shape: BrickShape, voxels: &[u8]) -> Result<(Codec, Vec<u8
     Ok(unless_larger(Codec::Zstd, zstd::encode(shape, voxels)?, voxels))
 }
 
-/// The smallest of raw, rle and zstd; ties go to the one that decodes faster: raw before rle before zstd.
+/// The smallest of raw, rle and zstd. On equal size the one that decodes faster wins: raw before rle before zstd.
 fn smallest_plain(shape: BrickShape, voxels: &[u8]) -> Result<(Codec, Vec<u8>), CodecError> {
     let mut best = (Codec::Zstd, zstd::encode(shape, voxels)?);
     if let Some(payload) = rle::encode_if_smaller(shape, voxels, best.1.len()) {
@@ -210,18 +210,18 @@ fn smallest_plain(shape: BrickShape, voxels: &[u8]) -> Result<(Codec, Vec<u8>), 
     Ok(best)
 }
 
-/// The payload, or the voxels as they are where it is larger: no brick ever expands.
+/// The payload, or the raw voxels if the payload is larger: no brick ever expands.
 fn unless_larger(codec: Codec, payload: Vec<u8>, voxels: &[u8]) -> (Codec, Vec<u8>) {
     if payload.len() > voxels.len() { (Codec::Raw, voxels.to_vec()) } else { (codec, payload) }
 }
 
-/// Decodes a payload into `out`, which must have exactly the brick's bytes.
+/// Decodes a payload into `out`, whose length must be exactly that of the brick.
 ///
 /// # Errors
 /// If the payload is not one that [`encode`] makes for this shape.
 ///
 /// # Panics
-/// If `out` is not as long as `shape` says.
+/// If the length of `out` is not that of `shape`.
 pub fn decode_into(codec: Codec, shape: BrickShape, payload: &[u8], out: &mut [u8]) -> Result<(), CodecError> {
     assert_eq!(out.len(), shape.bytes(), "a brick of {:?} {} has other bytes", shape.extent, shape.voxel_type);
     match codec {
@@ -234,10 +234,10 @@ pub fn decode_into(codec: Codec, shape: BrickShape, payload: &[u8], out: &mut [u
     }
 }
 
-/// Fills `out` with the voxel of a uniform brick, whose bytes are the lowest of `fill`.
+/// Fills `out` with the voxel of a uniform brick; its bytes are the lowest of `fill`.
 pub fn decode_uniform(voxel_type: VoxelType, fill: u64, out: &mut [u8]) {
     let bytes = fill.to_le_bytes();
-    // Whole voxels are written as arrays, which the compiler turns into vectors.
+    // Voxels are written as arrays, so that the compiler vectorizes the loop.
     match voxel_type.bytes() {
         1 => out.fill(bytes[0]),
         2 => out.as_chunks_mut::<2>().0.fill([bytes[0], bytes[1]]),
@@ -302,7 +302,7 @@ mod tests {
             let shape = BrickShape { voxel_type: VoxelType::ALL[t], extent: [6, 5, 7] };
             let mut out = vec![0; shape.bytes()];
             let codec = Codec::from_tag(tag).expect("tags 1 to 5 are known");
-            // Whatever the answer, it must be an answer: no panic, no overrun.
+            // The result may be an error, but never a panic or an overrun.
             let _ = decode_into(codec, shape, &payload, &mut out);
         }
 

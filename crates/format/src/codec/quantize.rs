@@ -1,13 +1,14 @@
-//! Voxels as whole multiples of a step: what bounds the error of a container, and what [`super::wavelet`] transforms.
+//! Quantization: voxels as integer multiples of a step. It bounds the error of a container, and [`super::wavelet`]
+//! transforms the multiples.
 //!
-//! A voxel v has the index `i = round(v / step)`, ties to even, and the index stands for the voxel `i * step`, cut off at
-//! the limits of its type. [`Quantizer::snap`] goes there and back. It looks at one voxel and at nothing else, so
-//! that aprons repeat their neighbours' cores after it as before it, whatever codec comes behind; and doing it twice is
-//! doing it once.
+//! A voxel v has the index `i = round(v / step)`, ties to even. The index decodes to the voxel `i * step`, clamped to
+//! the limits of its type. [`Quantizer::snap`] encodes and decodes. It treats each voxel alone, so aprons still repeat
+//! their neighbours' cores afterwards, with any codec. Snapping twice equals snapping once.
 //!
-//! Steps made by [`Quantizer::within`] are odd whole numbers for integers, and have [`STEP_BITS`] significant bits for
-//! floats: there `i * step` is exact in the voxel's own type for all indices up to the limit, and nothing is off by more
-//! than half a step. What has a larger index, or would be taken for a hole, or is one, stays as it is.
+//! Steps from [`Quantizer::within`] are odd integers for integer types, and have [`STEP_BITS`] significant bits for
+//! floats. For them `i * step` is exact in the voxel's own type for all indices up to the limit. No voxel moves by more
+//! than half a step. Three kinds of voxels stay unchanged: those with a larger index, holes, and those that snapping
+//! would turn into holes.
 
 use std::marker::PhantomData;
 
@@ -15,25 +16,25 @@ use crate::vectors::{Vectorized, vectorized};
 use crate::voxel_type::{Absence, Voxel};
 use crate::{VoxelType, with_voxel};
 
-/// Significant bits of a float's step; the step is less than a sixteenth shorter than twice the error that is allowed.
+/// Significant bits of a float's step. The step is less than one sixteenth shorter than twice the allowed error.
 pub const STEP_BITS: u32 = 5;
-/// Greatest index of a single: its product with a step has the 24 bits that singles have.
+/// Greatest index of an f32 voxel: its product with a step fits the 24 significant bits of f32.
 const SINGLE_INDEX_LIMIT: i32 = 1 << 19;
-/// Greatest index of all other types: sums of a few in 32 bits do not overflow.
+/// Greatest index of all other types: sums of a few indices do not overflow 32 bits.
 const INDEX_LIMIT: i32 = 1 << 29;
 
-/// See the module.
+/// Quantizer with one step, see the module head.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Quantizer {
     step: f64,
 }
 
 impl Quantizer {
-    /// Whole numbers: integers stay what they are.
+    /// Step 1: integers stay unchanged.
     pub const WHOLE: Self = Self { step: 1.0 };
 
-    /// Multiples of this step; none unless it is positive and finite, and for integers a whole number no longer than all
-    /// of them are apart, twice over.
+    /// Quantizer with this step. `None` unless the step is positive and finite. For integer types it must also be a
+    /// whole number, at most twice the range of the type plus 1.
     #[must_use]
     pub fn new(voxel_type: VoxelType, step: f64) -> Option<Self> {
         let (least, greatest) = voxel_type.limits();
@@ -41,7 +42,8 @@ impl Quantizer {
         (step > 0.0 && step.is_finite() && (is_whole || voxel_type.is_float())).then_some(Self { step })
     }
 
-    /// The longest step that moves no voxel by more than `max_error`, stored units; none where that moves none.
+    /// Quantizer with the longest step that moves no voxel by more than `max_error` (stored units). `None` if even that
+    /// step would move no voxel.
     #[must_use]
     pub fn within(voxel_type: VoxelType, max_error: f64) -> Option<Self> {
         if !(max_error > 0.0 && max_error.is_finite()) {
@@ -49,7 +51,7 @@ impl Quantizer {
         }
         if !voxel_type.is_float() {
             let (least, greatest) = voxel_type.limits();
-            // No error is greater than all values are apart.
+            // An error beyond the range of the type has no further effect.
             let whole = max_error.min(greatest - least).floor();
             return (whole >= 1.0).then_some(Self { step: 2.0 * whole + 1.0 });
         }
@@ -59,44 +61,47 @@ impl Quantizer {
         Self::new(voxel_type, step).filter(|_| step >= least)
     }
 
-    /// Length of a step, stored units.
+    /// Length of the step in stored units.
     #[must_use]
     pub fn step(self) -> f64 {
         self.step
     }
 
-    /// Most by which a voxel moves, stored units.
+    /// Largest distance in stored units by which a voxel moves.
     #[must_use]
     pub fn bound(self, voxel_type: VoxelType) -> f64 {
         if voxel_type.is_float() { 0.5 * self.step } else { ((self.step - 1.0) / 2.0).max(0.0) }
     }
 
-    /// The index of a voxel; saturating.
+    /// Index of a voxel, saturating.
     #[inline(always)]
     #[must_use]
     pub fn index<V: Voxel>(self, voxel: V) -> i32 {
-        // A number of this size has no bits behind the point: a sum is rounded there, and its lowest bits are the whole number.
+        // A double of this size has no fraction bits: adding it rounds the sum to an integer, which is in the lowest
+        // bits.
         const ROUNDER: f64 = 1.5 * (1u64 << 52) as f64;
         if is_small(V::TYPE) && self.step % 2.0 == 1.0 {
-            // At least 1 / (2 step) from any tie, where singles are off by 2^-22 of the index.
+            // For an odd step the quotient is at least 1 / (2 step) away from any tie; f32 arithmetic is off by 2^-22
+            // of the index.
             return rounded(voxel.to_f64() as f32 * (1.0 / self.step as f32));
         }
         let steps = (voxel.to_f64() / self.step).max(f64::from(i32::MIN)).min(f64::from(i32::MAX));
         (steps + ROUNDER).to_bits() as i32
     }
 
-    /// The voxel that an index stands for.
+    /// Voxel of an index.
     #[inline(always)]
     #[must_use]
     pub fn voxel<V: Voxel>(self, index: i32) -> V {
         self.voxels::<V>()(index)
     }
 
-    /// The voxels that indices stand for. What is made of the step is made once: a division for every row of a brick takes longer than its
-    /// voxels do.
+    /// Function from indices to voxels. It computes once all that depends on the step alone: a division per row of a
+    /// brick would take longer than the row's voxels.
     #[inline(always)]
     pub(super) fn voxels<V: Voxel>(self) -> impl Fn(i32) -> V {
-        // No step of a small integer is longer than this; and what is cut off by the limit is beyond its own in any case.
+        // Steps of small integer types fit 32 bits. Indices beyond `limit` decode to values beyond the type's limits in
+        // any case.
         let step = self.step as i32;
         let limit = i32::MAX / step.max(1);
         move |index| {
@@ -112,7 +117,7 @@ impl Quantizer {
         }
     }
 
-    /// The index of a voxel, and whether that is exactly what its index stands for.
+    /// Index of a voxel, and whether decoding the index gives exactly this voxel.
     #[inline(always)]
     pub(super) fn indexed<V: Voxel>(self, voxel: V) -> (i32, bool) {
         let index = self.index(voxel);
@@ -124,7 +129,7 @@ impl Quantizer {
         (index, is_same & (index.unsigned_abs() <= INDEX_LIMIT as u32))
     }
 
-    /// The index of a voxel that is exactly what its index stands for.
+    /// Index of a voxel, or `None` if decoding the index does not give exactly this voxel.
     #[inline(always)]
     pub(super) fn exact_index<V: Voxel>(self, voxel: V) -> Option<i32> {
         let (index, is_exact) = self.indexed(voxel);
@@ -136,7 +141,7 @@ impl Quantizer {
         let index = self.index(voxel);
         let moved: V = self.voxel(index);
         if is_small(V::TYPE) && !absence.possible(V::TYPE) {
-            // All of them have a multiple near by, and none is a hole.
+            // These types have a multiple near every voxel, and no holes.
             return moved;
         }
         let limit = if V::TYPE == VoxelType::F32 { SINGLE_INDEX_LIMIT } else { INDEX_LIMIT };
@@ -146,17 +151,18 @@ impl Quantizer {
         if is_near & is_known & !is_hole { moved } else { voxel }
     }
 
-    /// Moves each voxel to the nearest multiple of the step; the greatest distance that one was moved, stored units.
+    /// Moves each voxel to the nearest multiple of the step. Returns the greatest distance that a voxel moved, in
+    /// stored units.
     ///
     /// # Panics
-    /// If the bytes are no whole number of voxels.
+    /// If the length of `voxels` is not a whole number of voxels.
     pub fn snap(self, voxel_type: VoxelType, absence: Absence, voxels: &mut [u8]) -> f64 {
         assert_eq!(voxels.len() % voxel_type.bytes(), 0, "{} bytes of {voxel_type} voxels", voxels.len());
         with_voxel!(voxel_type, V => vectorized(Snapping { quantizer: self, absence, voxels, typed: PhantomData::<V> }))
     }
 }
 
-/// The nearest whole number to one that is not beyond 2^22; written for vectors.
+/// Nearest integer to a number within +-2^22; written for vectors.
 #[inline(always)]
 fn rounded(number: f32) -> i32 {
     /// As in [`Quantizer::index`].
@@ -164,12 +170,12 @@ fn rounded(number: f32) -> i32 {
     (number + ROUNDER).to_bits().wrapping_sub(ROUNDER.to_bits()) as i32
 }
 
-/// Whether singles hold all voxels of a type, which are whole numbers.
+/// Whether f32 holds all values of an integer type.
 fn is_small(voxel_type: VoxelType) -> bool {
     !voxel_type.is_float() && voxel_type.bytes() < 4
 }
 
-/// See [`Quantizer::snap`].
+/// Task of [`Quantizer::snap`].
 struct Snapping<'a, V> {
     quantizer: Quantizer,
     absence: Absence,
@@ -183,8 +189,8 @@ impl<V: Voxel> Vectorized for Snapping<'_, V> {
     #[inline(always)]
     fn run(self) -> f64 {
         let Self { quantizer, absence, voxels, .. } = self;
-        // Of whole numbers, or of the bits of doubles that are not negative, which are ordered as these are: the greatest of either is
-        // what vectors find.
+        // The greatest distance, as an integer, or as the bits of a non-negative double, which have the same order as
+        // the doubles. Vector instructions find the maximum of integers.
         let (mut whole, mut bits) = (0, 0);
         for bytes in voxels.chunks_exact_mut(size_of::<V>()) {
             let voxel = V::read_le(bytes);
@@ -195,7 +201,7 @@ impl<V: Voxel> Vectorized for Snapping<'_, V> {
                 whole = whole.max((from - to).abs());
             } else {
                 let by = (moved.to_f64() - voxel.to_f64()).abs();
-                // What stays as it is may be no number.
+                // A voxel that stays as it is may be NaN.
                 bits = bits.max(if by > 0.0 { by.to_bits() } else { 0 });
             }
         }
@@ -203,8 +209,8 @@ impl<V: Voxel> Vectorized for Snapping<'_, V> {
     }
 }
 
-/// The longest step that all present voxels are whole multiples of: for integers their greatest common divisor, for floats the longest
-/// power of two. None where indices would be too large for it.
+/// Quantizer with the longest common step of all present voxels: for integers their greatest common divisor, for floats
+/// the longest power of two. `None` if indices would be too large.
 pub(crate) fn common_step<V: Voxel>(voxels: &[V], absence: Absence) -> Option<Quantizer> {
     if !V::TYPE.is_float() {
         return Some(common_divisor(voxels, absence));
@@ -220,7 +226,7 @@ pub(crate) fn common_step<V: Voxel>(voxels: &[V], absence: Absence) -> Option<Qu
             limit = f64::from(INDEX_LIMIT) * 2f64.powi(lowest);
         }
         greatest = greatest.max(value.abs());
-        // Most fields of floats are no multiples of anything: a few voxels show it.
+        // Most float fields have no common step; a few voxels show it.
         if greatest > limit {
             return None;
         }
@@ -228,7 +234,8 @@ pub(crate) fn common_step<V: Voxel>(voxels: &[V], absence: Absence) -> Option<Qu
     Quantizer::new(V::TYPE, if lowest_bit == i32::MAX { 1.0 } else { 2f64.powi(lowest_bit) })
 }
 
-/// The greatest common divisor of all present voxels, which are whole numbers of at most 32 bits; of most fields, a few say that it is 1.
+/// Quantizer with the greatest common divisor of all present voxels, which are integers of at most 32 bits. In most
+/// fields it is 1 after a few voxels.
 fn common_divisor<V: Voxel>(voxels: &[V], absence: Absence) -> Quantizer {
     let holes_possible = absence.possible(V::TYPE);
     let mut divisor = 0u32;
@@ -278,7 +285,7 @@ mod tests {
         }
     }
 
-    /// In singles as in doubles.
+    /// The f32 path and the f64 path agree.
     #[test]
     fn small_integers_go_to_the_nearest_multiple() {
         for step in (1..=255).step_by(2).chain([1001, 21_845, 32_767, 65_535, 131_071]) {
@@ -366,7 +373,7 @@ mod tests {
             if value.is_finite() {
                 prop_assert!((f64::from(moved) - f64::from(value)).abs() <= by);
                 prop_assert_eq!(snap_one(quantizer, moved, NO_HOLES), (moved, 0.0));
-                // Within the limit all is a multiple, and its index says so.
+                // Within the limit every voxel is a multiple, and its index decodes to it.
                 if f64::from(value).abs() < quantizer.step() * f64::from(SINGLE_INDEX_LIMIT - 1) {
                     prop_assert_eq!(quantizer.exact_index(moved).map(|i| quantizer.voxel::<f32>(i)), Some(moved));
                 }

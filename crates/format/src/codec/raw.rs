@@ -1,11 +1,11 @@
-//! The voxels as they are: little endian, packed, x fastest.
+//! The voxels without compression: little endian, packed, x fastest.
 
 use super::CodecError;
 
 /// Copies the payload into `out`.
 ///
 /// # Errors
-/// If the payload has another length.
+/// If their lengths differ.
 pub fn decode_into(payload: &[u8], out: &mut [u8]) -> Result<(), CodecError> {
     if payload.len() != out.len() {
         return Err(CodecError::Length { codec: "raw", expected: out.len().to_string(), found: payload.len() });

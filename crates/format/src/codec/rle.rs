@@ -1,19 +1,19 @@
 //! Runs of equal voxels.
 //!
-//! The payload is a list of tokens. A token begins with a variable-length number t (7 bits a byte, low bits first, top
-//! bit set on all but the last byte, at most 5 bytes):
+//! The payload is a list of tokens. A token begins with a number t of variable length: 7 bits per byte, low bits first,
+//! at most 5 bytes. The top bit is set on all bytes but the last. Its meaning:
 //!
-//! | t | what follows | meaning |
+//! | t | followed by | meaning |
 //! |---|---|---|
 //! | even | one voxel | that voxel `t/2 + 1` times |
 //! | odd | `(t+1)/2` voxels | those voxels, once each |
 //!
-//! Runs cross rows. Voxels are compared by their bits, so that NaNs with other payloads and -0.0 survive. A voxel
-//! string without any run costs one token of at most 5 bytes: an expansion below 1 % for bricks of any useful size.
+//! Runs cross rows. Voxels are compared by their bits, so that -0.0 and the payloads of NaNs survive. Voxels without
+//! any run cost one token of at most 5 bytes: an expansion below 1 % for bricks of any useful size.
 
 use super::{BrickShape, CodecError};
 
-/// A run must save more than the two tokens it may add around it.
+/// Shortest run that is coded as one: it must save more than the two tokens that it may add around it.
 fn shortest_run(voxel_bytes: usize) -> usize {
     if voxel_bytes == 1 { 8 } else { 4 }
 }
@@ -24,10 +24,10 @@ pub fn encode(shape: BrickShape, voxels: &[u8]) -> Vec<u8> {
     encode_if_smaller(shape, voxels, usize::MAX).expect("no payload is longer than usize::MAX")
 }
 
-/// As [`encode`], but gives up as soon as the payload is not smaller than `limit` bytes.
+/// As [`encode`], but returns `None` as soon as the payload is not smaller than `limit` bytes.
 #[must_use]
 pub fn encode_if_smaller(shape: BrickShape, voxels: &[u8], limit: usize) -> Option<Vec<u8>> {
-    // Whole voxels are compared as arrays, which the compiler turns into single machine words.
+    // Voxels are compared as arrays, so that the compiler uses single machine words.
     match shape.voxel_type.bytes() {
         1 => encode_voxels(voxels.as_chunks::<1>().0, limit),
         2 => encode_voxels(voxels.as_chunks::<2>().0, limit),
@@ -36,11 +36,11 @@ pub fn encode_if_smaller(shape: BrickShape, voxels: &[u8], limit: usize) -> Opti
     }
 }
 
-/// No payload of these voxels takes fewer bytes. A run of r voxels holds r + 1 - w windows of w equal ones, and r is at least that of the
-/// [`shortest_run`]; voxels that lie in no run stand in the payload as they are.
+/// Lower bound of the payload's bytes. Voxels outside runs are copied to the payload. The bound on those inside counts
+/// windows of w equal voxels. A run of r voxels holds r + 1 - w of them, and r is at least [`shortest_run`].
 fn least_bytes<const SIZE: usize>(voxels: &[[u8; SIZE]]) -> usize {
     const WINDOW: usize = 3;
-    // A byte holds their number, and a vector the most bytes.
+    // A u8 holds the count of so many windows, and a vector register most u8 lanes.
     const AT_ONCE: usize = 128;
     let from = |place: usize| voxels.get(place..).unwrap_or_default().chunks(AT_ONCE);
     let windows = from(0).zip(from(1)).zip(from(2)).map(|((a, b), c)| {
@@ -91,7 +91,7 @@ fn push_number(out: &mut Vec<u8>, mut t: usize) {
     out.push(t as u8);
 }
 
-/// Takes a number, of at most 5 bytes, off a payload.
+/// Reads a number of at most 5 bytes from the payload and advances it.
 #[inline(always)]
 fn take_number(payload: &mut &[u8]) -> Option<usize> {
     let mut t = 0u64;
@@ -106,10 +106,10 @@ fn take_number(payload: &mut &[u8]) -> Option<usize> {
     None
 }
 
-/// Decodes into a buffer of exactly the brick's bytes.
+/// Decodes into a buffer of exactly the brick's size.
 ///
 /// # Errors
-/// If a token is cut short, or the tokens hold fewer or more voxels than the brick.
+/// If a token is truncated, or the tokens hold fewer or more voxels than the brick.
 pub fn decode_into(shape: BrickShape, payload: &[u8], out: &mut [u8]) -> Result<(), CodecError> {
     match shape.voxel_type.bytes() {
         1 => decode_voxels(payload, out.as_chunks_mut::<1>().0),
@@ -119,8 +119,8 @@ pub fn decode_into(shape: BrickShape, payload: &[u8], out: &mut [u8]) -> Result<
     }
 }
 
-/// Voxels that are written for any shorter token, where there is room: what is too much the next token writes over. That costs less than
-/// to end where the token does.
+/// Voxels that are written for any shorter token, if there is room. The next token overwrites the surplus. A copy of
+/// fixed length costs less than one of the token's length.
 const AT_ONCE: usize = 16;
 
 fn decode_voxels<const SIZE: usize>(payload: &[u8], out: &mut [[u8; SIZE]]) -> Result<(), CodecError> {
@@ -198,7 +198,7 @@ mod tests {
         let mut random = Random::new(3);
         let mut tight = 0;
         for case in 0..400 {
-            // Runs of few lengths, some just long enough.
+            // Runs of few different lengths, some just long enough to be coded.
             let longest = 1 + case % 12;
             let mut voxels: Vec<[u8; 2]> = Vec::new();
             while voxels.len() < 300 {

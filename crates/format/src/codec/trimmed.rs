@@ -1,8 +1,13 @@
-//! The voxels of a brick without layers of apron that repeat, by another codec: [`raw`], [`rle`] or [`zstd`].
+//! The voxels of a brick without repeated layers of apron, coded by another codec: [`raw`], [`rle`] or [`zstd`].
 //!
-//! Payload: one byte, bits 0 to 5: the two layers of apron at the low end of x, its high end, that of y, ... repeat the voxels before
-//! them and are not coded (one of them at least); one byte, the tag of the codec (1, 2 or 3); its payload of the voxels that are left,
-//! x fastest. Wavelets ([`super::wavelet`]) leave such layers out by themselves.
+//! Payload:
+//! 1. One byte; bits 0 to 5 stand for the low end of x, the high end of x, the low end of y, ... A set bit means that
+//!    both layers of apron at this end repeat the outermost layer of the core and are not coded. At least one bit is
+//!    set.
+//! 2. One byte: the tag of the other codec (1, 2 or 3).
+//! 3. The other codec's payload of the remaining voxels, x fastest.
+//!
+//! The wavelet codec ([`super::wavelet`]) leaves out repeated layers itself.
 
 use super::repeats::{Places, Repeats};
 use super::{BrickShape, Codec, CodecError, raw, rle, zstd};
@@ -10,7 +15,7 @@ use super::{BrickShape, Codec, CodecError, raw, rle, zstd};
 /// Bytes before the payload of the other codec.
 pub(super) const HEAD_BYTES: usize = 2;
 
-/// The voxels that are left, and their shape, with the first byte of the payload; none where no layer repeats.
+/// First byte of the payload, and shape and bytes of the remaining voxels. `None` if no layer repeats.
 pub(super) fn trim(shape: BrickShape, voxels: &[u8]) -> Option<(u8, BrickShape, Vec<u8>)> {
     let size = shape.voxel_type.bytes();
     let repeats = match size {
@@ -34,15 +39,15 @@ pub(super) fn trim(shape: BrickShape, voxels: &[u8]) -> Option<(u8, BrickShape, 
     Some((repeats.bits(), left, out))
 }
 
-/// The payload of this module around that of another codec.
+/// Payload of this codec around the payload of another codec.
 pub(super) fn wrap(bits: u8, codec: Codec, payload: &[u8]) -> Vec<u8> {
     [&[bits, codec as u8], payload].concat()
 }
 
-/// Decodes into a buffer of exactly the brick's bytes.
+/// Decodes into a buffer of exactly the brick's size.
 ///
 /// # Errors
-/// If the payload is none that [`super::encode`] makes for this shape.
+/// If the payload is not one that [`super::encode`] makes for this shape.
 pub fn decode_into(shape: BrickShape, payload: &[u8], out: &mut [u8]) -> Result<(), CodecError> {
     let wrong = |reason: String| CodecError::Trimmed { reason };
     let Some((&[bits, tag], inner)) = payload.split_first_chunk::<HEAD_BYTES>() else {
@@ -64,11 +69,11 @@ pub fn decode_into(shape: BrickShape, payload: &[u8], out: &mut [u8]) -> Result<
     Ok(())
 }
 
-/// Moves the voxels at the beginning of a buffer to their places, and repeats them.
+/// Moves the coded voxels from the beginning of the buffer to their positions, and repeats them.
 ///
-/// The last row comes first: row r is made of coded row s(r) <= r, which lies at or before it since coded rows are no longer than
-/// the brick's; what later steps read, coded rows up to s(r - 1) <= r - 1, ends at or before the row's beginning, so that nothing is
-/// overwritten that is still needed.
+/// The loop starts with the last row. Row r is made of coded row s(r) <= r. That lies at or before row r, because coded
+/// rows are no longer than those of the brick. Later steps read coded rows up to s(r - 1) <= r - 1. These end at or
+/// before the beginning of row r, so no step overwrites voxels that a later step reads.
 fn spread(places: &Places, size: usize, out: &mut [u8]) {
     let row_bytes = places.extent[0] * size;
     let coded_bytes = places.coded[0] * size;
@@ -86,7 +91,7 @@ mod tests {
     use super::*;
     use crate::VoxelType;
 
-    /// Voxels by their places, of which apron layers repeat where `clamp` says so.
+    /// Brick whose voxels are computed from their positions. Layers of apron repeat at the ends that `clamp` selects.
     fn brick(shape: BrickShape, clamp: [[bool; 2]; 3], value: impl Fn([usize; 3]) -> u64) -> Vec<u8> {
         let [nx, ny, _] = shape.extent;
         let place = |i: usize| {
@@ -174,7 +179,7 @@ mod tests {
         let mut voxels = [7; 125];
         voxels[62] = 8;
         assert_eq!(trim(shape, &voxels), None, "the middle stands alone");
-        // Along x everything repeats the middle column; 25 voxels are left.
+        // Along x every voxel repeats the middle column; 25 voxels remain.
         let voxels: Vec<u8> = (0..125).map(|i| (i / 5) as u8).collect();
         let (bits, left, trimmed) = trim(shape, &voxels).expect("x repeats");
         assert_eq!((bits, left.extent, trimmed.len()), (0b11, [1, 5, 5], 25));

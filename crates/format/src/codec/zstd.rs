@@ -1,14 +1,14 @@
 //! Predicted differences in byte planes, compressed by Zstandard.
 //!
-//! Payload: one byte that names the predictor, then one Zstandard frame whose content has exactly the brick's bytes.
-//! The content is made in three lossless steps, undone in reverse when decoding:
+//! Payload: one byte for the predictor, then one Zstandard frame whose content has exactly the brick's size. The
+//! content is made in three lossless steps; decoding reverses them:
 //!
-//! 1. *Predict.* Voxels are taken as unsigned integers of their size (floats by their bits), and each is replaced by
-//!    its difference, modulo 2^bits, from the prediction: `Predictor::None` 0; `Predictor::Left` the voxel at x-1
-//!    (at x = 0: the voxel at y-1, there z-1, there 0).
-//! 2. *Zigzag* (predicted voxels only): the difference d, taken as signed, becomes `2d` or `-2d-1`, so that small
-//!    differences of either sign have zero high bytes.
-//! 3. *Byte planes*: all lowest bytes, then all second bytes, and so on; nothing to do for one-byte voxels.
+//! 1. *Predict.* Voxels are taken as unsigned integers of their size (floats by their bits). Each is replaced by its
+//!    difference, modulo 2^bits, from the prediction. `Predictor::None` predicts 0. `Predictor::Left` predicts the
+//!    voxel at x-1 (at x = 0: the voxel at y-1, there z-1, there 0).
+//! 2. *Zigzag* (predicted voxels only): the difference d, taken as signed, becomes `2d` or `-2d-1`. Small differences
+//!    of either sign then have zero high bytes.
+//! 3. *Byte planes*: all lowest bytes, then all second bytes, and so on; one-byte voxels have a single plane.
 
 use std::borrow::Cow;
 
@@ -16,23 +16,23 @@ use super::compressor::{Frames, append_frame, read_frame};
 use super::{BrickShape, CodecError};
 use crate::vectors::{Vectorized, vectorized};
 
-/// What a voxel is predicted from.
+/// Prediction of a voxel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 enum Predictor {
-    /// Nothing: labels and palettes, where differences mean nothing.
+    /// No prediction: for labels and palettes, whose differences have no meaning.
     None = 0,
-    /// The voxel before it in the row.
+    /// The previous voxel of the row.
     Left = 1,
 }
 
-/// An unsigned integer of a voxel's size.
+/// Unsigned integer of a voxel's size.
 trait Word: bytemuck::Pod + Into<u64> {
     fn sub(self, other: Self) -> Self;
     fn add(self, other: Self) -> Self;
     fn zigzag(self) -> Self;
     fn unzigzag(self) -> Self;
-    /// Bits of the number: a measure of what it costs to store.
+    /// Number of significant bits: an estimate of the storage cost.
     fn cost(self) -> u32;
 }
 
@@ -67,7 +67,7 @@ word!(u16, i16);
 word!(u32, i32);
 word!(u64, i64);
 
-/// Runs a generic function for the word of a voxel's size.
+/// Evaluates an expression with the integer type of a voxel's size.
 macro_rules! with_word {
     ($bytes:expr, $w:ident => $body:expr) => {
         match $bytes {
@@ -105,19 +105,19 @@ pub fn encode(shape: BrickShape, voxels: &[u8]) -> Result<Vec<u8>, CodecError> {
     })
 }
 
-/// The payload of words that are predicted.
+/// Payload of words after prediction.
 fn compress<W: Word>(predictor: Predictor, words: &[W]) -> Result<Vec<u8>, CodecError> {
-    // One byte each is one plane.
+    // One-byte words are one plane already.
     let planes = if size_of::<W>() == 1 { Cow::Borrowed(bytemuck::cast_slice(words)) } else { to_planes(words).into() };
     let mut payload = vec![predictor as u8];
     append_frame(Frames::Matches, &planes, &mut payload).map_err(|e| CodecError::Zstd { reason: e.to_string() })?;
     Ok(payload)
 }
 
-/// Decodes into a buffer of exactly the brick's bytes.
+/// Decodes into a buffer of exactly the brick's size.
 ///
 /// # Errors
-/// If the predictor is unknown, the frame damaged, or its content not exactly as long as the brick.
+/// If the predictor is unknown, the frame is damaged, or its content has not exactly the brick's size.
 pub fn decode_into(shape: BrickShape, payload: &[u8], out: &mut [u8]) -> Result<(), CodecError> {
     let fail = |reason: String| CodecError::Zstd { reason };
     let (&tag, frame) = payload.split_first().ok_or_else(|| fail("empty; expected a predictor byte".into()))?;
@@ -143,7 +143,7 @@ pub fn decode_into(shape: BrickShape, payload: &[u8], out: &mut [u8]) -> Result<
     Ok(())
 }
 
-/// Little-endian bytes as words of this machine; the same bytes, where they lie as words do.
+/// Little-endian bytes as words of this machine; without a copy if the bytes are aligned like words.
 fn to_words<W: Word>(bytes: &[u8]) -> Cow<'_, [W]> {
     if cfg!(target_endian = "little")
         && let Ok(words) = bytemuck::try_cast_slice(bytes)
@@ -159,7 +159,7 @@ fn to_words<W: Word>(bytes: &[u8]) -> Cow<'_, [W]> {
     words.into()
 }
 
-/// Left, unless the differences of every 16th row are no cheaper to store than the voxels themselves.
+/// `Left`, unless the differences of every 16th row take as many bits as the voxels themselves.
 fn choose_predictor<W: Word>(words: &[W], row: usize) -> Predictor {
     let (mut plain, mut predicted) = (0u64, 0u64);
     for row in words.chunks_exact(row).step_by(16) {
@@ -170,14 +170,14 @@ fn choose_predictor<W: Word>(words: &[W], row: usize) -> Predictor {
     if predicted < plain { Predictor::Left } else { Predictor::None }
 }
 
-/// Step 1 and 2: zigzag differences from the voxel on the left.
+/// Steps 1 and 2: zigzag differences from the previous voxel of the row.
 fn differences<W: Word>(words: &[W], extent: [usize; 3]) -> Vec<W> {
     let mut out = vec![W::zeroed(); words.len()];
     vectorized(Differences { words, extent, out: &mut out });
     out
 }
 
-/// See [`differences`].
+/// Task of [`differences`].
 struct Differences<'a, W> {
     words: &'a [W],
     extent: [usize; 3],
@@ -200,7 +200,7 @@ impl<W: Word> Vectorized for Differences<'_, W> {
     }
 }
 
-/// Undoes [`differences`] in place.
+/// Reverses [`differences`] in place.
 fn undo_differences<W: Word>(words: &mut [W], extent: [usize; 3]) {
     for start in (0..words.len()).step_by(extent[0]) {
         let mut previous = above(words, start, extent);
@@ -211,7 +211,7 @@ fn undo_differences<W: Word>(words: &mut [W], extent: [usize; 3]) {
     }
 }
 
-/// What the first voxel of a row is predicted from: the row's neighbour at y-1, else z-1, else 0.
+/// Prediction of the first voxel of a row: the first voxel of the row at y-1, else z-1, else 0.
 fn above<W: Word>(words: &[W], row_start: usize, extent: [usize; 3]) -> W {
     let y = row_start / extent[0] % extent[1];
     let back = if y > 0 { extent[0] } else { extent[0] * extent[1] };
@@ -227,7 +227,7 @@ fn to_planes<W: Word>(words: &[W]) -> Vec<u8> {
     planes
 }
 
-/// Undoes [`to_planes`].
+/// Reverses [`to_planes`].
 fn from_planes<W: Word>(planes: &[u8]) -> Vec<W> {
     let n = planes.len() / size_of::<W>();
     let mut bytes = vec![W::zeroed(); n];

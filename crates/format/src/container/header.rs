@@ -1,4 +1,4 @@
-//! The header and footer page: one layout, see the table in [`super`].
+//! The header and footer page. Both have the layout of the table in [`super`].
 
 use super::{ContainerError, checksum};
 use crate::brick::{APRON, MACRO_CELL};
@@ -6,17 +6,18 @@ use crate::codec::quantize::Quantizer;
 use crate::voxel_type::Absence;
 use crate::{BrickLayout, Dims, Geometry, Lod, Pyramid, VoxelType};
 
-/// First bytes of every container. The high bit and the line ends catch transfers in text mode.
+/// First bytes of every container. A transfer in text mode damages the high bit or the line ends.
 pub const MAGIC: [u8; 8] = *b"\x89SVOL\r\n\x1a";
-/// The versions that this program reads; it writes the last.
+/// Versions that this program reads; it writes the last one.
 pub const VERSIONS: std::ops::RangeInclusive<u32> = 1..=VERSION;
-/// The version that is written: what a TOC's last page does not use is left out, and voxels may have been moved.
+/// Version that this program writes. The last TOC page is cut, and voxels may be moved.
 pub const VERSION: u32 = 3;
-/// The version of containers whose voxels are the source's own, bit for bit; all pages of the TOC are whole.
+/// Version with the source's own voxels, bit for bit, and a whole last TOC page.
 pub const VERSION_EXACT: u32 = 1;
-/// The same, but for voxels that have been moved ([`Descriptor::quantizer`]): readers of version 1 would take them for exact.
+/// Version with moved voxels ([`Descriptor::quantizer`]) and a whole last TOC page. Its own number keeps readers of
+/// version 1 from taking the voxels for exact.
 pub const VERSION_QUANTIZED: u32 = 2;
-/// Bytes of the header page and of the footer page.
+/// Size of the header page and of the footer page.
 pub const PAGE_BYTES: usize = 4096;
 
 const FLAG_NODATA: u32 = 1;
@@ -27,34 +28,35 @@ const STEP_AT: usize = 440;
 const RESERVED_AT: usize = 448;
 const CHECKSUM_AT: usize = PAGE_BYTES - 8;
 
-/// What a container holds: all that is needed to find, decode and place its bricks.
+/// Description of a container: all that is needed to find, decode and place its bricks.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Descriptor {
     /// Type of the stored voxels.
     pub voxel_type: VoxelType,
     /// Levels and bricks.
     pub pyramid: Pyramid,
-    /// Place in the world.
+    /// Placement of the grid in the world.
     pub geometry: Geometry,
-    /// Value = stored * scale + offset.
+    /// Data value = stored * scale + offset.
     pub scale: f64,
-    /// See `scale`.
+    /// Offset of the data values, see `scale`.
     pub offset: f64,
-    /// Which stored values are holes.
+    /// Rule for absent voxels.
     pub absence: Absence,
-    /// What the voxels of all levels were moved to multiples of; none where those of level 0 are the source's own.
+    /// The voxels of all levels are moved to multiples of this quantizer's step. `None` if the voxels of level 0 are
+    /// the source's own.
     pub quantizer: Option<Quantizer>,
 }
 
 impl Descriptor {
-    /// Voxels of level 0.
+    /// Size of level 0 in voxels.
     #[must_use]
     pub fn dims(&self) -> Dims {
         self.pyramid.level_at(Lod::FINEST).dims
     }
 
-    /// Most by which a voxel of level 0 is off its source's, and one of a coarser level off what it stands for; stored
-    /// units.
+    /// Largest distance, in stored units, by which quantizing moves a voxel: at level 0 from the source's voxel, at
+    /// coarser levels from the downsampled value.
     #[must_use]
     pub fn voxel_error(&self) -> f64 {
         self.quantizer.map_or(0.0, |quantizer| quantizer.bound(self.voxel_type))
@@ -67,16 +69,16 @@ impl Descriptor {
     }
 }
 
-/// Where the sections behind the bricks lie; all zero in the header page.
+/// Positions of the sections behind the bricks; all zero in the header page.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Sections {
-    /// Offset of the TOC, bytes; the end of the brick records.
+    /// Offset of the TOC in bytes, which is the end of the brick records.
     pub toc_offset: u64,
-    /// Length of the TOC, bytes.
+    /// Length of the TOC in bytes.
     pub toc_bytes: u64,
-    /// Offset of the manifest, bytes.
+    /// Offset of the manifest in bytes.
     pub manifest_offset: u64,
-    /// Length of the manifest, bytes.
+    /// Length of the manifest in bytes.
     pub manifest_bytes: u64,
     /// Checksum of the manifest.
     pub manifest_checksum: u64,
@@ -108,7 +110,7 @@ fn f64s_at<const N: usize>(page: &[u8], at: usize) -> [f64; N] {
     std::array::from_fn(|i| f64_at(page, at + 8 * i))
 }
 
-/// Writes a page.
+/// Encodes a page.
 #[must_use]
 pub fn encode(descriptor: &Descriptor, sections: Sections) -> Vec<u8> {
     let mut page = vec![0; PAGE_BYTES];
@@ -155,10 +157,10 @@ pub fn encode(descriptor: &Descriptor, sections: Sections) -> Vec<u8> {
     page
 }
 
-/// Compares the first bytes of a page, or of a file, with those of a container.
+/// Compares the first bytes of a page, or of a file, with [`MAGIC`].
 ///
 /// # Errors
-/// If they are those of something else.
+/// If they differ.
 pub(super) fn check_magic(start: &[u8], what: &str, offset: u64) -> Result<(), ContainerError> {
     if start == MAGIC {
         return Ok(());
@@ -167,16 +169,16 @@ pub(super) fn check_magic(start: &[u8], what: &str, offset: u64) -> Result<(), C
     Err(ContainerError::Magic { what: what.into(), offset, expected, found })
 }
 
-/// The version of a page that [`decode`] has accepted.
+/// Version number in a page that [`decode`] has accepted.
 #[must_use]
 pub fn version_of(page: &[u8; PAGE_BYTES]) -> u32 {
     u32_at(page, VERSION_AT)
 }
 
-/// Reads a page. `offset` is where it lies in the file, for messages.
+/// Decodes a page. `offset` is its position in the file and `what` its name, for messages.
 ///
 /// # Errors
-/// If it is no page of this version, is damaged, or describes no possible container.
+/// If the page is not of a known version, is damaged, or describes an impossible container.
 pub fn decode(page: &[u8; PAGE_BYTES], what: &str, offset: u64) -> Result<(Descriptor, Sections), ContainerError> {
     let invalid = |at: usize, field: &str, expected: &dyn std::fmt::Display, found: &dyn std::fmt::Display| {
         ContainerError::invalid(format!("{what}: {field}"), offset + at as u64, expected, found)
@@ -230,7 +232,7 @@ pub fn decode(page: &[u8; PAGE_BYTES], what: &str, offset: u64) -> Result<(Descr
     Ok((descriptor, Sections { toc_offset, toc_bytes, manifest_offset, manifest_bytes, manifest_checksum }))
 }
 
-/// What voxels are multiples of; an error says what was expected.
+/// Decodes the quantizer's step. An error says what was expected.
 fn quantizer_at(page: &[u8], version: u32, voxel_type: VoxelType) -> Result<Option<Quantizer>, &'static str> {
     let is_none = u64_at(page, STEP_AT) == 0;
     let step = || Quantizer::new(voxel_type, f64_at(page, STEP_AT)).map(Some);
@@ -242,7 +244,7 @@ fn quantizer_at(page: &[u8], version: u32, voxel_type: VoxelType) -> Result<Opti
     }
 }
 
-/// The factors of levels 1 and up; an error names the offset and the bytes that are wrong.
+/// Decodes the factors of levels 1 and up. An error holds the offset in the page and the wrong bytes.
 fn factors_at(page: &[u8], levels: u32) -> Result<Vec<[u32; 3]>, (usize, String)> {
     let wrong = |at: usize| (at, format!("{:?} with {levels} levels", &page[at..at + 3]));
     if !(1..=Lod::LIMIT as u32).contains(&levels) {
@@ -312,7 +314,7 @@ mod tests {
         assert!(matches!(with(&quantized(), 4, 7.0), Err(ContainerError::Version { found: 4, known: 3 })));
     }
 
-    /// The table in the module head is the specification: every field must stand where it says.
+    /// The table in the module head is the specification: every field must have the offset given there.
     #[test]
     fn the_specification_s_offsets_hold() {
         let page = encode(

@@ -1,5 +1,5 @@
-//! What the data is and where it came from: JSON at the tail of a container. No dates, no paths, no host names: the
-//! same input and options must give the same bytes.
+//! The manifest: a description of the data and its origin, in JSON near the end of a container. It holds no dates,
+//! paths or host names, so that the same input and options give the same bytes.
 
 use std::collections::BTreeMap;
 
@@ -8,64 +8,64 @@ use serde_json::value::RawValue;
 
 use crate::ValueRange;
 
-/// Most bytes a manifest may have: some ten times what the largest one takes. Parsed, JSON takes up to a hundred times its
-/// bytes, so that no manifest takes more than 25 MiB of memory.
+/// Largest size of a manifest in bytes, about ten times that of the largest known one. Parsed JSON takes up to a
+/// hundred times its size, so no manifest takes more than 25 MiB of memory.
 pub const BYTES_LIMIT: u64 = 256 << 10;
 
 /// The manifest of a container. Values are data values: scale and offset applied.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Manifest {
-    /// `supervol VERSION`, the program that wrote the container.
+    /// The program that wrote the container: `supervol VERSION`.
     pub tool: String,
-    /// Options that shaped the bytes, by name.
+    /// Options that influenced the bytes, by name.
     pub parameters: BTreeMap<String, String>,
-    /// Where the voxels came from.
+    /// Origin of the voxels.
     pub source: Source,
-    /// What the world's axes mean, as [`crate::space::WorldSpace::name`] spells it; empty where unknown.
+    /// Meaning of the world axes, as named by [`crate::space::WorldSpace::name`]; empty if unknown.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub space: String,
-    /// Names and units of x, y, z.
+    /// Names and units of the axes x, y, z.
     pub axes: [AxisName; 3],
-    /// Unit of the values, empty where unknown.
+    /// Unit of the values; empty if unknown.
     pub unit: String,
-    /// Range of all present voxels of level 0, null where none is present.
+    /// Range of all present voxels of level 0; null if none is present.
     pub value_range: Option<ValueRange>,
-    /// Present voxels of level 0.
+    /// Number of present voxels of level 0.
     pub present_voxels: u64,
-    /// Counts of present voxels in equal parts of `value_range`.
+    /// Number of present voxels in each bin; the bins divide `value_range` into equal parts.
     pub histogram: Vec<u64>,
     /// `[percent, value]` pairs, ascending.
     pub percentiles: Vec<[f64; 2]>,
-    /// Largest error bound of each level, level 0 first, data units.
+    /// Largest error bound of each level, level 0 first, in data units.
     pub level_errors: Vec<f64>,
-    /// Seismic survey geometry, null where there is none.
+    /// Geometry of a seismic survey, or null.
     pub survey: Option<Json>,
-    /// What the reader of the source noticed, one sentence each.
+    /// Observations of the source's reader, one sentence each.
     pub notes: Vec<String>,
-    /// Fields that this program does not know, as they stand in the file: what later writers add that may be ignored. What may
-    /// not be ignored raises the version of the format.
+    /// Fields that this program does not know, as stored in the file. Later writers may add fields that readers may
+    /// ignore. Fields that must not be ignored raise the format version.
     #[serde(flatten)]
     pub others: BTreeMap<String, serde_json::Value>,
 }
 
-/// JSON that is parsed by whoever asks for it: parsed, it would take up to a hundred times its bytes in every command.
+/// JSON that is parsed only on request: parsed, it would take up to a hundred times its size in every command.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Json(Box<RawValue>);
 
 impl Json {
-    /// A value as JSON.
+    /// Serializes a value.
     ///
     /// # Errors
-    /// If it has none.
+    /// If the value has no JSON form.
     pub fn of(value: &impl Serialize) -> Result<Self, serde_json::Error> {
         serde_json::value::to_raw_value(value).map(Self)
     }
 
-    /// The value.
+    /// The parsed value.
     ///
     /// # Panics
-    /// Never: it was found to be JSON when it was read.
+    /// Never: the text was checked when it was read.
     #[must_use]
     pub fn value(&self) -> serde_json::Value {
         serde_json::from_str(self.0.get()).expect("a raw value is JSON")
@@ -78,21 +78,21 @@ impl PartialEq for Json {
     }
 }
 
-/// A source file.
+/// Source file of a container.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Source {
     /// File name without its folder, or the name of a synthetic volume.
     pub name: String,
-    /// `raw`, `nrrd`, `segy`, `nifti`, `npy`, `synth`.
+    /// Name of the file format: `raw`, `nrrd`, `segy`, `nifti`, `npy`, `synth`.
     pub format: String,
-    /// Size of the file, bytes.
+    /// Size of the file in bytes.
     pub bytes: u64,
     /// XXH3-64 of the file, 16 hexadecimal digits; empty for synthetic volumes.
     pub xxh3_64: String,
 }
 
 impl Source {
-    /// A volume that was computed: no file, no checksum.
+    /// Source entry of a computed volume: no file, no checksum.
     #[must_use]
     pub fn computed(name: impl Into<String>) -> Self {
         Self { name: name.into(), format: "synth".into(), bytes: 0, xxh3_64: String::new() }
@@ -102,27 +102,27 @@ impl Source {
 /// Name and unit of one axis.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct AxisName {
-    /// `x`, `inline`, ...
+    /// Name, such as `x` or `inline`.
     pub name: String,
-    /// Unit of the spacing.
+    /// Unit of the spacing along the axis.
     pub unit: String,
 }
 
 impl Manifest {
-    /// The bytes of a manifest.
+    /// The manifest as JSON.
     ///
     /// # Errors
-    /// If they are more than [`BYTES_LIMIT`], or hold what [`Self::from_json`] does not take.
+    /// If the JSON is longer than [`BYTES_LIMIT`], or [`Self::from_json`] refuses it.
     pub fn to_json(&self) -> Result<Vec<u8>, String> {
         let json = serde_json::to_vec(self).map_err(|e| e.to_string())?;
         Self::from_json(&json)?;
         Ok(json)
     }
 
-    /// A manifest from its bytes.
+    /// Parses a manifest.
     ///
     /// # Errors
-    /// If they are more than [`BYTES_LIMIT`], or no manifest.
+    /// If it is longer than [`BYTES_LIMIT`], or no manifest.
     pub fn from_json(json: &[u8]) -> Result<Self, String> {
         if json.len() as u64 > BYTES_LIMIT {
             return Err(format!("{} bytes, expected at most {BYTES_LIMIT}", json.len()));
@@ -130,7 +130,8 @@ impl Manifest {
         serde_json::from_slice(json).map_err(|e| e.to_string())
     }
 
-    /// The value below which this percentage of present voxels lies, interpolated between the stored pairs.
+    /// Data value below which `percent` (0 to 100) of the present voxels lie, interpolated between the stored pairs.
+    /// `None` if there are no pairs.
     #[must_use]
     pub fn percentile(&self, percent: f64) -> Option<f64> {
         let first = self.percentiles.first()?;
@@ -165,7 +166,7 @@ mod tests {
         assert!(again.contains(r#""deep":{"x":0.1}"#), "{again}");
         let present: Manifest = serde_json::from_str(&format!("{KNOWN}}}")).expect("a manifest");
         assert!(present.others.is_empty() && !serde_json::to_string(&present).expect("it is text").contains("others"));
-        // In its parts, too.
+        // Unknown fields inside parts are accepted, too.
         let with_part = KNOWN.replace(r#""bytes":3"#, r#""bytes":3,"modified":"then""#);
         assert!(serde_json::from_str::<Manifest>(&format!("{with_part}}}")).is_ok());
         let without = KNOWN.replace(r#""tool":"supervol 0","#, "");

@@ -1,5 +1,5 @@
-//! The `.svol` file, byte by byte. Format version 3; versions 1 and 2 are read, which differ in two things: what the voxels
-//! were moved to, and the length of the last TOC page.
+//! The `.svol` file format, byte by byte. The writer writes version 3; the reader also reads versions 1 and 2. The
+//! versions differ in two things: the quantizer step (offset 440) and the length of the last TOC page.
 //!
 //! ```text
 //! +-------------+-----------------------------+-----------+----------+-------------+
@@ -9,17 +9,17 @@
 //! ```
 //!
 //! All numbers are little endian. Reserved bytes are zero, and readers check that they are. A reader needs one read at
-//! the tail, and the header page to see that it is a container: the footer holds everything the header does and where the TOC and the manifest lie; the coarsest bricks
-//! lie next to the TOC, and their entries at its end.
+//! the end of the file, and the header page to recognize a container. The footer repeats the header and adds the
+//! positions of the TOC and the manifest. The coarsest bricks lie next to the TOC, and their entries at its end.
 //!
 //! # Header and footer page
-//! One layout ([`header`]), written twice. In the header the section fields are zero, because they are not yet known;
-//! in the footer they are set. The first bytes of both are the same for all future versions.
+//! Both pages have one layout ([`header`]). The header is written before the sections, so its section fields are zero;
+//! the footer has them. The first bytes of both pages are the same in all future versions.
 //!
 //! | offset | size | type | unit | meaning |
 //! |---|---|---|---|---|
 //! | 0 | 8 | bytes | | magic `89 53 56 4f 4c 0d 0a 1a` (`\x89SVOL\r\n\x1a`) |
-//! | 8 | 4 | u32 | | format version: 3; up to version 2: 1, or 2 where the step below is not 0 |
+//! | 8 | 4 | u32 | | format version: 3; older files: 1 if the step (offset 440) is 0, else 2 |
 //! | 12 | 4 | u32 | bytes | size of this page: 4096 |
 //! | 16 | 4 | u32 | | voxel type: 1 u8, 2 i8, 3 u16, 4 i16, 5 u32, 6 i32, 7 f32, 8 f64 |
 //! | 20 | 4 | u32 | voxels | core of a brick: 16, 32, 64 or 128 |
@@ -40,18 +40,21 @@
 //! | 416 | 8 | u64 | bytes | offset of the manifest (header: 0) |
 //! | 424 | 8 | u64 | bytes | length of the manifest (header: 0) |
 //! | 432 | 8 | u64 | | XXH3-64 of the manifest (header: 0) |
-//! | 440 | 8 | f64 | stored | the step that voxels of all levels were moved to multiples of ([`crate::codec::quantize`]); 0, always in version 1 and never in version 2: the voxels of level 0 are the source's own |
+//! | 440 | 8 | f64 | stored | quantizer step, or 0 |
 //! | 448 | 3640 | | | reserved, zero |
 //! | 4088 | 8 | u64 | | XXH3-64 of bytes 0 to 4087 of this page |
 //!
+//! The step: voxels of all levels are moved to multiples of it ([`crate::codec::quantize`]). With 0, which is always
+//! the case in version 1 and never in version 2, the voxels of level 0 are the source's own.
+//!
 //! # Brick record
-//! The payload (see [`crate::codec`]), directly followed by the macro cells (see [`crate::macro_cells`]): two bytes each,
-//! x fastest, for all macro cells of the brick's core. Records lie one behind the other without gaps, in the order in
-//! which the bricks were written. A brick whose codec is *uniform* has no record: offset and lengths are zero.
+//! The payload (see [`crate::codec`]), directly followed by the macro cells (see [`crate::macro_cells`]): two bytes
+//! each, x fastest, for all macro cells of the brick's core. Records follow one another without gaps, in the order in
+//! which the bricks were written. A brick with the codec *uniform* has no record: its offset and lengths are zero.
 //!
 //! # TOC
-//! One entry per brick in entry order ([`crate::Pyramid::entry`]: level by level, finest first, x fastest), packed
-//! into pages of 65536 bytes so that each can be read and trusted alone:
+//! One entry per brick in entry order ([`crate::Pyramid::entry`]: level by level, finest first, x fastest). Entries are
+//! packed into pages of 65536 bytes, so that each page can be read and checked alone:
 //!
 //! | offset in page | size | meaning |
 //! |---|---|---|
@@ -59,7 +62,8 @@
 //! | 65440 | 88 | reserved, zero |
 //! | 65528 | 8 | XXH3-64 of bytes 0 to 65527 of this page |
 //!
-//! Of the last page, what lies between its entries and its checksum is not in the file ([`toc::cut`]); up to version 2 it is.
+//! The last page is cut: the file does not hold the bytes between its entries and its checksum ([`toc::cut`]). In
+//! versions 1 and 2 the last page is whole.
 //!
 //! # TOC entry ([`toc`])
 //!
@@ -78,10 +82,15 @@
 //! | 48 | 8 | f64 | stored | greatest value (-inf if nothing is present) |
 //! | 56 | 8 | f64 | stored | least value of this brick and of all finer bricks under it |
 //! | 64 | 8 | f64 | stored | greatest value of the same |
-//! | 72 | 8 | f64 | stored | error: bound on the distance between this level's trilinear interpolation and that of the source at every point of the brick's region where both are present, and all levels between them; at level 0 the greatest distance that a stored voxel was moved |
+//! | 72 | 8 | f64 | stored | error bound |
+//!
+//! The error bound limits the distance between the trilinear interpolation of this level and that of the source. It
+//! holds at every point of the brick's region at which both, and all levels between them, are present. At level 0 it is
+//! the greatest distance that a stored voxel was moved.
 //!
 //! # Manifest
-//! UTF-8 JSON of at most 256 KiB ([`manifest::BYTES_LIMIT`]), see [`manifest::Manifest`]: what the data is and where it came from. Nothing in it is needed to decode. Fields that a reader does not know are kept and ignored.
+//! UTF-8 JSON of at most 256 KiB ([`manifest::BYTES_LIMIT`]), see [`manifest::Manifest`]: a description of the data and
+//! its origin. Decoding needs nothing from it. Fields that a reader does not know are kept and ignored.
 
 pub mod header;
 pub mod manifest;
@@ -99,28 +108,28 @@ use crate::codec::CodecError;
 use crate::pyramid::PyramidError;
 use crate::{BrickKey, VoxelType};
 
-/// Why a container cannot be opened or a part of it cannot be used.
+/// Reason why a container cannot be opened or a part of it cannot be used.
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum ContainerError {
-    /// The machine failed, or the file is shorter than it says.
+    /// Reading failed, or the file is shorter than it says.
     #[error("cannot read {what} ({bytes} bytes at offset {offset}): {source}")]
     Io { what: String, offset: u64, bytes: u64, source: io::Error },
-    /// The first bytes are those of something else.
+    /// The first bytes are not those of a container.
     #[error(
         "no Supervol container; `supervol build` makes one of a volume file (first bytes of the {what}: expected \
          {expected}, found {found})"
     )]
     Magic { what: String, offset: u64, expected: String, found: String },
-    /// The file breaks a rule of this module's specification.
+    /// The file breaks a rule of the specification in this module's head.
     #[error("{what} at offset {offset}: expected {expected}, found {found}")]
     Invalid { what: String, offset: u64, expected: String, found: String },
-    /// A container, but of a version this program does not know.
+    /// A container of a version that this program does not know.
     #[error(
         "container format version {found}; this program reads versions up to {known}. Use a newer supervol, or build the container anew"
     )]
     Version { found: u32, known: u32 },
-    /// The levels make no pyramid.
+    /// The levels are not a valid pyramid.
     #[error("levels in the header: {0}")]
     Pyramid(#[from] PyramidError),
     /// A brick's payload cannot be decoded.
@@ -139,14 +148,14 @@ impl ContainerError {
     }
 }
 
-/// The value of a fill: its low bytes are a little-endian voxel.
+/// Stored value of a fill: its low bytes are a little-endian voxel.
 #[must_use]
 pub fn fill_value(voxel_type: VoxelType, fill: u64) -> f64 {
     use crate::voxel_type::Voxel;
     crate::with_voxel!(voxel_type, V => V::read_le(&fill.to_le_bytes()[..size_of::<V>()]).to_f64())
 }
 
-/// The checksum of everything in a container: XXH3-64.
+/// Checksum of all parts of a container: XXH3-64.
 #[must_use]
 pub fn checksum(bytes: &[u8]) -> u64 {
     xxhash_rust::xxh3::xxh3_64(bytes)

@@ -1,4 +1,4 @@
-//! Opening a container: what must be known before anything else, in one request.
+//! Opening of a container: reads header, footer and manifest in one request.
 
 use super::header::{self, Descriptor, PAGE_BYTES, Sections};
 use super::manifest::{self, Manifest};
@@ -7,29 +7,29 @@ use super::{ContainerError, checksum, toc};
 use crate::Pyramid;
 use crate::byte_source::ByteSource;
 
-/// Bytes at the end of the file that are read at once: the footer, a manifest of usual length, and the last page of the TOC.
+/// Bytes at the end of the file that are read at once: the footer, a manifest of usual length, and the last TOC page.
 pub const TAIL_BYTES: u64 = 128 << 10;
 
-/// What was read.
+/// Parts of a container that opening reads.
 pub(super) struct Opened {
     pub file_bytes: u64,
     pub version: u32,
     pub descriptor: Descriptor,
     pub sections: Sections,
     pub manifest: Manifest,
-    /// The last bytes of the file.
+    /// Last bytes of the file.
     pub tail: Vec<u8>,
 }
 
-/// Reads header, footer and manifest: all in one request, unless the manifest is uncommonly long.
+/// Reads header, footer and manifest: in one request, unless the manifest is unusually long.
 ///
 /// # Errors
-/// If the bytes cannot be read or are no whole container.
+/// If the bytes cannot be read or are not a whole container.
 pub(super) fn open(source: &dyn ByteSource) -> Result<Opened, ContainerError> {
     let io = |source| ContainerError::Io { what: "length of the file".into(), offset: 0, bytes: 0, source };
     let file_bytes = source.len().map_err(io)?;
     if file_bytes < 2 * PAGE_BYTES as u64 {
-        // A small file that is no container at all should be called that.
+        // A small file that is not a container gets the error that says so.
         let mut start = [0; header::MAGIC.len()];
         let known = &mut start[..file_bytes.min(header::MAGIC.len() as u64) as usize];
         read(source, "first bytes", 0, known)?;
@@ -38,7 +38,7 @@ pub(super) fn open(source: &dyn ByteSource) -> Result<Opened, ContainerError> {
         return Err(ContainerError::invalid("container", 0, expected, format!("{file_bytes} bytes")));
     }
     let (header, tail) = read_ends(source, file_bytes)?;
-    // The header first: a file that is no container at all should be called that.
+    // Check the header first: a file that is not a container gets the error that says so.
     let (from_header, header_sections) = header::decode(&header, "header", 0)?;
     let footer_offset = file_bytes - PAGE_BYTES as u64;
     let footer = tail.last_chunk().expect("the tail is no shorter than a page");
@@ -61,8 +61,8 @@ pub(super) fn open(source: &dyn ByteSource) -> Result<Opened, ContainerError> {
     Ok(Opened { file_bytes, version, descriptor, sections, manifest, tail })
 }
 
-/// The header page, and the last [`TAIL_BYTES`], or all there is. Where these cannot be read in one request, the two pages alone: a
-/// bad place in between concerns only the bricks whose entries lie on it.
+/// Reads the header page and the last [`TAIL_BYTES`] (or the whole file if it is shorter). If that fails, reads only
+/// the header and the footer page: an unreadable place between them concerns only the bricks whose entries lie there.
 fn read_ends(source: &dyn ByteSource, file_bytes: u64) -> Result<([u8; PAGE_BYTES], Vec<u8>), ContainerError> {
     let mut header = [0; PAGE_BYTES];
     let mut tail = vec![0; file_bytes.min(TAIL_BYTES) as usize];
@@ -76,7 +76,7 @@ fn read_ends(source: &dyn ByteSource, file_bytes: u64) -> Result<([u8; PAGE_BYTE
     Ok((header, tail))
 }
 
-/// A good header without a footer is the mark of an unfinished or truncated file: say so.
+/// Rewords the error for a good header without a footer: the file is unfinished or truncated.
 fn unfinished(error: ContainerError) -> ContainerError {
     match error {
         ContainerError::Magic { offset, expected, found, .. } => {
@@ -87,7 +87,7 @@ fn unfinished(error: ContainerError) -> ContainerError {
     }
 }
 
-/// The sections must follow one another without a gap and have the sizes that the pyramid demands.
+/// Checks that the sections follow one another without a gap and have the sizes that the pyramid demands.
 fn check_sections(s: &Sections, version: u32, pyramid: &Pyramid, footer_offset: u64) -> Result<(), ContainerError> {
     let toc_bytes = toc::bytes_for(pyramid.brick_count(), version);
     let follows = |start: u64, length: u64, next: u64| start.checked_add(length) == Some(next);

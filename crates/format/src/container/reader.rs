@@ -1,9 +1,9 @@
-//! Reading a container: its description at once, TOC entries page by page, bricks one by one.
+//! Reader of a container: its description at once, TOC entries page by page, bricks one by one.
 //!
-//! Opening takes one request for the header page and the last [`TAIL_BYTES`] of the file, in which footer, manifest and the entries
-//! of the coarsest bricks lie (`opening`). Other entries are read page by page when somebody asks for them; at most
-//! [`CACHED_TOC_PAGES`] pages are kept (64 KiB each), so that memory does not grow with the number of bricks. Everything may be called from any thread.
-//! Nothing read from the file is trusted before its checksum fits and its numbers make sense.
+//! Opening takes one request for the header page and the last [`TAIL_BYTES`] of the file. These hold the footer, the
+//! manifest and the entries of the coarsest bricks (`opening`). Other TOC pages are read on demand. At most
+//! [`CACHED_TOC_PAGES`] pages of 64 KiB are cached, so that memory does not grow with the number of bricks. Any thread
+//! may call any function. No data from the file is used before its checksum fits and its numbers are plausible.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -24,19 +24,19 @@ use crate::{BrickKey, Geometry, Pyramid, ValueRange, with_voxel};
 pub use super::opening::TAIL_BYTES;
 pub use super::toc_pages::CACHED_TOC_PAGES;
 
-/// Most TOC pages that one request asks for: 4 MiB.
+/// Largest number of TOC pages per request: 4 MiB.
 const PAGES_AT_ONCE: usize = 64;
-/// What is being read, in messages.
+/// Name of a TOC page in messages.
 const TOC_PAGE: &str = "TOC page";
 
-/// Bytes that must lie before the records: the header page.
+/// Offset of the first record in bytes: the size of the header page.
 pub const RECORDS_START: u64 = header::PAGE_BYTES as u64;
 
 /// An open container.
 pub struct Container {
     source: Arc<dyn ByteSource>,
     descriptor: Descriptor,
-    /// As the file says it, wherever the voxels are placed.
+    /// Geometry in the file, unchanged by [`Container::placed`].
     stored_geometry: Geometry,
     sections: Sections,
     manifest: Manifest,
@@ -66,7 +66,7 @@ impl Container {
     /// Opens a container file.
     ///
     /// # Errors
-    /// If the file cannot be read or is no whole container.
+    /// If the file cannot be read or is not a whole container.
     pub fn open(path: &Path) -> Result<Self, ContainerError> {
         let io = |source| ContainerError::Io { what: "the file".into(), offset: 0, bytes: 0, source };
         let file = crate::byte_source::check_is_file(path).and_then(|()| std::fs::File::open(path)).map_err(io)?;
@@ -76,7 +76,7 @@ impl Container {
     /// Opens a container from any byte source.
     ///
     /// # Errors
-    /// If the bytes cannot be read or are no whole container.
+    /// If the bytes cannot be read or are not a whole container.
     pub fn from_source(source: Arc<dyn ByteSource>) -> Result<Self, ContainerError> {
         let opening::Opened { file_bytes, version, descriptor, sections, manifest, tail } =
             opening::open(source.as_ref())?;
@@ -95,8 +95,8 @@ impl Container {
         Ok(container)
     }
 
-    /// Keeps the TOC pages that lie whole in the tail of the file. Damaged ones are left to be read again, and refused, when
-    /// somebody wants an entry of theirs.
+    /// Caches the TOC pages that lie whole in the tail of the file. Damaged pages are not cached; a later request for
+    /// one of their entries reads them again and returns the error.
     fn keep_pages_of(&self, tail: &[u8]) {
         let tail_offset = self.file_bytes - tail.len() as u64;
         let first = tail_offset.saturating_sub(self.sections.toc_offset).div_ceil(toc::PAGE_BYTES as u64);
@@ -113,7 +113,7 @@ impl Container {
         }
     }
 
-    /// The same voxels placed elsewhere in the world: stretched, turned or moved.
+    /// The same voxels at another place in the world: stretched, turned or moved.
     ///
     /// # Panics
     /// If the geometry has a defect ([`Geometry::defect`]).
@@ -144,19 +144,19 @@ impl Container {
         again.placed(geometry)
     }
 
-    /// Place in the world as the file says it, before [`Container::placed`].
+    /// Geometry in the file, unchanged by [`Container::placed`].
     #[must_use]
     pub fn stored_geometry(&self) -> Geometry {
         self.stored_geometry
     }
 
-    /// Where it lies; empty unless it was opened as a file.
+    /// Path of the file; empty unless the container was opened with [`Container::open`].
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// What the container holds.
+    /// Description of the container.
     #[must_use]
     pub fn descriptor(&self) -> &Descriptor {
         &self.descriptor
@@ -168,19 +168,19 @@ impl Container {
         &self.descriptor.pyramid
     }
 
-    /// Where the data came from.
+    /// Description of the data and its origin.
     #[must_use]
     pub fn manifest(&self) -> &Manifest {
         &self.manifest
     }
 
-    /// Where the sections lie.
+    /// Positions of the sections behind the bricks.
     #[must_use]
     pub fn sections(&self) -> Sections {
         self.sections
     }
 
-    /// Length of the whole file, bytes.
+    /// Length of the whole file in bytes.
     #[must_use]
     pub fn file_bytes(&self) -> u64 {
         self.file_bytes
@@ -198,7 +198,7 @@ impl Container {
     /// If its page cannot be read or is damaged, or the entry is impossible.
     ///
     /// # Panics
-    /// If the key names no brick of the pyramid.
+    /// If the key is not a brick of the pyramid.
     pub fn entry(&self, key: BrickKey) -> Result<BrickEntry, ContainerError> {
         let number = self.pyramid().entry(key);
         let page_number = number / ENTRIES_PER_PAGE as u64;
@@ -213,15 +213,16 @@ impl Container {
         Ok(entry)
     }
 
-    /// Reads the TOC pages in which the entries of these bricks stand and that are not in memory, as many as are kept at most: those of
-    /// the first keys first, all in one request or some, as long as `goes_on` says so before another one. Damaged ones are left to
-    /// [`Self::entry`], which says what is wrong with them.
+    /// Reads the TOC pages with the entries of these bricks into the cache, unless they are cached already. Pages of
+    /// the first keys come first, and at most [`CACHED_TOC_PAGES`] are read. The pages come in requests of 4 MiB;
+    /// before every request but the first, `goes_on` decides whether to continue. Damaged pages are skipped:
+    /// [`Self::entry`] reports their defects.
     ///
     /// # Errors
-    /// If one cannot be read; those that were read before it stay.
+    /// If a request fails. Pages of earlier requests stay cached.
     ///
     /// # Panics
-    /// If a key names no brick of the pyramid.
+    /// If a key is not a brick of the pyramid.
     pub fn read_entries_ahead(
         &self,
         keys: impl IntoIterator<Item = BrickKey>,
@@ -236,7 +237,7 @@ impl Container {
                 break;
             }
             numbers.sort_unstable();
-            // Each page is read to where it stays.
+            // Each page is read directly into its final buffer.
             let mut pages: Vec<Vec<u8>> = numbers.iter().map(|&number| vec![0; self.page_bytes(number)]).collect();
             let buffers = pages.iter_mut().map(Vec::as_mut_slice);
             let mut ranges: Vec<_> = numbers.iter().map(|&number| self.page_offset(number)).zip(buffers).collect();
@@ -252,13 +253,13 @@ impl Container {
         Ok(())
     }
 
-    /// Whether [`Self::entry`] needs to read nothing.
+    /// Whether the entry's TOC page is cached, so that [`Self::entry`] reads nothing.
     #[must_use]
     pub fn has_entry(&self, key: BrickKey) -> bool {
         self.toc_pages.contains(self.page_of(key))
     }
 
-    /// Number of the TOC page in which the entry of a brick stands.
+    /// Number of the TOC page that holds the entry of a brick.
     fn page_of(&self, key: BrickKey) -> u64 {
         self.pyramid().entry(key) / ENTRIES_PER_PAGE as u64
     }
@@ -280,7 +281,7 @@ impl Container {
         self.sections.toc_offset + number * toc::PAGE_BYTES as u64
     }
 
-    /// Bytes of a page in the file.
+    /// Length of a page in the file in bytes.
     fn page_bytes(&self, number: u64) -> usize {
         toc::page_bytes(number, self.pyramid().brick_count(), self.version)
     }
@@ -291,34 +292,34 @@ impl Container {
         toc::check_page(page, number, entries, (self.page_offset(number), self.page_bytes(number)))
     }
 
-    /// The version of the format that it is written in.
+    /// Format version of the file.
     #[must_use]
     pub fn version(&self) -> u32 {
         self.version
     }
 
-    /// How its source is best read.
+    /// Read pattern that suits its byte source.
     #[must_use]
     pub fn read_shape(&self) -> ReadShape {
         self.source.read_shape()
     }
 
-    /// Reads any bytes of the file: how the streamer fetches several neighbouring records at once.
+    /// Reads any bytes of the file. The streamer reads several neighbouring records with one call.
     ///
     /// # Errors
-    /// If they cannot be read.
+    /// If the bytes cannot be read.
     pub fn read_at(&self, offset: u64, buffer: &mut [u8]) -> Result<(), ContainerError> {
         read(self.source.as_ref(), "brick records", offset, buffer)
     }
 
-    /// Decodes a brick from its record into `out`: stored voxels, little endian, x fastest. `record` is ignored where
-    /// the codec is uniform.
+    /// Decodes a brick from its record into `out`: stored voxels, little endian, x fastest. `record` is ignored if the
+    /// codec is uniform.
     ///
     /// # Errors
     /// If the record's checksum does not fit, or its payload does not decode.
     ///
     /// # Panics
-    /// If `out` is not as long as [`Self::shape`] says.
+    /// If the length of `out` is not that of [`Self::shape`].
     pub fn decode_brick(
         &self,
         key: BrickKey,
@@ -332,12 +333,12 @@ impl Container {
     /// Reads and decodes one brick.
     ///
     /// # Errors
-    /// If it cannot be read or decoded.
+    /// If the brick cannot be read or decoded.
     pub fn read_brick(&self, key: BrickKey, entry: &BrickEntry) -> Result<Vec<u8>, ContainerError> {
         self.read_brick_into(key, entry, Vec::new())
     }
 
-    /// The same in the memory of `spare`, whose contents are lost.
+    /// As [`Self::read_brick`], but reuses the memory of `spare`, whose contents are lost.
     ///
     /// # Errors
     /// As [`Self::read_brick`].
@@ -353,7 +354,7 @@ impl Container {
         Ok(spare)
     }
 
-    /// Reads the macro-cell ranges of one brick, and decodes no voxel: [`Self::macro_cells`].
+    /// Reads the macro-cell ranges of one brick without decoding voxels, see [`Self::macro_cells`].
     ///
     /// # Errors
     /// If the record cannot be read, or its checksum does not fit.
@@ -363,7 +364,7 @@ impl Container {
         Ok(self.macro_cells(key, entry, &record))
     }
 
-    /// The bytes of a record, empty where there is none; not checked.
+    /// Reads the bytes of a record without checking them; empty if the brick has no record.
     fn read_record(&self, key: BrickKey, entry: &BrickEntry) -> Result<Vec<u8>, ContainerError> {
         let mut record = vec![0; entry.record_bytes() as usize];
         if !record.is_empty() {
@@ -372,10 +373,11 @@ impl Container {
         Ok(record)
     }
 
-    /// Macro-cell ranges of a record, x fastest, stored values; a uniform or absent brick's cells all have its range.
+    /// Macro-cell ranges in a record, x fastest, in stored values. All cells of a uniform or absent brick have the
+    /// brick's range.
     ///
     /// # Panics
-    /// If `record` is not as long as the entry says.
+    /// If the length of `record` is not that of the entry.
     #[must_use]
     pub fn macro_cells(&self, key: BrickKey, entry: &BrickEntry, record: &[u8]) -> Vec<ValueRange> {
         if entry.codec == Codec::Uniform {
@@ -390,7 +392,7 @@ pub(crate) fn shape_of(descriptor: &Descriptor, key: BrickKey) -> BrickShape {
     BrickShape { voxel_type: descriptor.voxel_type, extent: descriptor.pyramid.stored_extent(key) }
 }
 
-/// Whether a record is the one that was written; bricks of one value have none.
+/// Compares a record with its checksum. Bricks with the uniform codec have no record.
 fn check_record(key: BrickKey, entry: &BrickEntry, record: &[u8]) -> Result<(), ContainerError> {
     let sum = checksum(record);
     if entry.codec == Codec::Uniform || sum == entry.checksum {
@@ -425,7 +427,7 @@ pub fn decode_record(
     })
 }
 
-/// What is impossible about an entry, if anything: (expected, found).
+/// Checks an entry. An error is what was expected and what was found.
 fn check_entry(
     descriptor: &Descriptor,
     key: BrickKey,
@@ -440,7 +442,7 @@ fn check_entry(
         if numbers != [0; 3] || !(entry.uniform || entry.absent) {
             return Err(("no record, and flag uniform or absent, for the uniform codec".into(), format!("{entry:?}")));
         }
-        // What is drawn of the brick goes by the one or by the other.
+        // Drawing uses either the range or the fill, so they must agree.
         let range = if entry.absent { ValueRange::EMPTY } else { ValueRange { min: fill, max: fill } };
         return if entry.range == range {
             Ok(())
@@ -448,7 +450,7 @@ fn check_entry(
             Err((format!("the value range that flags and fill ask for, {range:?}"), format!("{:?}", entry.range)))
         };
     }
-    // The worst lossless payload is a raw one, or runs that expand by 1 %; see codec::rle.
+    // The largest lossless payload is a raw one, or runs that expand by 1 %; see codec::rle.
     let most = (shape.bytes() + shape.bytes() / 64 + 1024) as u64;
     let cells = descriptor.pyramid.macro_cells(key).iter().product::<usize>() * MACRO_CELL_BYTES;
     if u64::from(entry.payload_bytes) > most || entry.payload_bytes == 0 || entry.macro_cell_bytes as usize != cells {

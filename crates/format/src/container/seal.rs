@@ -1,4 +1,4 @@
-//! Voxels of a brick to the entry and the record that a container holds of it.
+//! Encoding of a brick's voxels to the TOC entry and the record of a container.
 
 use super::header::Descriptor;
 use super::reader::shape_of;
@@ -8,16 +8,17 @@ use crate::codec::{self, Codec, CodecChoice, CodecError, Coding};
 use crate::macro_cells;
 use crate::{BrickKey, ValueRange};
 
-/// Makes the entry and record of a brick from its stored voxels; the inverse of what
-/// [`check_brick`](super::validate::check_brick) checks.
+/// Makes the entry and the record of a brick from its stored voxels. [`check_brick`](super::validate::check_brick)
+/// checks the result.
 ///
-/// `error` is the brick's error bound, `children` the union of its children's ranges beneath (empty at level 0).
+/// `children` is the union of the children's `range_beneath` (empty at level 0), `error` the brick's error bound; both
+/// in stored units.
 ///
 /// # Errors
-/// If a codec fails, which means that it could not get memory.
+/// If a codec cannot get memory.
 ///
 /// # Panics
-/// If `voxels` are not as many as the brick stores.
+/// If the length of `voxels` is not that of the brick.
 pub fn seal_brick(
     descriptor: &Descriptor,
     key: BrickKey,

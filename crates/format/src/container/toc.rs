@@ -1,15 +1,15 @@
-//! Entries of the table of contents and the pages they are packed in; the tables stand in [`super`].
+//! Entries of the table of contents and the pages that hold them. The byte tables are in [`super`].
 
 use super::header::{VERSION_QUANTIZED, f64_at, u32_at, u64_at};
 use super::{ContainerError, checksum};
 use crate::codec::Codec;
 use crate::{BrickKey, ValueRange};
 
-/// Bytes of one entry.
+/// Bytes per entry.
 pub const ENTRY_BYTES: usize = 80;
-/// Bytes of one page.
+/// Bytes per whole page.
 pub const PAGE_BYTES: usize = 65536;
-/// Entries of one page.
+/// Entries per whole page.
 pub const ENTRIES_PER_PAGE: usize = 818;
 
 const CHECKSUM_BYTES: usize = 8;
@@ -18,39 +18,39 @@ const FLAG_ABSENT: u8 = 1;
 const FLAG_UNIFORM: u8 = 2;
 const FLAG_HOLES: u8 = 4;
 
-/// What the table of contents says about one brick. Values are stored values: before scale and offset.
+/// Entry of the table of contents for one brick. Values are stored values, before scale and offset.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BrickEntry {
-    /// Offset of the record in the file, bytes; 0 where the codec is uniform.
+    /// Offset of the record in the file in bytes; 0 if the codec is uniform.
     pub offset: u64,
-    /// Length of the payload, bytes.
+    /// Length of the payload in bytes.
     pub payload_bytes: u32,
-    /// Length of the macro cells behind it, bytes.
+    /// Length of the macro cells behind the payload in bytes.
     pub macro_cell_bytes: u32,
-    /// How the payload is coded.
+    /// Codec of the payload.
     pub codec: Codec,
-    /// No voxel of the core is present: nothing of the brick can be seen.
+    /// No voxel of the core is present, so the brick is invisible.
     pub absent: bool,
-    /// All stored voxels are present and have one value.
+    /// All stored voxels are present and have the same value.
     pub uniform: bool,
-    /// A voxel that interpolation reaches is absent.
+    /// An absent voxel is among those that interpolation reaches.
     pub has_holes: bool,
-    /// Checksum of the record; 0 without one.
+    /// Checksum of the record; 0 if there is no record.
     pub checksum: u64,
-    /// Bits of every stored voxel where the codec is uniform; otherwise 0.
+    /// Bits of every stored voxel if the codec is uniform; otherwise 0.
     pub fill: u64,
-    /// Range of what interpolation reaches.
+    /// Range of the values that interpolation reaches in this brick.
     pub range: ValueRange,
-    /// The same together with all finer bricks beneath.
+    /// Range of this brick and all finer bricks that it covers.
     pub range_beneath: ValueRange,
-    /// Bound on |trilinear(this level) - trilinear(source)| in the brick's region, where both are present and all levels
-    /// between them are, too: beside a hole a level in between may have none where both ends have one. At level 0 not 0
-    /// only where voxels were moved ([`super::header::Descriptor::quantizer`]).
+    /// Upper bound of |trilinear(this level) - trilinear(source)| in the brick's region. It holds where both, and all
+    /// levels between them, are present. Next to a hole, a level between them may be absent although both are present.
+    /// At level 0 it is 0, unless voxels were moved ([`super::header::Descriptor::quantizer`]).
     pub error: f64,
 }
 
 impl BrickEntry {
-    /// Bytes of payload and macro cells.
+    /// Length of the record in bytes: payload and macro cells.
     #[must_use]
     pub fn record_bytes(&self) -> u64 {
         u64::from(self.payload_bytes) + u64::from(self.macro_cell_bytes)
@@ -83,10 +83,10 @@ impl BrickEntry {
         bytes
     }
 
-    /// Reads the entry of `key`. `offset` is where it lies in the file, for messages.
+    /// Decodes the entry of `key`. `offset` is its position in the file, for messages.
     ///
     /// # Errors
-    /// If a field has a value that no entry may have.
+    /// If a field has an impossible value.
     pub fn decode(bytes: &[u8; ENTRY_BYTES], key: BrickKey, offset: u64) -> Result<Self, ContainerError> {
         let invalid = |at: u64, field: &str, expected: &str, found: String| {
             ContainerError::invalid(format!("TOC entry of {key}: {field}"), offset + at, expected, found)
@@ -129,14 +129,14 @@ impl BrickEntry {
     }
 }
 
-/// Pages needed for this many entries.
+/// Number of pages for this many entries.
 #[must_use]
 pub fn pages_for(entries: u64) -> u64 {
     entries.div_ceil(ENTRIES_PER_PAGE as u64)
 }
 
-/// Bytes of the pages of this many entries in the file: all are whole but the last, of which nothing stands between its entries and its
-/// checksum; up to version 2 that one is whole, too.
+/// Length of a TOC with this many entries in the file. All pages are whole except the last: from version 3 on, its
+/// unused bytes between entries and checksum are cut.
 #[must_use]
 pub fn bytes_for(entries: u64, version: u32) -> u64 {
     match pages_for(entries) {
@@ -145,7 +145,7 @@ pub fn bytes_for(entries: u64, version: u32) -> u64 {
     }
 }
 
-/// Bytes of page `number` of this many entries in the file.
+/// Length in the file of page `number` of a TOC with this many entries.
 #[must_use]
 pub fn page_bytes(number: u64, entries: u64, version: u32) -> usize {
     let is_cut = number + 1 == pages_for(entries) && version > VERSION_QUANTIZED;
@@ -153,17 +153,17 @@ pub fn page_bytes(number: u64, entries: u64, version: u32) -> usize {
     if is_cut { last * ENTRY_BYTES + CHECKSUM_BYTES } else { PAGE_BYTES }
 }
 
-/// A page as it stands in the file, with so many bytes: see [`bytes_for`].
+/// Cuts a page to the length that it has in the file, see [`bytes_for`].
 #[must_use]
 pub fn cut(mut page: Vec<u8>, bytes: usize) -> Vec<u8> {
     page.drain(bytes - CHECKSUM_BYTES..CHECKSUM_AT);
     page
 }
 
-/// A whole page from what stands in the file.
+/// Restores a whole page from its bytes in the file.
 ///
 /// # Panics
-/// If that is too short for a checksum, or longer than a page.
+/// If `bytes` is too short for a checksum, or longer than a page.
 #[must_use]
 pub fn uncut(mut bytes: Vec<u8>) -> Vec<u8> {
     let at = bytes.len() - CHECKSUM_BYTES;
@@ -185,11 +185,11 @@ pub fn encode_page(entries: &[u8]) -> Vec<u8> {
     page
 }
 
-/// Checks a whole page's checksum and that its tail behind `entries` entries is zero; `offset` and `stored`: where it lies in the file,
-/// with how many bytes.
+/// Checks a whole page: its checksum, and that the bytes behind its `entries` entries are zero. `offset` and `stored`
+/// are the page's position and length in the file.
 ///
 /// # Errors
-/// If it is damaged.
+/// If the page is damaged.
 pub fn check_page(
     page: &[u8],
     number: u64,

@@ -1,7 +1,7 @@
-//! The rules of one container that can be checked brick by brick: see [`check_brick`] and [`check_coverage`].
+//! Rules of one container that can be checked brick by brick: [`check_brick`] and [`check_coverage`].
 //!
-//! Rules between levels (coarser voxels stand for finer ones, error bounds hold) need several bricks at once and
-//! are checked by the preprocessor's `verify`, which calls the ones here first.
+//! Rules between levels (values of coarser voxels, error bounds) need several bricks at once. The preprocessor's
+//! `verify` checks them, after it has called the functions of this module.
 
 use super::ContainerError;
 use super::reader::{Container, RECORDS_START};
@@ -10,15 +10,20 @@ use crate::codec::Codec;
 use crate::macro_cells;
 use crate::{BrickKey, Lod};
 
-/// Checks all that can be known of one brick from its record and its children's entries. Returns its stored voxels.
+/// Checks one brick with the help of its record and its children's entries. Returns the entry and the stored voxels.
 ///
-/// Rules: the record's checksum fits and the payload decodes; flags say what the voxels are; the range is exactly that
-/// of the voxels interpolation reaches, macro cells are exactly what [`macro_cells::quantize`] makes of theirs; the
-/// range beneath is the union with the children's; level 0 has no error but that of moved voxels
-/// ([`Descriptor::quantizer`](super::header::Descriptor::quantizer)), and no brick less than its children.
+/// The rules:
+/// - the record's checksum fits and the payload decodes;
+/// - the flags describe the voxels;
+/// - the range is exactly that of the voxels that interpolation reaches;
+/// - the macro cells are exactly those that [`macro_cells::quantize`] makes;
+/// - the range beneath is the union of this brick's range and the children's;
+/// - at level 0 the error bound is 0, or that of moved voxels
+///   ([`Descriptor::quantizer`](super::header::Descriptor::quantizer));
+/// - at coarser levels the error bound is at least that of each child.
 ///
 /// # Errors
-/// The first rule that is broken, with the brick, what was expected and what was found.
+/// The first broken rule, with the brick, what was expected and what was found.
 pub fn check_brick(container: &Container, key: BrickKey) -> Result<(BrickEntry, Vec<u8>), ContainerError> {
     let entry = container.entry(key)?;
     let broken = |rule: &str, expected: String, found: String| {
@@ -72,9 +77,9 @@ pub fn check_brick(container: &Container, key: BrickKey) -> Result<(BrickEntry, 
     Ok((entry, voxels))
 }
 
-/// Checks that the records tile the space between header and TOC: nothing overlaps and nothing is unreachable.
+/// Checks that the records fill the space between header and TOC without gaps or overlaps.
 ///
-/// Memory: 16 bytes per brick that has a record.
+/// Memory: 16 bytes per brick with a record.
 ///
 /// # Errors
 /// The first gap or overlap.

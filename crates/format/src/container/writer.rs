@@ -1,12 +1,12 @@
-//! Writing a container, front to back: header, brick records in the order they come, TOC, manifest, footer.
+//! Writer of a container, front to back: header, brick records in the order of the calls, TOC, manifest, footer.
 //!
 //! 1. [`ContainerWriter::begin`] writes the header page.
-//! 2. [`ContainerWriter::append`] writes one brick; every brick of the pyramid once, in any order.
-//! 3. [`ContainerWriter::finish`] writes TOC, manifest and footer. Without it the file has no footer and no reader
-//!    takes it for whole.
+//! 2. [`ContainerWriter::append`] writes one brick; call it once for every brick of the pyramid, in any order.
+//! 3. [`ContainerWriter::finish`] writes TOC, manifest and footer. A file without a footer is unfinished, and readers
+//!    refuse it.
 //!
-//! Entries are kept in memory until `finish`: 80 bytes per brick, [`ContainerWriter::entry_table_bytes`]. The writer
-//! opens, syncs and renames nothing: that is the caller's.
+//! Entries stay in memory until `finish`: 80 bytes per brick, [`ContainerWriter::entry_table_bytes`]. The caller opens,
+//! syncs and renames the file.
 
 use std::io::{self, Write};
 
@@ -17,14 +17,14 @@ use super::{ContainerError, checksum};
 use crate::codec::Codec;
 use crate::{BrickKey, Pyramid};
 
-/// One brick, ready to be written.
+/// One encoded brick, ready to be written.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EncodedBrick {
-    /// Which brick.
+    /// Key of the brick.
     pub key: BrickKey,
-    /// Its entry; offset and checksum are filled in by the writer.
+    /// TOC entry of the brick; the writer fills in offset and checksum.
     pub entry: BrickEntry,
-    /// Payload, directly followed by the macro cells; empty where the codec is uniform.
+    /// Payload, directly followed by the macro cells; empty if the codec is uniform.
     pub record: Vec<u8>,
 }
 
@@ -39,7 +39,7 @@ pub struct ContainerWriter<W> {
 }
 
 impl<W: Write> ContainerWriter<W> {
-    /// Bytes that the entries of all bricks of a pyramid take in memory while it is written.
+    /// Memory in bytes for the entries of all bricks of a pyramid while the container is written.
     #[must_use]
     pub fn entry_table_bytes(pyramid: &Pyramid) -> u64 {
         pyramid.brick_count() * ENTRY_BYTES as u64
@@ -54,7 +54,8 @@ impl<W: Write> ContainerWriter<W> {
         Self::resume(out, descriptor)
     }
 
-    /// The writer of a container whose header page has been written before, and some bricks: [`Self::restore`] names those.
+    /// Writer for a container whose header page and some bricks are already in the file. Call [`Self::restore`] for
+    /// each of these bricks.
     ///
     /// # Errors
     /// If the entries do not fit in memory.
@@ -64,8 +65,8 @@ impl<W: Write> ContainerWriter<W> {
         Ok(Self { out, descriptor, position: header::PAGE_BYTES as u64, entries: vec![0; table], written: 0 })
     }
 
-    /// Remembers a brick that was written before, behind the last one; `out` need not stand there yet. False, and nothing is
-    /// remembered, where it cannot have been.
+    /// Adds the entry of a brick that is already in the file, behind the last one. `out` need not be positioned there
+    /// yet. Returns false, and changes nothing, if the brick cannot lie there.
     pub fn restore(&mut self, key: BrickKey, entry: &BrickEntry) -> bool {
         let at = self.slot(key);
         let has_record = entry.codec != Codec::Uniform;
@@ -78,23 +79,24 @@ impl<W: Write> ContainerWriter<W> {
         true
     }
 
-    /// What is being written.
+    /// Description of the container.
     pub fn descriptor(&self) -> &Descriptor {
         &self.descriptor
     }
 
-    /// Bytes written so far.
+    /// Length of the file so far in bytes.
     pub fn position(&self) -> u64 {
         self.position
     }
 
-    /// Writes one brick and remembers its entry; returns the entry as written.
+    /// Writes one brick and keeps its entry; returns the entry as written.
     ///
     /// # Errors
     /// If `out` cannot be written.
     ///
     /// # Panics
-    /// If the brick was written before, is none of the pyramid's, or its record is not as long as its entry says.
+    /// If the brick was written before, is not one of the pyramid, or its record has another length than its entry
+    /// says.
     pub fn append(&mut self, brick: EncodedBrick) -> io::Result<BrickEntry> {
         let EncodedBrick { key, mut entry, record } = brick;
         assert_eq!(record.len() as u64, entry.record_bytes(), "the record of {key} has another length than its entry");
@@ -115,10 +117,10 @@ impl<W: Write> ContainerWriter<W> {
         self.descriptor.pyramid.entry(key) as usize * ENTRY_BYTES
     }
 
-    /// The entry of a brick that was appended before.
+    /// The entry of a brick that was written before.
     ///
     /// # Errors
-    /// If it was not.
+    /// If the brick was not written.
     pub fn entry(&self, key: BrickKey) -> Result<BrickEntry, ContainerError> {
         let at = self.slot(key);
         let bytes: &[u8; ENTRY_BYTES] = self.entries[at..at + ENTRY_BYTES].try_into().expect("an entry has its size");
@@ -128,7 +130,7 @@ impl<W: Write> ContainerWriter<W> {
         BrickEntry::decode(bytes, key, 0)
     }
 
-    /// Lets the caller push buffered bytes to where a reader of the unfinished file finds them.
+    /// Flushes `out`, so that a reader of the unfinished file sees all bytes.
     ///
     /// # Errors
     /// If `out` cannot be written.
@@ -136,7 +138,7 @@ impl<W: Write> ContainerWriter<W> {
         self.out.flush()
     }
 
-    /// Writes TOC, manifest and footer, and hands `out` back, flushed.
+    /// Writes TOC, manifest and footer; returns `out`, flushed.
     ///
     /// # Errors
     /// If `out` cannot be written.
@@ -150,7 +152,7 @@ impl<W: Write> ContainerWriter<W> {
         for (number, entries) in (0..).zip(self.entries.chunks(ENTRIES_PER_PAGE * ENTRY_BYTES)) {
             self.out.write_all(&toc::cut(toc::encode_page(entries), toc::page_bytes(number, bricks, VERSION)))?;
         }
-        // What no reader takes must not be written.
+        // `to_json` fails on a manifest that readers would refuse.
         let json =
             manifest.to_json().map_err(|e| io::Error::new(io::ErrorKind::InvalidData, format!("manifest: {e}")))?;
         self.out.write_all(&json)?;

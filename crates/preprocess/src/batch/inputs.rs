@@ -1,9 +1,14 @@
-//! The volumes that a list names, or that lie in a folder.
+//! Volumes of a batch, from a list or from a folder.
 //!
-//! A folder is searched with all folders in it, in natural order. A Zarr or N5 is one input, and so is a folder that DICOM slices
-//! lie in, or in which there are pictures (PNG, JPEG) and nothing else. Every other file is an input if a reader knows its first
-//! bytes or its name, unless a `BigDataViewer` file of the folder or of one around it names it as its data, as it may name an N5; headerless files where a person has said what is in them and they are called `.raw`. Names that begin with
-//! a dot are passed over, as are links: what they lead to in the folder is found by itself.
+//! A folder is searched with all its subfolders, in natural order. Each of these is one input:
+//! - a Zarr or N5;
+//! - a folder with DICOM slices;
+//! - a folder with nothing but pictures (PNG, JPEG);
+//! - any other file whose first bytes or name a reader knows. If the options of headerless files are given, only files
+//!   with the ending `.raw` are inputs.
+//!
+//! Data files and N5 folders that a `BigDataViewer` file names are not inputs of their own. Names that begin with a dot
+//! are skipped, and so are links: a target inside the folder is found by itself.
 
 use std::collections::BTreeSet;
 use std::ffi::OsStr;
@@ -16,34 +21,34 @@ use supervol_sources::open::{Found, is_chunked, look_at};
 
 use crate::error::BuildError;
 
-/// Folders inside folders that are searched.
+/// Largest depth of subfolders that are searched.
 const DEPTH_LIMIT: usize = 64;
-/// Most volumes of a batch.
+/// Largest number of volumes of a batch.
 pub const INPUTS_LIMIT: usize = 1_000_000;
-/// How names of headerless files end.
+/// Ending of the names of headerless files.
 const RAW_ENDING: &str = "raw";
-/// Endings of a pair of files of which the first names the volume.
+/// Endings of a pair of files (data, header). The header is the input.
 const PAIRS: [(&str, &str); 2] = [("img", "hdr"), ("img.gz", "hdr.gz")];
 
-/// Volumes, and what else lies among them.
+/// Volumes of a batch, and a count of the other files.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub struct Inputs {
-    /// Files and folders that are one volume each, in the order in which they are built. None is there twice.
+    /// Files and folders that are one volume each, in build order, without duplicates.
     pub paths: Vec<PathBuf>,
-    /// Files and links that are no volumes.
+    /// Number of files and links that are not volumes.
     pub passed_over: u64,
 }
 
-/// Which files of a folder are volumes although nothing in them says so.
+/// Treatment of files whose contents do not identify a format.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Headerless {
-    /// Those called `.raw`.
+    /// Files with the ending `.raw` are volumes.
     Taken,
-    /// None.
+    /// No such file is a volume.
     PassedOver,
 }
 
-/// The paths of a list, one a line; empty lines are passed over.
+/// The paths of a list, one per line; empty lines are skipped.
 #[must_use]
 pub fn of_list(text: &str) -> Inputs {
     let mut inputs = Inputs::default();
@@ -56,11 +61,11 @@ pub fn of_list(text: &str) -> Inputs {
     inputs
 }
 
-/// The volumes of a folder; what lies in `output` is none.
+/// The volumes of a folder, except those in `output`.
 ///
 /// # Errors
-/// If the folder cannot be read, or there are more than [`INPUTS_LIMIT`]. A folder in it that cannot be read is an input, which
-/// fails when its turn comes.
+/// If the folder cannot be read, or there are more than [`INPUTS_LIMIT`]. An unreadable subfolder becomes an input,
+/// which fails at its turn.
 pub fn of_folder(folder: &Path, output: &Path, headerless: Headerless) -> Result<Inputs, BuildError> {
     let named = BTreeSet::new();
     let mut search = Search { output: std::fs::canonicalize(output).ok(), headerless, named };
@@ -72,7 +77,7 @@ pub fn of_folder(folder: &Path, output: &Path, headerless: Headerless) -> Result
 struct Search {
     output: Option<PathBuf>,
     headerless: Headerless,
-    /// Data of volumes that XML files describe: those are the inputs.
+    /// Data files that XML files name; the XML files are the inputs.
     named: BTreeSet<PathBuf>,
 }
 
@@ -88,7 +93,7 @@ impl Search {
         }
         let Entries { files, folders, links } = Entries::of(folder)?;
         inputs.passed_over += links;
-        // What cannot be looked at is an input: it fails by name when its turn comes, and not before.
+        // A file that cannot be examined becomes an input: its build fails with its name.
         let found: Vec<Found> = files.iter().map(|file| self.look_at(file)).collect();
         let described = files.iter().zip(&found).filter(|(file, found)| **found == Found::Volume && is_xml(file));
         self.named.extend(described.filter_map(|(file, _)| data_of(file)));
@@ -107,7 +112,7 @@ impl Search {
                 Found::Picture | Found::Other => inputs.passed_over += 1,
             }
         }
-        // The folders of a series belong to it.
+        // The subfolders of a series belong to it.
         for inner in folders.into_iter().filter(|_| !is_series) {
             let is_output = std::fs::canonicalize(&inner).ok().is_some_and(|whole| Some(whole) == self.output);
             if is_output || self.named.contains(&inner) {
@@ -131,7 +136,7 @@ impl Search {
     }
 }
 
-/// What lies in a folder, in natural order, without what begins with a dot.
+/// Contents of a folder, in natural order, without names that begin with a dot.
 #[derive(Default)]
 struct Entries {
     files: Vec<PathBuf>,
@@ -166,14 +171,15 @@ fn is_xml(file: &Path) -> bool {
     file.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("xml"))
 }
 
-/// Whether a header that names the volume lies beside a file.
+/// Whether the file is the data of a header and data pair, and the header exists.
 fn is_second_of_pair(file: &Path) -> bool {
     let name = file.file_name().map(OsStr::to_string_lossy).unwrap_or_default();
     let header = PAIRS.iter().find_map(|(second, first)| Some(format!("{}{first}", name.strip_suffix(second)?)));
     header.is_some_and(|header| file.with_file_name(header).is_file())
 }
 
-/// Does something with every file of a folder and of those in it, in the order of their names; links to folders are not followed.
+/// Calls `run` for every file of a folder and its subfolders, in the order of their names. Links to folders are not
+/// followed.
 pub(super) fn for_each_file(
     folder: &Path,
     run: &mut dyn FnMut(&Path) -> Result<(), BuildError>,
@@ -228,7 +234,7 @@ mod tests {
         write("pair/b.img", b"");
         write("store.zarr/.zgroup", b"{}");
         write("store.zarr/0/.zarray", b"{}");
-        // Two data sets of BigDataViewer, each of an XML file and its data.
+        // Two BigDataViewer data sets, each an XML file and its data.
         let data_set = |loader: &str, kind: &str, data: &str| {
             format!(
                 "<SpimData><BasePath>.</BasePath><ImageLoader format=\"{loader}\"><{kind} type=\"relative\">{data}</{kind}>\
@@ -253,7 +259,7 @@ mod tests {
         // notes.txt, preview.png, CHANGES, headerless.raw, and the link.
         assert_eq!(found.passed_over, if cfg!(unix) { 5 } else { 4 });
         let raw = of_folder(root, &root.join("out"), Headerless::Taken).unwrap();
-        // No XML file is an input then, and none stands for the N5.
+        // No XML file is an input now, so the N5 is one.
         assert_eq!(raw.paths, ["headerless.raw", "store.zarr", "viewer/c.n5"].map(|name| root.join(name)));
     }
 

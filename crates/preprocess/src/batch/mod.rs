@@ -1,10 +1,10 @@
-//! Many volumes at once: which there are, what their containers are called, and what came of each.
+//! Batch builds: inputs, names of their containers, and results.
 //!
 //! 1. Inputs come from a list or from a folder that is searched ([`inputs`]).
-//! 2. What came of each is a line of a file beside the containers ([`results`]): the last line of an input counts.
-//! 3. An input is done if its files are what they were, its container is what was written, and the same was asked for
-//!    ([`Standing`]): all of that is read again, nothing is taken from a name or a time.
-//! 4. Containers are called after their inputs ([`crate::naming`]).
+//! 2. Each result is a line of a file beside the containers ([`results`]); the last line of an input counts.
+//! 3. An input is done if its files, its container and the options are unchanged ([`Standing`]). All of them are read
+//!    again; names and times are not trusted.
+//! 4. Containers are named after their inputs ([`crate::naming`]).
 
 pub mod inputs;
 pub mod results;
@@ -24,18 +24,18 @@ use crate::pipeline::BuildOptions;
 use crate::provenance::take_file;
 use results::{Record, Status};
 
-/// What there is of an input already.
+/// State of an input's container.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Standing {
-    /// Its container is to be built, and nothing lies where it goes.
+    /// Nothing lies at the container's path; it must be built.
     New,
-    /// A batch that was interrupted has left a container of these bytes of the source, but no line that says so.
+    /// An interrupted batch has left a container built from this source, but no line that says so.
     Interrupted,
-    /// Done: source, container and options are what they were.
+    /// Done: source, container and options are unchanged.
     Done,
 }
 
-/// What was asked for, as far as it decides voxels: memory, threads and what may be overwritten do not.
+/// Checksum of the options that influence voxels; memory, threads and overwriting do not.
 #[must_use]
 pub fn describe_options(options: &BuildOptions, reading: &Reading) -> String {
     let BuildOptions { layout, codec, max_error, lod_axes, reduce, .. } = options;
@@ -43,11 +43,8 @@ pub fn describe_options(options: &BuildOptions, reading: &Reading) -> String {
     format!("{:016x}", xxh3_64(asked.as_bytes()))
 }
 
-/// A checksum of all that an input is read from: of the file and the others it is read from, or of every file of a folder with
-/// its name. Of a file that stands alone it is the checksum of the file.
-///
-/// # Errors
-/// If a file cannot be read.
+/// Checksum of all files of an input: of the file and those it refers to, or of every file of a folder with its name.
+/// For a single file it is the checksum of the file.
 pub fn checksum_of(input: &Path, others: &[PathBuf]) -> Result<String, BuildError> {
     let (file, _) = split_array(input);
     let mut hash = Xxh3Default::new();
@@ -66,7 +63,7 @@ pub fn checksum_of(input: &Path, others: &[PathBuf]) -> Result<String, BuildErro
     Ok(format!("{:016x}", hash.digest()))
 }
 
-/// The files that a source is read from beside the one that was asked for; none of a folder, all of which counts.
+/// The files that a source reads besides the named one; empty for a folder, which counts as a whole.
 #[must_use]
 pub fn others_of(input: &Path, source: &dyn VolumeSource) -> Vec<PathBuf> {
     let (file, _) = split_array(input);
@@ -77,21 +74,21 @@ pub fn others_of(input: &Path, source: &dyn VolumeSource) -> Vec<PathBuf> {
     files.filter(|path| *path != file).collect()
 }
 
-/// The checksum of a container, and its bytes.
+/// Checksum of a container, and its size in bytes.
 ///
 /// # Errors
-/// If it cannot be read.
+/// If the container cannot be read.
 pub fn checksum_of_container(path: &Path) -> Result<(String, u64), BuildError> {
     let mut hash = Xxh3Default::new();
     let bytes = take_file(path, &mut hash, &Canceller::default())?;
     Ok((format!("{:016x}", hash.digest()), bytes))
 }
 
-/// What there is of an input whose container goes to `output`.
+/// State of an input whose container has the path `output`.
 ///
 /// # Errors
-/// If something lies there that is not what the record says, so that it must not be taken for the container of this input as
-/// it is now.
+/// If a file exists there that does not match the record, and so is not the container of this input in its present
+/// state.
 pub fn standing(input: &Path, output: &Path, record: Option<&Record>, options: &str) -> Result<Standing, BuildError> {
     if !output.exists() {
         return Ok(Standing::New);
@@ -100,7 +97,8 @@ pub fn standing(input: &Path, output: &Path, record: Option<&Record>, options: &
     let taken = || Err(OutputError::Exists { path: output.into() }.into());
     let Some(record) = record else { return taken() };
     let Some(expected) = &record.container_xxh3_64 else {
-        // Nothing says what its bytes were; that it is whole, and of which source, it says itself.
+        // The record has no checksum of the container. The container itself tells whether it is whole, and from which
+        // source.
         let is_ours = || Container::open(output).is_ok_and(|c| c.manifest().source.xxh3_64 == record.manifest_xxh3_64);
         return if record.status == Status::Begun && is_ours() { Ok(Standing::Interrupted) } else { taken() };
     };
@@ -121,8 +119,10 @@ pub fn standing(input: &Path, output: &Path, record: Option<&Record>, options: &
     Ok(Standing::Done)
 }
 
+/// Checks that containers are not written into an input, which would change it.
+///
 /// # Errors
-/// If containers would be written into an input: it would be another one then.
+/// If `folder` is inside `input`.
 pub fn check_outside(input: &Path, folder: &Path) -> Result<(), BuildError> {
     let (file, _) = split_array(input);
     let inside = match (std::fs::canonicalize(&file), std::fs::canonicalize(folder)) {

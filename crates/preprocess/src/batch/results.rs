@@ -1,7 +1,8 @@
-//! What came of each input of a batch: JSON objects, one a line, in a file beside the containers.
+//! Results of a batch: one JSON object per line, in a file beside the containers.
 //!
-//! Lines are only ever added, each by one write; of several lines about one input the last counts. A line that a killed process
-//! has not finished is cut off. While a batch runs, it holds the file's lock: two batches do not write to one folder.
+//! Lines are only appended, each by a single write. If an input has several lines, the last one counts. An unfinished
+//! line of a killed process is cut off. A running batch holds the file's lock, so two batches cannot write to one
+//! folder.
 
 use std::collections::BTreeMap;
 use std::fs::{File, TryLockError};
@@ -13,72 +14,72 @@ use supervol_files::OutputError;
 
 use crate::error::BuildError;
 
-/// The file's name in the folder of the containers.
+/// Name of the file in the folder of the containers.
 pub const FILE_NAME: &str = "results.jsonl";
-/// Longest line that is read.
+/// Longest line that is read, in bytes.
 const LINE_LIMIT_BYTES: u64 = 64 << 20;
 
-/// How far an input is.
+/// Progress of an input.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Status {
-    /// Its container is being built, or the program ended while it was.
+    /// The container is being built, or the program ended during the build.
     #[default]
     Begun,
-    /// Its container is whole.
+    /// The container is whole.
     Done,
-    /// `error` says why not.
+    /// The build failed; `error` has the reason.
     Failed,
 }
 
-/// What is known of an input. What is not known yet is left out.
+/// Result of an input. Unknown fields are left out.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Record {
-    /// Path as it was given or found.
+    /// Path of the input, as given or found.
     pub source: String,
-    /// How far it is.
+    /// Progress of the input.
     pub status: Status,
-    /// Name of its container in the folder.
+    /// Name of the container in the folder.
     pub container: String,
-    /// Checksum of all that the source is read from.
+    /// Checksum of all files of the source.
     pub source_xxh3_64: String,
-    /// Bytes of that, as the container says.
+    /// Size of the source in bytes, from the container.
     pub source_bytes: u64,
-    /// The files it is read from beside the one that was asked for.
+    /// Files that the source reads besides the named one.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub source_files: Vec<String>,
-    /// The source's checksum as the container says it.
+    /// Checksum of the source, from the container's manifest.
     pub manifest_xxh3_64: String,
-    /// Checksum of what was asked for, as far as it decides voxels.
+    /// Checksum of the options that influence voxels.
     pub options: String,
     /// Checksum of the container.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub container_xxh3_64: Option<String>,
-    /// Bytes of the container.
+    /// Size of the container in bytes.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub container_bytes: Option<u64>,
-    /// Bytes of level 0 as plain voxels.
+    /// Size of level 0 as plain voxels in bytes.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub voxel_bytes: Option<u64>,
     /// `container_bytes` over `voxel_bytes`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ratio: Option<f64>,
-    /// Greatest distance of a voxel of level 0 from the source's, data units; 0 where nothing is lost.
+    /// Greatest distance of a voxel of level 0 from the source's, in data units; 0 if the container is exact.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error_bound: Option<f64>,
-    /// Wall time of the build.
+    /// Wall time of the build in milliseconds.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub milliseconds: Option<f64>,
-    /// Why it failed.
+    /// Reason of the failure.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error: Option<String>,
-    /// What its reader noticed.
+    /// Observations of the source's reader.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,
 }
 
-/// The file, open and locked.
+/// The results file, open and locked.
 #[derive(Debug)]
 pub struct Results {
     file: File,
@@ -87,10 +88,10 @@ pub struct Results {
 }
 
 impl Results {
-    /// Opens the file of a folder, or begins it.
+    /// Opens the results file of a folder, or creates it.
     ///
     /// # Errors
-    /// If it cannot be read or written, is of something else, or another batch holds it.
+    /// If the file cannot be read or written, has other contents, or another batch holds it.
     pub fn open(folder: &Path) -> Result<Self, BuildError> {
         let path = folder.join(FILE_NAME);
         let write_error = |e| BuildError::write(&path, e);
@@ -104,7 +105,7 @@ impl Results {
                 let what = format!("{}: another batch writes to this folder. Wait for its end", path.display());
                 return Err(BuildError::Options(what));
             }
-            // A file system without locks.
+            // The file system has no locks.
             Err(TryLockError::Error(_)) => {}
         }
         let (records, whole) = read(&file, &path)?;
@@ -112,16 +113,16 @@ impl Results {
         Ok(Self { file, path, records })
     }
 
-    /// What is known, by source.
+    /// The last record of each source.
     #[must_use]
     pub fn records(&self) -> &BTreeMap<String, Record> {
         &self.records
     }
 
-    /// Adds a line.
+    /// Appends a line.
     ///
     /// # Errors
-    /// If the disk does not take it.
+    /// If the file cannot be written.
     pub fn add(&mut self, record: Record) -> Result<(), BuildError> {
         let write_error = |e| BuildError::write(&self.path, e);
         let mut line = serde_json::to_vec(&record).map_err(|e| write_error(e.into()))?;
@@ -132,7 +133,7 @@ impl Results {
     }
 }
 
-/// The last record of each source, and where the last whole line ends.
+/// The last record of each source, and the end of the last whole line in bytes.
 fn read(file: &File, path: &Path) -> Result<(BTreeMap<String, Record>, u64), BuildError> {
     let (mut records, mut whole) = (BTreeMap::new(), 0);
     let mut from = BufReader::new(file);
@@ -147,7 +148,7 @@ fn read(file: &File, path: &Path) -> Result<(BTreeMap<String, Record>, u64), Bui
                 whole += line.len() as u64;
                 records.insert(record.source.clone(), record);
             }
-            // What a killed process leaves begins as a record does.
+            // The unfinished line of a killed process begins like a record.
             _ if line.is_empty() || (!is_whole && is_begun(&line)) => break,
             _ => {
                 let found = "something else. The folder needs another name, or the file does".into();
@@ -163,7 +164,7 @@ fn read(file: &File, path: &Path) -> Result<(BTreeMap<String, Record>, u64), Bui
     Ok((records, whole))
 }
 
-/// Whether this may be the beginning of a record.
+/// Whether the bytes may be the beginning of a record.
 fn is_begun(line: &[u8]) -> bool {
     const START: &[u8] = b"{\"source\":\"";
     let common = line.len().min(START.len());

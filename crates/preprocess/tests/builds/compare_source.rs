@@ -1,4 +1,4 @@
-//! A container against the source that it was built from: equal, within the bound, or the voxel that is not.
+//! Comparison of a container with its source: equal, within the bound, or the first different voxel.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use supervol_sources::computed::Computed;
 
 const DIMS: [u64; 3] = [45, 38, 51];
 
-/// Noise, one brick of zeros with its apron, and a hole; one voxel may be off.
+/// Noise, one brick of zeros with its apron, and a hole; the voxel `at` is changed by `off`.
 fn source(voxel_type: VoxelType, at: [u64; 3], off: f64) -> Computed {
     Computed::new(DIMS, voxel_type, move |p| {
         let hash = (p[0] + 70 * p[1] + 3500 * p[2]).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 52;
@@ -47,13 +47,13 @@ fn every_voxel_counts_where_nothing_may_be_lost() {
         let container = built(folder.path(), &same, MaxError::Exact);
         let found = compared(&container, &same).unwrap_or_else(|e| panic!("{e}"));
         assert_eq!(found, Compared { voxels: DIMS.iter().product(), greatest: 0.0, bound: 0.0 });
-        // First and last voxels of bricks and of the volume, in a brick of one value, too.
+        // First and last voxels of bricks and of the volume, also in a brick of one value.
         for at in [[0, 0, 0], [15, 16, 31], [16, 0, 50], [44, 37, 50], [31, 32, 5]] {
             let message = said(&container, &source(voxel_type, at, 1.0));
             assert!(message.contains(&format!("voxel {at:?} against its source")), "{message}");
         }
     }
-    // A hole that is none, and a voxel that is a hole.
+    // A hole instead of a voxel, and a voxel instead of a hole.
     let folder = tempfile::tempdir().expect("a folder");
     let container = built(folder.path(), &source(VoxelType::F32, [3, 30, 40], f64::NAN), MaxError::Exact);
     let message = said(&container, &source(VoxelType::F32, [0; 3], 0.0));
@@ -71,7 +71,8 @@ fn moved_voxels_are_within_the_bound_and_no_further() {
         let at = [33, 20, 40];
         let message = said(&container, &source(voxel_type, at, 11.0));
         assert!(message.contains(&format!("voxel {at:?}")) && message.contains("off"), "{message}");
-        // A brick that holds multiples of the step only has an error of 0: there, what the container's bound allows is a lie.
+        // A brick of exact multiples of the step has the error 0: there even a change within the container's bound is
+        // refused.
         let message = said(&container, &source(voxel_type, [5, 6, 7], 1.0));
         assert!(message.contains("voxel [5, 6, 7]") && message.contains("expected 1"), "{message}");
     }

@@ -1,4 +1,4 @@
-//! Builds that were killed go on, and containers are compared with their sources.
+//! Continuation of killed builds, and comparison of containers with their sources.
 
 #![allow(clippy::unwrap_used, reason = "tests fail loudly")]
 

@@ -1,4 +1,4 @@
-//! A build that was killed goes on where it was, and ends with the same bytes: whatever its process left behind.
+//! A killed build continues and ends with the same bytes, whatever files its process left behind.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -27,7 +27,7 @@ fn source(seed: u64) -> Computed {
     })
 }
 
-/// A source that says something else of itself.
+/// A source with another description.
 struct ReadAs {
     source: Computed,
     info: SourceInfo,
@@ -54,7 +54,7 @@ fn options() -> BuildOptions {
     }
 }
 
-/// A source whose voxels have this checksum.
+/// A source entry with this checksum.
 fn origin(xxh3_64: &str) -> Source {
     Source { name: "a".into(), format: "computed".into(), bytes: 0, xxh3_64: xxh3_64.into() }
 }
@@ -63,7 +63,7 @@ fn run(folder: &Path, source: &dyn VolumeSource, on_progress: &(dyn Fn(Progress)
     build(source, origin("01"), &folder.join(OUTPUT), &options(), on_progress).unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// The files of a build as they are at every moment that it tells of, each moment in a folder of its own.
+/// Copies of a build's files at every progress report, each in its own folder.
 fn moments(folder: &Path) -> Vec<PathBuf> {
     let building = folder.join("whole");
     std::fs::create_dir(&building).expect("room");
@@ -84,7 +84,7 @@ fn bytes(folder: &Path) -> Vec<u8> {
     std::fs::read(folder.join(OUTPUT)).expect("the build wrote it")
 }
 
-/// Bricks that a build did not make anew.
+/// Number of bricks that a continued build took over.
 fn restored(report: &BuildReport) -> u64 {
     let note = report.notes.iter().find(|note| note.contains("interrupted"));
     note.map_or(0, |note| note.split_whitespace().find_map(|word| word.parse().ok()).expect("a number"))
@@ -123,7 +123,7 @@ fn what_is_torn_or_damaged_is_made_anew() {
         let mut files: Vec<PathBuf> =
             list_builds(moment).expect("the folder is there").into_iter().map(|l| l.path.clone()).collect();
         files.sort_by_key(|path| std::fs::metadata(path).expect("it is there").len());
-        // Journal or container, cut or wrong in one byte.
+        // Journal or container, truncated or with a wrong byte.
         let path = &files[i % 2];
         let mut content = std::fs::read(path).expect("it is there");
         let at = random(content.len());
@@ -153,26 +153,26 @@ fn another_build_begins_anew_and_removes_what_is_left() {
         assert_eq!(restored(&report), 0);
         assert_eq!(std::fs::read_dir(moment).expect("the folder is there").count(), 1, "{moment:?}");
     }
-    // Another brick size, another memory: other bytes.
+    // Another memory limit gives other bytes.
     let moment = &moments[5];
     let larger = BuildOptions { memory_bytes: 3 << 20, ..options() };
     let report = build(&source(1), origin("01"), &moment.join(OUTPUT), &larger, &|_| ());
     assert_eq!(restored(&report.unwrap_or_else(|e| panic!("{e}"))), 0);
-    // The same file, read in another way.
+    // The same file with other reading options.
     let moment = &moments[7];
     let mut info = source(1).info().clone();
     info.reading = vec![("endian", "big".into())];
     let other = ReadAs { source: source(2), info };
     let report = build(&other, origin("01"), &moment.join(OUTPUT), &options(), &|_| ());
     assert_eq!(restored(&report.unwrap_or_else(|e| panic!("{e}"))), 0);
-    // Of a source without a checksum nobody knows whether it is the same.
+    // Without a checksum, the source may have changed.
     let moment = &moments[6];
     let report = build(&source(1), origin(""), &moment.join(OUTPUT), &options(), &|_| ());
     assert_eq!(restored(&report.unwrap_or_else(|e| panic!("{e}"))), 0);
     assert_eq!(std::fs::read_dir(moment).expect("the folder is there").count(), 1);
 }
 
-/// A file as large as many tiles, read as it is.
+/// A raw file of many tiles.
 fn file_source(path: &Path) -> RawSource {
     let options = RawOptions {
         dims: Dims([64, 64, 200]),
@@ -202,7 +202,7 @@ fn the_checksum_of_a_file_is_taken_while_it_is_read() {
     let expected = built("whole.svol", &known);
     assert!(built("along.svol", "") == expected, "the same checksum, taken at once or along the way");
 
-    // Stopped, and gone on with: the checksum is of all of it.
+    // A cancelled and continued build has the checksum of the whole file.
     let output = folder.path().join(OUTPUT);
     let stopping = options();
     let canceller = stopping.canceller.clone();
@@ -216,7 +216,7 @@ fn the_checksum_of_a_file_is_taken_while_it_is_read() {
     let report = build(&file_source(&path), name(""), &output, &options(), &|_| ()).unwrap_or_else(|e| panic!("{e}"));
     assert!(restored(&report) > 0 && bytes(folder.path()) == expected);
 
-    // Written to while it is read, its time set back.
+    // The file is changed during reading, and its modification time set back.
     let modified = std::fs::metadata(&path).and_then(|m| m.modified()).expect("times");
     let overwrite = |progress: Progress| {
         if progress.bricks_done > 0 {
@@ -230,7 +230,7 @@ fn the_checksum_of_a_file_is_taken_while_it_is_read() {
     assert!(!output.exists());
 }
 
-/// A source of which one box cannot be read.
+/// A source with one unreadable box.
 struct Failing {
     source: Computed,
     fail_at: u64,
@@ -251,7 +251,7 @@ impl VolumeSource for Failing {
     }
 }
 
-/// Exact and with voxels moved, where the step is found anew from the source and must be the same.
+/// Exact, and with moved voxels, whose step is determined again from the source and must be the same.
 #[test]
 fn reads_that_fail_cost_no_finished_brick() {
     for max_error in [MaxError::Exact, MaxError::Value(3.0), MaxError::Percent(0.5)] {
@@ -266,7 +266,7 @@ fn reads_that_fail_cost_no_finished_brick() {
             let failing = Failing { source: source(1), fail_at, boxes: AtomicU64::default() };
             let result = build(&failing, origin("01"), &output, &options, &|_| ());
             let Err(error) = result else {
-                // What went on had less to read than this.
+                // The continued build had fewer reads than this.
                 assert!(done > 0, "{max_error:?}: read {fail_at} did not fail");
                 break;
             };
@@ -277,7 +277,7 @@ fn reads_that_fail_cost_no_finished_brick() {
                 kept += 1;
                 done = 2;
             }
-            // What fails before the first tile (samples, the range) neither adds to what is there nor takes it away.
+            // Failures before the first tile (samples, range) neither add to the kept files nor remove them.
             assert_eq!(left, done, "{max_error:?}, read {fail_at}: {error}");
         }
         assert!(kept > 1, "{max_error:?}: {kept} failures kept something");
@@ -290,7 +290,7 @@ fn reads_that_fail_cost_no_finished_brick() {
     }
 }
 
-/// Options with which nothing is read before it is looked at what is there.
+/// Options with which a build reads nothing of the source before it examines the kept files.
 fn decided() -> BuildOptions {
     BuildOptions { reduce: Some(Reduce::Mean), lod_axes: LodAxes::Xyz, ..options() }
 }
@@ -320,7 +320,7 @@ fn a_build_that_was_stopped_goes_on() {
         };
         let kept = kept_of(run(&place, &options, &stop).expect_err("it was stopped"));
         assert!(!place.join(OUTPUT).exists(), "nothing half built has the name of a container");
-        // Stopped again while it looks at what is there, it keeps all of that.
+        // Cancelled again while it examines the kept files, the build keeps all of them.
         let again = kept_of(run(&place, &options, &|_| ()).expect_err("it is stopped"));
         assert!(kept == again, "{bricks}: other bytes are kept");
         let report = run(&place, &decided(), &|_| ()).expect("it goes on");
@@ -330,7 +330,7 @@ fn a_build_that_was_stopped_goes_on() {
     }
 }
 
-/// Stopped while the first voxels are read, a build leaves nothing; stopped after its last brick, it is whole.
+/// Cancelled during the first read, a build leaves nothing; cancelled after its last brick, it is complete.
 #[test]
 fn stops_at_both_ends_leave_nothing_half_done() {
     let folder = tempfile::tempdir().expect("a temporary folder");

@@ -1,11 +1,12 @@
-//! `BigDataViewer`: an XML file that names an HDF5 file or a folder of N5 with the voxels, and says how large voxels are and where each view
-//! lies.
+//! `BigDataViewer`: an XML file that names an HDF5 file or an N5 folder with the voxels. It states the voxel sizes and
+//! the placement of each view.
 //!
-//! A view is a setup (`--channel`, in the order of the file) at a time point (`--frame`, in the order of their numbers), at a level of
-//! the viewer's own pyramid (`--source-level`). Its place is the product of its transforms; where there are none, the size of its
-//! voxels. Voxels are read by [`super::hdf5`] and [`super::zarr`]; data that lie outside the folder of the XML file only where that
-//! is allowed. Format: Pietzsch, Saalfeld, Preibisch and Tomancak, "`BigDataViewer`: visualization and processing for large image data
-//! sets", Nature Methods 12 (2015), and <https://imagej.net/plugins/bdv>.
+//! A view is a setup (`--channel`, in the order of the file) at a time point (`--frame`, in numerical order).
+//! `--source-level` selects a level of the viewer's own pyramid. The placement of a view is the product of its
+//! transforms; without transforms, the voxel size. [`super::hdf5`] and [`super::zarr`] read the voxels. Data outside
+//! the folder of the XML file are read only if allowed. Format: Pietzsch, Saalfeld, Preibisch and Tomancak,
+//! "`BigDataViewer`: visualization and processing for large image data sets", Nature Methods 12 (2015), and
+//! <https://imagej.net/plugins/bdv>.
 
 use std::fs::File;
 use std::io::Read;
@@ -25,13 +26,13 @@ use crate::input::selection::Selection;
 use crate::input::text::shortened;
 use crate::{Axis, SourceError, SourceInfo, VolumeSource};
 
-/// The element that such a file begins with.
+/// First element of such a file.
 pub(crate) const START: &[u8] = b"<SpimData";
-/// Longest file that is read: with a place for each of tens of thousands of views.
+/// Longest file that is read, in bytes: room for tens of thousands of views.
 const XML_LIMIT_BYTES: u64 = 64 << 20;
-/// Most setups, and most views.
+/// Largest number of setups, and of views.
 const VIEWS_LIMIT: usize = 1 << 17;
-/// Longest path of elements.
+/// Largest depth of nested elements.
 const DEPTH_LIMIT: usize = 64;
 
 /// A view of a data set.
@@ -41,11 +42,11 @@ pub struct ViewerXmlSource {
 }
 
 impl ViewerXmlSource {
-    /// Opens the view that is wanted.
+    /// Opens the selected view.
     ///
     /// # Errors
-    /// If the XML file breaks its rules, its data are of a kind that is not read or lie outside its folder, or there is no such
-    /// view; and as [`hdf5::open`] and [`zarr::open`].
+    /// If the XML file breaks its rules, or there is no such view. If its data are of an unsupported kind or lie
+    /// outside its folder. Also as [`hdf5::open`] and [`zarr::open`].
     pub fn open(path: &Path, options: &FolderOptions<'_>) -> Result<Self, SourceError> {
         options.selection.refuse_series(path)?;
         options.selection.refuse_array(path)?;
@@ -90,15 +91,15 @@ impl ViewerXmlSource {
         }
         info.axes = ["x", "y", "z"].map(|name| Axis { name: name.into(), unit: setup.unit.clone() });
         info.files.insert(0, source_file);
-        // What the reader of the voxels says of sizes that it does not know, is known here.
+        // The voxel reader notes that it does not know the spacing; here it is known.
         info.notes.retain(|note| !note.contains("--spacing"));
         info.notes.append(&mut notes);
         Ok(Self { voxels, info })
     }
 }
 
-/// The file or folder with the voxels that such an XML file names, where it lies below the XML file's folder; `None` where the file
-/// is none of these, or cannot be read.
+/// File or folder of the voxels that such an XML file names, if it lies below the XML file's folder. `None` if the file
+/// is of another kind or cannot be read.
 pub fn data_of(path: &Path) -> Option<PathBuf> {
     Described::read(path).ok()?.data(path, Outside::Refused).ok()
 }
@@ -113,11 +114,11 @@ impl VolumeSource for ViewerXmlSource {
     }
 }
 
-/// Loaders whose data are read.
+/// Supported data formats.
 const HDF5: &str = "bdv.hdf5";
 const N5: &str = "bdv.n5";
 
-/// A channel, an angle, a tile: what all time points have a view of.
+/// A channel, angle or tile. Every time point has a view of it.
 #[derive(Debug, Clone, PartialEq, Default)]
 struct Setup {
     id: u64,
@@ -132,12 +133,12 @@ struct View<'a> {
     time: u64,
 }
 
-/// What the file says.
+/// Contents of the XML file.
 #[derive(Debug, Default, PartialEq)]
 struct Described {
     base: String,
     loader: String,
-    /// Name of the data, and whether it is to be looked for beside the file.
+    /// Name of the data, and whether it is relative to the XML file.
     data: Option<(String, bool)>,
     setups: Vec<Setup>,
     /// Time point, setup, and the product of the transforms, if there are any.
@@ -171,7 +172,7 @@ impl Described {
                 }
                 Event::Empty(element) => described.begin(&element)?,
                 Event::Text(text) => described.take(&inside, &text)?,
-                // Names of files may hold an escaped `&`.
+                // File names may contain an escaped `&`.
                 Event::GeneralRef(name) => {
                     described.take(&inside, quick_xml::escape::resolve_predefined_entity(&name).unwrap_or("?"))?
                 }
@@ -182,7 +183,7 @@ impl Described {
         }
     }
 
-    /// An element begins.
+    /// Handles the beginning of an element.
     fn begin(&mut self, element: &BytesStart<'_>) -> Result<(), String> {
         let value = |wanted: &str| -> Result<Option<String>, String> {
             for attribute in element.attributes() {
@@ -211,11 +212,11 @@ impl Described {
         Ok(())
     }
 
-    /// What stands in an element.
+    /// Handles the text of an element.
     fn take(&mut self, inside: &[String], text: &str) -> Result<(), String> {
         let names: Vec<&str> = inside.iter().rev().map(String::as_str).collect();
         match names[..] {
-            // In several parts, where characters are escaped.
+            // Escaped characters split a text into several parts.
             ["BasePath", ..] => self.base += text,
             ["hdf5" | "n5", "ImageLoader", ..] => self.data.iter_mut().for_each(|(name, _)| name.push_str(text)),
             _ if text.trim().is_empty() => {}
@@ -232,7 +233,7 @@ impl Described {
                 let [a, b, c, x, d, e, f, y, g, h, i, z] = numbers::<12>(text)?;
                 let one = DAffine3::from_cols_array(&[a, d, g, b, e, h, c, f, i, x, y, z]);
                 let place = self.places.last_mut().ok_or("a transform of no view")?;
-                // The first that is listed is applied last.
+                // The transform that is listed first is applied last.
                 place.2 = Some(place.2.map_or(one, |before| before * one));
             }
             _ => {}
@@ -244,7 +245,7 @@ impl Described {
         self.setups.last_mut().ok_or_else(|| "a setup's part outside of any".into())
     }
 
-    /// Where the voxels are.
+    /// Path of the voxel data.
     fn data(&self, path: &Path, outside: Outside) -> Result<PathBuf, SourceError> {
         if ![HDF5, N5].contains(&self.loader.as_str()) {
             let what =
@@ -269,7 +270,7 @@ impl Described {
         Err(SourceError::invalid(path, "ImageLoader", "the data that it names", found))
     }
 
-    /// The view that is wanted.
+    /// The selected view.
     fn view(&self, path: &Path, selection: &Selection, notes: &mut Vec<String>) -> Result<View<'_>, SourceError> {
         let setups = self.setups.len() as u64;
         if setups == 0 {
@@ -296,7 +297,8 @@ impl Described {
 }
 
 impl Setup {
-    /// The place of a level whose voxels are so many of the finest: of their middle, where several are one.
+    /// Geometry of a level whose voxels cover `factors` of the finest voxels per axis. A coarse voxel lies at the
+    /// centre of its fine ones.
     fn geometry(&self, place: Option<DAffine3>, factors: [f64; 3]) -> Geometry {
         let of_size = || DAffine3::from_scale(DVec3::from_array(self.voxel_size.unwrap_or([1.0; 3])));
         let place = place.unwrap_or_else(of_size);
@@ -341,7 +343,7 @@ mod tests {
         assert_eq!(found.data, Some(("a & b.h5".into(), true)));
         let setup = Setup { id: 7, unit: unit_of("micrometer"), voxel_size: Some([0.5, 0.25, 2.0]) };
         assert_eq!(found.setups, std::slice::from_ref(&setup));
-        // Without a place: by the size of the voxels, a coarse one in the middle of its fine ones.
+        // Without a transform: from the voxel size, with a coarse voxel at the centre of its fine ones.
         let fine = setup.geometry(None, [1.0; 3]);
         assert_eq!((fine.spacing, fine.origin), ([0.5, 0.25, 2.0], [0.0; 3]));
         let coarse = setup.geometry(None, [2.0, 4.0, 1.0]);
@@ -357,7 +359,7 @@ mod tests {
         let found = Described::parse(&xml(registered)).expect("a data set");
         let view = View { setup: &found.setups[0], time: 3 };
         let place = found.place_of(view).expect("a place");
-        // Voxel (1, 2, 3): turned and scaled to (-4 + 1, 2, 9), then moved.
+        // Voxel (1, 2, 3): rotated and scaled to (-4 + 1, 2, 9), then translated.
         assert_eq!(place.transform_point3(DVec3::new(1.0, 2.0, 3.0)), DVec3::new(7.0, 22.0, 39.0));
         let geometry = view.setup.geometry(Some(place), [1.0; 3]);
         assert_eq!((geometry.spacing, geometry.origin), ([2.0, 2.0, 3.0], [11.0, 20.0, 30.0]));

@@ -1,6 +1,7 @@
 //! Readers: one module per file format.
 //!
-//! A reader turns files of one format into a [`VolumeSource`](crate::VolumeSource). [`crate::open`] finds the reader of a file.
+//! A reader turns files of one format into a [`VolumeSource`](crate::VolumeSource). [`crate::open`] finds the reader
+//! for a file.
 
 pub mod bigdataviewer;
 pub mod dicom;

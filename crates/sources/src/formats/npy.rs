@@ -1,9 +1,9 @@
 //! NumPy arrays (`.npy`, versions 1 to 3): a Python dict literal, then the packed elements.
 //!
-//! The shape is [z, y, x], as `supervol extract` writes it; `fortran_order` changes the memory order only (z runs
-//! fastest then), never which axis is which. Format: NumPy Enhancement Proposal 1 and `numpy.lib.format`.
-//! Promises: the literal is parsed strictly, by a parser that knows nothing but strings, True, False and tuples of
-//! numbers, and is at most 1 MiB long. Elements are read in place; bytes behind them are noted.
+//! The shape is [z, y, x], as `supervol extract` writes it. `fortran_order` changes only the memory order (z is then
+//! fastest), not the meaning of the axes. Format: NumPy Enhancement Proposal 1 and `numpy.lib.format`.
+//! The literal may have 1 MiB. Its strict parser knows only strings, True, False and tuples of numbers. Elements are
+//! read in place; bytes behind them are noted.
 //! Written by hand: the crate `ndarray-npy` reads whole arrays into memory.
 
 use std::fs::File;
@@ -18,10 +18,10 @@ use crate::input::file::SourceFile;
 use crate::input::selection::Selection;
 use crate::{Endian, SourceError, SourceInfo, VolumeSource};
 
-/// Longest header read. NumPy itself warns beyond 10,000.
+/// Longest header that is read, in bytes. NumPy itself warns beyond 10,000.
 const HEADER_LIMIT_BYTES: u64 = 1 << 20;
 
-/// Most axes of an array; NumPy allows 64.
+/// Largest number of axes of an array; NumPy allows 64.
 const AXES_LIMIT: usize = 64;
 
 const MAGIC: &[u8; 6] = b"\x93NUMPY";
@@ -34,12 +34,12 @@ impl NpySource {
     /// Opens a `.npy` file.
     ///
     /// # Errors
-    /// If the file cannot be read, breaks the format's rules, or holds what a volume of ours cannot.
+    /// If the file cannot be read, breaks the format's rules, or does not hold a supported volume.
     pub fn open(path: &Path) -> Result<Self, SourceError> {
         Self::open_with(path, &Selection::default())
     }
 
-    /// The same, where a person has said which volume or channel of an array of more axes.
+    /// As [`Self::open`], with the user's choice of volume and channel in an array of more axes.
     ///
     /// # Errors
     /// As [`Self::open`]; also if there is no such volume or channel.
@@ -50,7 +50,7 @@ impl NpySource {
         Self::of_part(path, "npy", (file, 0, length), selection, source_file)
     }
 
-    /// The array in a part of a file: from a byte on, so many bytes.
+    /// The array in a part of a file: `length` bytes from byte `start` on.
     pub(crate) fn of_part(
         path: &Path,
         format: &'static str,
@@ -108,7 +108,7 @@ impl VolumeSource for NpySource {
     }
 }
 
-/// The dict literal and the offset of the first element, of an array that begins at `start`.
+/// The dict literal and the offset of the first element, for an array that begins at byte `start_at`.
 fn header_text(path: &Path, file: &File, start_at: u64) -> Result<(String, u64), SourceError> {
     let read = |offset: u64, out: &mut [u8]| match file.read_exact_at(start_at + offset, out) {
         Ok(()) => Ok(()),
@@ -150,7 +150,7 @@ fn header_text(path: &Path, file: &File, start_at: u64) -> Result<(String, u64),
     Ok((String::from_utf8_lossy(&text).into_owned(), start_at + text_offset + length))
 }
 
-/// What the dict says.
+/// Contents of the dict.
 #[derive(Debug, PartialEq, Eq)]
 struct NpyHeader {
     descr: String,
@@ -189,7 +189,7 @@ fn parse_header(text: &str) -> Result<NpyHeader, String> {
     }
 }
 
-/// Takes one piece of the literal after the other; white space between them is passed over.
+/// Parser that consumes one token of the literal after the other and skips white space.
 struct Parser<'a> {
     rest: &'a str,
 }
@@ -255,7 +255,7 @@ impl<'a> Parser<'a> {
     }
 }
 
-/// Type and byte order behind a NumPy type string such as `<f4`.
+/// Number type and byte order of a NumPy type string such as `<f4`.
 fn element_type(path: &Path, descr: &str) -> Result<(Number, Endian), SourceError> {
     let unknown = || {
         let expected = "a byte order (<, > or |) and one of u1 i1 u2 i2 u4 i4 u8 i8 f2 f4 f8 b1";
@@ -289,7 +289,7 @@ fn refused(path: &Path, descr: &str, what: &str, conversion: &str) -> SourceErro
     SourceError::unsupported(path, what, format!("convert with {conversion} before saving"))
 }
 
-/// The three axes of the volume, and those beside them that a person has chosen from; `shape` has the slowest index first.
+/// The three axes of the volume, and the axes of channels and frames. The array's shape has the slowest axis first.
 fn split_axes_of(path: &Path, header: &NpyHeader, selection: &Selection) -> Result<SplitAxes, SourceError> {
     let shape = &header.shape;
     if let Some(axis) = shape.iter().position(|n| *n == 0) {
@@ -303,7 +303,7 @@ fn split_axes_of(path: &Path, header: &NpyHeader, selection: &Selection) -> Resu
     };
     match split {
         Ok(split) if split.channels == 1 && split.frames == 1 => Ok(split),
-        // Any of an array's axes could be the odd one out: only a person knows.
+        // Either the first or the last axis may be the extra one; only the user knows.
         Ok(_) if selection.channel.is_none() && selection.frame.is_none() => {
             let [first, last] = [shape[0], shape[shape.len() - 1]];
             refused(format!(
@@ -316,7 +316,7 @@ fn split_axes_of(path: &Path, header: &NpyHeader, selection: &Selection) -> Resu
     }
 }
 
-/// The first characters of a text from a file, fit for a message.
+/// The first characters of a text from a file, safe to print in a message.
 fn excerpt(text: &str) -> String {
     text.chars().take(80).map(|c| if c.is_control() { '?' } else { c }).collect()
 }

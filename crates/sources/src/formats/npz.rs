@@ -1,8 +1,8 @@
-//! Archives of NumPy arrays (`.npz`): a ZIP file with one `.npy` file for each array.
+//! Archives of NumPy arrays (`.npz`): a ZIP file with one `.npy` file per array.
 //!
-//! Arrays that are stored as they are (`numpy.savez`) are read in place, compressed ones (`savez_compressed`) are inflated once into
-//! a spool file, at most to the length that the archive states. Of several arrays the one that is named is read (`FILE.npz:/NAME`);
-//! without a name there must be one only. The archive is opened by the crate `zip`, the array by [`super::npy`].
+//! Stored arrays (`numpy.savez`) are read in place. Compressed ones (`savez_compressed`) are inflated once into a spool
+//! file, at most to the length that the archive states. `FILE.npz:/NAME` names one of several arrays; without a name
+//! there must be only one. The crate `zip` opens the archive, [`super::npy`] the array.
 
 use std::fs::File;
 use std::io::{BufReader, Read};
@@ -20,11 +20,11 @@ use crate::input::spool::{DEFLATE_RATIO_LIMIT, Spool, SpoolFolder};
 use crate::input::text::shortened;
 use crate::{SourceError, SourceInfo, VolumeSource};
 
-/// Most arrays of an archive.
+/// Largest number of arrays in an archive.
 const ARRAYS_LIMIT: usize = 1 << 16;
-/// Most arrays that a message lists.
+/// Largest number of arrays that a message lists.
 const LISTED_LIMIT: usize = 20;
-/// Bytes that are inflated at once.
+/// Buffer size for inflating in bytes.
 const BUFFER_BYTES: usize = 1 << 18;
 
 /// An array of an archive.
@@ -32,11 +32,11 @@ const BUFFER_BYTES: usize = 1 << 18;
 pub struct NpzSource(NpySource);
 
 impl NpzSource {
-    /// Opens an array of an archive; a compressed one is inflated into `spool`.
+    /// Opens an array of an archive. A compressed one is inflated into `spool`.
     ///
     /// # Errors
-    /// If the file cannot be read, is no such archive, holds several arrays of which none is named, or an array that no volume of
-    /// ours can be.
+    /// If the file cannot be read or is not such an archive. If it holds several arrays and none is named, or the array
+    /// is not a supported volume.
     pub fn open(path: &Path, spool: &SpoolFolder, selection: &Selection) -> Result<Self, SourceError> {
         let source_file = SourceFile::of(path)?;
         let file = open_data(path)?;
@@ -71,7 +71,7 @@ impl VolumeSource for NpzSource {
     }
 }
 
-/// The name in the archive of the array that is wanted, or of the only one.
+/// The name in the archive of the chosen array, or of the only one.
 fn choose<R>(path: &Path, archive: &ZipArchive<R>, selection: &Selection) -> Result<String, SourceError>
 where
     R: Read + std::io::Seek,
@@ -103,7 +103,7 @@ where
     }
 }
 
-/// Inflates an array, to the length that the archive states and no further.
+/// Inflates an array, at most to the length that the archive states.
 fn inflate<R: Read>(
     path: &Path,
     entry: &mut zip::read::ZipFile<'_, R>,
@@ -132,7 +132,7 @@ fn inflate<R: Read>(
     }
 }
 
-/// What the errors of archives are for us.
+/// Converts an error of the ZIP reader.
 pub(crate) fn of_zip(path: &Path, error: zip::result::ZipError) -> SourceError {
     use zip::result::ZipError;
     match error {

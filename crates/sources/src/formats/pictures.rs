@@ -1,9 +1,9 @@
 //! Folders of pictures as slices, in natural order (`s9` before `s10`), and single pictures: PNG, JPEG, TIFF.
 //!
-//! All pictures must be of one format, size and type; files that are no pictures are left out, and the notes say so. Of colours the
-//! luminance is used, or one channel. The numbers of a palette are the voxels, as those of pixels of fewer than eight bits.
-//! Nothing in pictures says how far apart slices are: `--spacing` does. Uncompressed TIFF is read in place; all else is decoded once
-//! into a spool file, a picture at a time, by the crates `png`, `jpeg-decoder` and `tiff`.
+//! All pictures must have the same format, size and type. Other files are skipped, with a note. Colours give their
+//! luminance, or one channel. Palette indices, and pixels of fewer than eight bits, are voxels as stored. Pictures do
+//! not state the distance of slices; `--spacing` does. Uncompressed TIFF is read in place. All else is decoded once
+//! into a spool file, one picture at a time, by the crates `png`, `jpeg-decoder` and `tiff`.
 
 use std::fs::File;
 use std::io::{BufReader, Read};
@@ -22,10 +22,10 @@ use crate::input::folder::{FolderOptions, Listing};
 use crate::input::spool::Spool;
 use crate::{Endian, SourceError, SourceInfo, VolumeSource};
 
-/// What is held of a picture while it is decoded, beside its pixels.
+/// Copies of a picture's pixels in memory while it is decoded.
 const PICTURE_COPIES: u64 = 3;
 
-/// Formats of pictures.
+/// Picture formats.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Kind {
     Png,
@@ -34,7 +34,7 @@ pub(crate) enum Kind {
 }
 
 impl Kind {
-    /// The format that begins like this.
+    /// The format of a file that begins with `head`.
     pub(crate) fn of(head: &[u8]) -> Option<Self> {
         const TIFF_STARTS: [&[u8]; 4] = [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"];
         if head.starts_with(b"\x89PNG\r\n\x1a\n") {
@@ -63,7 +63,7 @@ impl PicturesSource {
     /// Opens a folder of pictures, or one picture.
     ///
     /// # Errors
-    /// If there is no picture, if they differ in format, size or type, or if one cannot be decoded.
+    /// If there is no picture, if pictures differ in format, size or type, or if one cannot be decoded.
     pub fn open(path: &Path, options: &FolderOptions<'_>) -> Result<Self, SourceError> {
         options.selection.refuse_array(path)?;
         options.selection.frame_of(path, 1)?;
@@ -105,7 +105,7 @@ impl VolumeSource for PicturesSource {
     }
 }
 
-/// The pictures of a folder, which must be of one format.
+/// The pictures of a folder, which must have the same format.
 fn files(path: &Path, outside: Outside, notes: &mut Vec<String>) -> Result<(Vec<PathBuf>, Kind), SourceError> {
     let listing = if path.is_dir() { Listing::of(path, false, outside)? } else { Listing::one(path) };
     listing.note(notes);
@@ -138,7 +138,7 @@ fn files(path: &Path, outside: Outside, notes: &mut Vec<String>) -> Result<(Vec<
     Ok((pictures.into_iter().map(|(file, _)| file).collect(), kind))
 }
 
-/// Where the pixels of all pictures lie, if they lie in the files as they are, in one byte order.
+/// Positions of the pixels of all pictures, if they lie in the files without encoding and in one byte order.
 fn in_place(files: &[PathBuf], kind: Kind, first: Page) -> Result<Option<(Vec<Part>, Endian)>, SourceError> {
     let (mut parts, mut order) = (Vec::new(), None);
     for path in files {
@@ -213,7 +213,7 @@ impl<'a> Picture<'a> {
         })
     }
 
-    /// Size and type.
+    /// Size and type of the picture.
     fn page(&mut self, path: &Path) -> Result<Page, SourceError> {
         match self {
             Self::Tiff(pages) => pages.page(),
@@ -244,7 +244,7 @@ impl<'a> Picture<'a> {
         }
     }
 
-    /// Most bytes that a byte of the file stands for.
+    /// Largest number of decoded bytes per byte of the file.
     fn ratio_limit(&mut self, page: Page) -> Result<u64, SourceError> {
         match self {
             Self::Tiff(pages) => pages.ratio_limit(page),
@@ -252,7 +252,7 @@ impl<'a> Picture<'a> {
         }
     }
 
-    /// Appends the pixels, little endian.
+    /// Appends the decoded pixels, little endian.
     fn decode(&mut self, path: &Path, page: Page, spool: &mut Spool) -> Result<(), SourceError> {
         let pixels = match self {
             Self::Tiff(pages) => return pages.decode_page(0, page, spool),
@@ -285,7 +285,7 @@ fn decode_png(reader: &mut png::Reader<BufReader<File>>, page: Page) -> Result<V
     if bits >= 8 {
         return Ok(pixels);
     }
-    // Rows begin with a byte of their own; the first pixel has the highest bits.
+    // Each row begins at a byte boundary; the first pixel has the highest bits.
     let width = page.size[0] as usize;
     let pixel = |row: &[u8], x: usize| row[x * bits / 8] >> (8 - bits - x * bits % 8) & ((1 << bits) - 1);
     Ok(pixels

@@ -1,7 +1,7 @@
 //! Headerless volumes: packed voxels, x fastest, after an optional header of known length.
 //!
-//! Nothing in such a file says what it is, so its length must fit the options to the byte: a wrong dim or type is the
-//! commonest mistake, and a picture of noise the commonest result.
+//! Such a file does not describe itself, so its length must match the options to the byte. A wrong dim or type is the
+//! most common mistake and would give a picture of noise.
 
 use std::fs::File;
 use std::path::Path;
@@ -12,25 +12,25 @@ use crate::grid::dense::{GridFile, GridLayout, GridSource, checked_bytes};
 use crate::input::file::SourceFile;
 use crate::{Endian, SourceError, SourceInfo, VolumeSource};
 
-/// What a raw file does not say about itself.
+/// Properties that a raw file does not state itself.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RawOptions {
-    /// Voxels along x, y, z.
+    /// Number of voxels along x, y, z.
     pub dims: Dims,
     /// Type of the voxels.
     pub voxel_type: VoxelType,
-    /// Their byte order.
+    /// Byte order of the voxels.
     pub endian: Endian,
     /// Bytes before the first voxel.
     pub header_bytes: u64,
-    /// Place in the world.
+    /// Placement of the grid in the world.
     pub geometry: Geometry,
     /// Stored value that means "no data".
     pub nodata: Option<f64>,
 }
 
 impl RawOptions {
-    /// What decides which voxels there are; where they are, containers say in any case.
+    /// Options that determine the voxel values. Containers store the geometry anyway.
     fn describe(&self) -> Vec<(&'static str, String)> {
         let [nx, ny, nz] = self.dims.0;
         let said = [
@@ -51,7 +51,8 @@ impl RawSource {
     /// Opens a raw file.
     ///
     /// # Errors
-    /// If the options are impossible, the file cannot be opened, or its length is not exactly what they ask for.
+    /// If the options are impossible, the file cannot be opened, or its length is not exactly the one that the options
+    /// imply.
     pub fn open(path: &Path, options: &RawOptions) -> Result<Self, SourceError> {
         let RawOptions { dims, voxel_type, header_bytes, .. } = *options;
         let bytes = checked_bytes(path, dims, voxel_type).map_err(|e| SourceError::Options(e.to_string()))?;
@@ -85,7 +86,7 @@ impl VolumeSource for RawSource {
     }
 }
 
-/// Says what was asked for, what is there, and which offset or dims would fit.
+/// Error that states the expected and the found length, and which offset, dims or type would fit.
 fn wrong_length(path: &Path, options: &RawOptions, bytes: u64, found: u64) -> SourceError {
     let RawOptions { dims, voxel_type, header_bytes, .. } = *options;
     let total = u128::from(header_bytes) + u128::from(bytes);

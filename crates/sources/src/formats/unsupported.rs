@@ -1,5 +1,5 @@
-//! Formats that are not read: known by what their files begin with, by their names, or by what a folder holds, so that a person
-//! hears which format it is and what converts it.
+//! Unsupported formats, recognized by first bytes, file name or the contents of a folder. The error names the format
+//! and a conversion.
 
 use std::path::Path;
 
@@ -8,20 +8,20 @@ use supervol_files::folder_of;
 use super::zarr;
 use crate::SourceError;
 
-/// Stands for the file's own name in what converts it.
+/// Placeholder for the file's own name in a conversion.
 const INPUT: &str = "{in}";
 
-/// A format, and what makes of it something that is read.
+/// An unsupported format, and how to convert it to a supported one.
 struct Other {
     name: &'static str,
     way_out: &'static str,
 }
 
-/// What the header of an ENVI image begins with; its name ends as NIfTI's may.
+/// First bytes of an ENVI header; its file name may end like NIfTI's.
 pub(crate) const ENVI_START: &[u8] = b"ENVI";
-/// Bytes of a file that are looked at.
+/// Bytes at the beginning of a file that are examined.
 pub(crate) const HEAD_BYTES: u64 = 512;
-/// Entries of a folder that are looked at.
+/// Entries of a folder that are examined.
 const ENTRIES_LIMIT: usize = 64;
 
 const CONTAINER: Other = Other {
@@ -89,7 +89,7 @@ const MATLAB: Other = Other {
     way_out: "save the array with `niftiwrite`, or with Python: `numpy.save(OUT, scipy.io.loadmat('{in}')[NAME])`",
 };
 
-/// What files begin with: place, bytes, format.
+/// First bytes of files: offset, bytes, format.
 const STARTS: &[(usize, &[u8], &Other)] = &[
     (0, &supervol_format::container::header::MAGIC, &CONTAINER),
     (0, b"\0\0\0\x0cjP  ", &PICTURE),
@@ -118,7 +118,7 @@ const STARTS: &[(usize, &[u8], &Other)] = &[
     (0, b"OLYMPUSRAWFORMAT", &MICROSCOPE),
 ];
 
-/// What files are called, where their first bytes do not say.
+/// File name endings, for files whose first bytes do not tell.
 const NAMES: &[(&[&str], &Other)] = &[
     (&[".bmp", ".jp2", ".exr", ".webp", ".gif"], &PICTURE),
     (&[".nc", ".mnc"], &NETCDF),
@@ -136,7 +136,7 @@ const NAMES: &[(&[&str], &Other)] = &[
     (&[".gz", ".bz2", ".xz", ".zst", ".7z"], &COMPRESSED),
 ];
 
-/// Files that make a folder what it is, exactly or by their ends.
+/// Files that identify a folder, by their name or its end.
 const FOLDERS: &[(&[&str], &Other)] = &[(&["layout.bin", "volumedatalayout"], &SEISMIC_STORE)];
 
 fn refused(path: &Path, what: &str, other: &Other) -> SourceError {
@@ -144,30 +144,30 @@ fn refused(path: &Path, what: &str, other: &Other) -> SourceError {
     SourceError::unsupported(path, format!("this is {what}{}, which is not read", other.name), way_out)
 }
 
-/// The refusal of a ZIP archive that holds nothing that is read.
+/// Error for a ZIP archive without supported contents.
 pub(crate) fn refusal_of_zip(path: &Path, what: &str) -> SourceError {
     SourceError::unsupported(path, what, format!("unpack it first: `unzip {}`", path.display()))
 }
 
-/// The refusal of a file that describes the folder that it lies in.
+/// Error for a file that describes the folder that contains it.
 pub(crate) fn refusal_of_member(path: &Path) -> Option<SourceError> {
     path.file_name().filter(|name| zarr::is_description(name))?;
     let advice = format!("give the folder: {}", folder_of(path).display());
     Some(SourceError::unsupported(path, "this describes the Zarr or N5 that it lies in", advice))
 }
 
-/// The refusal of a file of another format, by its first bytes or its name (in lower case); `None` where neither is known.
+/// Error for a file of another format, from its first bytes or its name (in lower case); `None` if neither is known.
 pub(crate) fn refusal_of_file(path: &Path, head: &[u8], name: &str) -> Option<SourceError> {
     let begins =
         |&&(at, bytes, _): &&(usize, &[u8], &Other)| head.get(at..).is_some_and(|head| head.starts_with(bytes));
     let by_start = STARTS.iter().find(begins).map(|(.., other)| *other);
     let by_name = NAMES.iter().find(|(ends, _)| ends.iter().any(|end| name.ends_with(end))).map(|(_, other)| *other);
-    // What is compressed is mostly more than that, by its name.
+    // For a compressed file the name tells more than the first bytes.
     let by_start = by_start.filter(|other| !std::ptr::eq(*other, &COMPRESSED) || by_name.is_none());
     by_start.or(by_name).map(|other| refused(path, "", other))
 }
 
-/// The refusal of a folder, by what lies in it; `None` where that is nothing we know, or it is none.
+/// Error for a folder, from its contents; `None` if they are unknown, or the path is not a folder.
 pub(crate) fn refusal_of_folder(path: &Path) -> Option<SourceError> {
     let entries = std::fs::read_dir(path).ok()?;
     let names: Vec<String> =

@@ -1,8 +1,9 @@
-//! A grid in chunks that are decoded as wholes (Zarr, N5): box by box, in bounded memory.
+//! A grid in chunks that are decoded as a whole (Zarr, N5), read box by box in bounded memory.
 //!
-//! A chunk has the axes of the array in C order; some of them are x, y and z, on the others one place is chosen. Decoded chunks
-//! are kept, the last used longest, since neighbouring boxes share them. So many threads as there are [`ChunkMemory::readers`]
-//! hold a chunk beside those that are kept; another that wants the same chunk waits for it.
+//! A chunk has the axes of the array in C order. Up to three of them are x, y and z; on the others one position is
+//! fixed. Decoded chunks are cached, least recently used dropped first, because neighbouring boxes share them. At most
+//! [`ChunkMemory::readers`] threads decode at a time, each with a chunk outside the cache. Threads that want the same
+//! chunk wait for the one that decodes it.
 
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
@@ -13,46 +14,46 @@ use super::elements::{Elements, NumberGrid};
 use crate::grid::dense::{GridLayout, swap_bytes};
 use crate::{AccessOrder, Endian, SourceError, SourceInfo, VolumeSource};
 
-/// Most axes of an array.
+/// Largest number of axes of an array.
 pub(crate) const AXES_LIMIT: usize = 16;
 /// Copies of a chunk that a reader may hold at once: encoded, between two stages, decoded.
 const COPIES: u64 = 3;
-/// Most chunks that are kept.
+/// Largest number of cached chunks.
 const KEPT_LIMIT: u64 = 1024;
-/// Most bytes for chunks, as long as two of them fit.
+/// Largest memory for chunks in bytes, unless two chunks need more.
 const SHARE_LIMIT_BYTES: u64 = 256 << 20;
-/// Most threads that decode at once.
+/// Largest number of threads that decode at once.
 const READERS_LIMIT: u64 = 16;
 
-/// Where chunks come from.
+/// Source of decoded chunks.
 pub(crate) trait Chunks: Send + Sync + std::fmt::Debug {
-    /// The decoded bytes of a chunk, by its number along each axis of the array; `None` where there is none: all of it is the fill
-    /// value.
+    /// Decodes a chunk, named by its number along each axis of the array. `None` if the chunk is missing: all its
+    /// elements have the fill value.
     fn decode(&self, number: &[u64]) -> Result<Option<Vec<u8>>, SourceError>;
 }
 
-/// An array and its chunks.
+/// Shape of an array and its chunks.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct ArrayShape {
-    /// Elements along each axis, the slowest first.
+    /// Elements along each axis, slowest first.
     pub(crate) shape: Vec<u64>,
     /// Elements of a chunk along each axis.
     pub(crate) chunk: Vec<u64>,
-    /// The axes as they follow one another in a decoded chunk, the slowest first.
+    /// Order of the axes in a decoded chunk, slowest first.
     pub(crate) stored: Vec<usize>,
     /// Byte order of the elements.
     pub(crate) endian: Endian,
-    /// Little-endian bytes of an element that no chunk holds.
+    /// Little-endian bytes of an element of a missing chunk.
     pub(crate) fill: [u8; 8],
 }
 
 impl ArrayShape {
-    /// Bytes of all elements, of so many bytes each; `None` beyond 64 bits.
+    /// Size of the array in bytes, for elements of `element` bytes; `None` if it does not fit 64 bits.
     pub(crate) fn whole_bytes(&self, element: usize) -> Option<u64> {
         checked_product(&self.shape, element)
     }
 
-    /// Bytes of a chunk of elements of so many bytes; `None` beyond the address space.
+    /// Size of a chunk in bytes, for elements of `element` bytes; `None` if it does not fit the address space.
     pub(crate) fn chunk_bytes(&self, element: usize) -> Option<usize> {
         usize::try_from(checked_product(&self.chunk, element)?).ok().filter(|n| *n <= isize::MAX as usize / 4)
     }
@@ -62,21 +63,21 @@ fn checked_product(sizes: &[u64], element: usize) -> Option<u64> {
     sizes.iter().try_fold(element as u64, |product, n| product.checked_mul(*n))
 }
 
-/// Number of the element at a place of an array or a block of these sizes, the last axis fastest.
+/// Number of the element at a position in an array or block of these sizes, last axis fastest.
 pub(crate) fn number_in_c_order(place: &[u64], sizes: &[u64]) -> u64 {
     place.iter().zip(sizes).fold(0, |number, (n, size)| number * size + n)
 }
 
-/// Which places of an array are the volume.
+/// Selection of the array's elements that are the volume.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Placement {
-    /// The axes that are x, y, z; `None` where there is one voxel.
+    /// The axes that are x, y, z; `None` for an axis of one voxel.
     pub(crate) axes: [Option<usize>; 3],
-    /// The place on each axis that is none of them.
+    /// The fixed position on each other axis.
     pub(crate) fixed: Vec<u64>,
 }
 
-/// How many chunks are in memory at once.
+/// Number of chunks that are in memory at once.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct ChunkMemory {
     kept: u64,
@@ -85,13 +86,14 @@ pub(crate) struct ChunkMemory {
 }
 
 impl ChunkMemory {
-    /// Shares out `memory_bytes`, of which a quarter is the source's; `Err`: what would have to be allowed.
+    /// Divides a quarter of `memory_bytes`, which is the source's share. An error is the value of `memory_bytes` that
+    /// would suffice.
     pub(crate) fn plan(chunk_bytes: u64, memory_bytes: u64) -> Result<Self, u64> {
         let least = chunk_bytes.saturating_mul(COPIES + 1);
         if least > memory_bytes / 4 {
             return Err(least.saturating_mul(4));
         }
-        // More is not needed: each chunk of a box is looked for once.
+        // A larger cache would not help: each chunk of a box is requested once.
         let share = (memory_bytes / 4).min(SHARE_LIMIT_BYTES.max(2 * least));
         let threads = std::thread::available_parallelism().map_or(1, |n| n.get() as u64);
         let readers = (share / 2 / (COPIES * chunk_bytes)).clamp(1, threads.min(READERS_LIMIT));
@@ -99,19 +101,19 @@ impl ChunkMemory {
         Ok(Self { kept, readers, chunk_bytes })
     }
 
-    /// Most bytes that are held.
+    /// Largest memory for chunks in bytes.
     pub(crate) fn bytes(self) -> u64 {
         (self.kept + COPIES * self.readers) * self.chunk_bytes
     }
 }
 
-/// A grid of chunks.
+/// Grid of a volume in chunks.
 #[derive(Debug)]
 pub(crate) struct ChunkGrid {
     layout: GridLayout,
     array: ArrayShape,
     placement: Placement,
-    /// Elements from one place to the next on each axis, within a chunk.
+    /// Elements from one position to the next on each axis, within a chunk.
     strides: Vec<usize>,
     chunks: Box<dyn Chunks>,
     memory: ChunkMemory,
@@ -119,10 +121,10 @@ pub(crate) struct ChunkGrid {
     changed: Condvar,
 }
 
-/// A chunk; `None`: nothing but the fill value.
+/// Decoded chunk; `None` if all elements have the fill value.
 type Decoded = Option<Arc<Vec<u8>>>;
 
-/// What is in memory.
+/// Cached chunks, and chunks that are being decoded.
 #[derive(Debug, Default)]
 struct State {
     readers: u64,
@@ -131,7 +133,8 @@ struct State {
 }
 
 impl ChunkGrid {
-    /// A grid of an array's places. `layout` has the dims that the placement makes, and the type of the elements.
+    /// Grid over the elements that `placement` selects. `layout` has the dims of that selection and the type of the
+    /// elements.
     pub(crate) fn new(
         layout: GridLayout,
         array: ArrayShape,
@@ -150,16 +153,16 @@ impl ChunkGrid {
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
-        // Whoever panicked has changed the lists whole.
+        // The lists are consistent even after a panic, so a poisoned lock is safe to use.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Voxels of a chunk along x, y, z.
+    /// Size of a chunk in voxels along x, y, z.
     fn chunk_extent(&self) -> [u64; 3] {
         self.placement.axes.map(|axis| axis.map_or(1, |axis| self.array.chunk[axis]))
     }
 
-    /// A chunk, by its number along x, y, z: from memory, or decoded.
+    /// The chunk with this number along x, y, z, from the cache or decoded.
     fn chunk(&self, number: [u64; 3]) -> Result<Decoded, SourceError> {
         let mut state = self.state();
         loop {
@@ -190,7 +193,7 @@ impl ChunkGrid {
         all
     }
 
-    /// Copies what a box has of a chunk.
+    /// Copies the part of a chunk that lies in a box.
     fn copy(&self, chunk: Option<&[u8]>, first: [u64; 3], (part, whole): (VoxelBox, VoxelBox), out: &mut [u8]) {
         let bytes = self.layout.voxel_type.bytes();
         match bytes {
@@ -267,7 +270,7 @@ impl NumberGrid for ChunkGrid {
     }
 }
 
-/// Elements of a small block where they lie in a whole chunk; what is beyond them is never read.
+/// Copies the elements of a small block to their positions in a whole chunk. The rest of the chunk is never read.
 pub(crate) fn widened(data: &[u8], sizes: &[u64], chunk: &[u64], element: usize, bytes: usize) -> Vec<u8> {
     let mut out = vec![0; bytes];
     let row = *sizes.last().unwrap_or(&1) as usize * element;
@@ -275,7 +278,7 @@ pub(crate) fn widened(data: &[u8], sizes: &[u64], chunk: &[u64], element: usize,
     for run in data.chunks_exact(row.max(1)) {
         let at = number_in_c_order(&place, chunk) as usize * element;
         out[at..at + row].copy_from_slice(run);
-        // The next row: the last axis but one runs fastest.
+        // Next row: the second-to-last axis runs fastest.
         for axis in (0..sizes.len().saturating_sub(1)).rev() {
             place[axis] += 1;
             if place[axis] < sizes[axis] {
@@ -287,7 +290,7 @@ pub(crate) fn widened(data: &[u8], sizes: &[u64], chunk: &[u64], element: usize,
     out
 }
 
-/// One of the threads that hold a chunk.
+/// Permission of one thread to hold a chunk outside the cache.
 struct Reader<'a>(&'a ChunkGrid);
 
 impl<'a> Reader<'a> {
@@ -308,7 +311,7 @@ impl Drop for Reader<'_> {
     }
 }
 
-/// A box cut where chunks of this extent meet, x fastest.
+/// A box cut at the boundaries of chunks of this extent, x fastest.
 fn chunk_boxes(voxels: VoxelBox, extent: [u64; 3]) -> impl Iterator<Item = VoxelBox> {
     let along = move |axis: usize| {
         let (start, last, step) = (voxels.start[axis], voxels.end[axis], extent[axis]);
@@ -322,7 +325,7 @@ fn chunk_boxes(voxels: VoxelBox, extent: [u64; 3]) -> impl Iterator<Item = Voxel
     })
 }
 
-/// A volume in chunks.
+/// Volume stored in chunks.
 #[derive(Debug)]
 pub struct ChunkedSource {
     info: SourceInfo,
@@ -331,11 +334,11 @@ pub struct ChunkedSource {
 }
 
 impl ChunkedSource {
-    /// Joins what metadata say with the chunks they describe.
+    /// Source with this description over these chunks.
     pub(crate) fn new(mut info: SourceInfo, grid: ChunkGrid, elements: Elements) -> Self {
         let dims: Dims = elements.dims(&grid);
         assert_eq!((info.dims, info.voxel_type), (dims, elements.voxel_type), "metadata against chunks");
-        // Boxes of any order are as good; slabs are read in parallel.
+        // Any order of boxes is equally good; this order makes slabs be read in parallel.
         info.access_order = AccessOrder::X_FASTEST;
         info.memory_bytes += grid.memory.bytes();
         Self { info, grid, elements }

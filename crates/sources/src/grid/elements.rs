@@ -1,8 +1,8 @@
-//! How the numbers of a grid become voxels: one of several channels, the luminance of colours, some of the bits of a word, 64-bit
-//! integers that fit a smaller type, half-precision floats as f32, which holds all of them.
+//! Conversion of a grid's numbers to voxels: one of several channels, the luminance of colours, or some bits of a word.
+//! 64-bit integers become a smaller type that holds them; half-precision floats become f32 (exact).
 //!
-//! Numbers stay where they are, and become voxels when they are read; only whether 64-bit integers fit is found out by reading
-//! all of them once, on opening.
+//! Numbers are converted when they are read. Only 64-bit integers are read once as a whole, on opening, to find a type
+//! that holds all of them.
 
 use std::path::Path;
 
@@ -15,41 +15,42 @@ use crate::SourceError;
 use crate::grid::dense::{GridLayout, SCRATCH_BYTES};
 use crate::input::selection::Selection;
 
-/// Thousandths of red, green and blue in luminance: Rec. 601, as most programs have it that turn colours into grey.
+/// Weights of red, green and blue in the luminance, in thousandths: Rec. 601, as in most programs that convert colours
+/// to grey.
 const LUMINANCE: [f64; 3] = [299.0, 587.0, 114.0];
 
-/// Greatest whole number up to which a double holds all of them.
+/// Largest integer up to which a double represents all integers.
 const EXACT_IN_DOUBLES: i128 = 1 << 53;
 
-/// Numbers that can be read box by box: in a file, or in chunks.
+/// Numbers that can be read box by box, in a file or in chunks.
 pub(crate) trait NumberGrid {
-    /// Their dims and their type.
+    /// Dims and type of the numbers.
     fn layout(&self) -> &GridLayout;
 
     /// As [`crate::VolumeSource::read_box`].
     fn read_box(&self, voxels: VoxelBox, out: &mut [u8]) -> Result<(), SourceError>;
 
-    /// A box in small parts, in an order that reads nothing twice.
+    /// A box cut into small parts, in an order that reads nothing twice.
     fn parts(&self, voxels: VoxelBox) -> Box<dyn Iterator<Item = VoxelBox> + '_> {
         Box::new(boxes(voxels, (SCRATCH_BYTES / self.layout().voxel_type.bytes()) as u64, u64::MAX))
     }
 }
 
-/// What the numbers of one voxel are, where there are several.
+/// Meaning of the numbers of one voxel, if there are several.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Meaning {
-    /// Red, green, blue, and whatever follows.
+    /// Red, green, blue, and possibly others.
     Colours,
-    /// Components of a vector, real and imaginary parts: nothing that could stand for all of them.
+    /// Components of a vector, or real and imaginary parts: no single number represents all of them.
     Components,
 }
 
-/// Which of the numbers that follow one another for each voxel.
+/// Selection among the numbers of each voxel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Channels {
-    /// How many there are.
+    /// Numbers per voxel.
     pub(crate) count: u64,
-    /// Which is the voxel; `None`: the luminance of the first three.
+    /// Index of the number that is the voxel; `None`: the luminance of the first three.
     pub(crate) wanted: Option<u64>,
 }
 
@@ -57,7 +58,7 @@ impl Channels {
     /// One number for each voxel.
     pub(crate) const ONE: Self = Self { count: 1, wanted: Some(0) };
 
-    /// What a person wants of so many numbers; without a word of theirs, the luminance of colours.
+    /// Channel that the user has selected, or the default: the luminance of colours.
     pub(crate) fn choose(
         path: &Path,
         count: u64,
@@ -86,7 +87,7 @@ impl Channels {
     }
 }
 
-/// Volumes that follow one another along z, and which of them is meant.
+/// Volumes that follow one another along z, and the selected one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Frames {
     pub(crate) count: u64,
@@ -94,24 +95,24 @@ pub(crate) struct Frames {
 }
 
 impl Frames {
-    /// One volume.
+    /// A single volume.
     pub(crate) const ONE: Self = Self { count: 1, wanted: 0 };
 }
 
-/// Types of numbers that files hold.
+/// Types of numbers in files.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Number {
-    /// Those of a voxel type.
+    /// A voxel type.
     Voxel(VoxelType),
-    /// A 64-bit integer, with or without a sign.
+    /// 64-bit integer.
     Whole { signed: bool },
-    /// A float of 16 bits (IEEE 754 binary16).
+    /// 16-bit float (IEEE 754 binary16).
     Half,
 }
 
 impl Number {
-    /// The type in which a grid holds them: 64-bit integers take as much room as doubles, half-precision floats as whole numbers of 16
-    /// bits.
+    /// Voxel type of the same size that the grid uses for these numbers: f64 for 64-bit integers, u16 for
+    /// half-precision floats.
     pub(crate) fn stored(self) -> VoxelType {
         match self {
             Self::Voxel(voxel_type) => voxel_type,
@@ -121,42 +122,42 @@ impl Number {
     }
 }
 
-/// What is made of each number.
+/// Conversion of each number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Numbers {
-    /// Nothing.
+    /// No conversion.
     AsStored,
-    /// Of an integer, the bits from `low` on, so many of them, with or without a sign.
+    /// From an integer, `count` bits from bit `low` on.
     Bits { low: u32, count: u32, signed: bool },
-    /// 64-bit integers, which the grid calls [`VoxelType::F64`], become the voxels' type, which holds all of them.
+    /// 64-bit integers, stored as [`VoxelType::F64`], become the voxels' type, which holds all of them.
     Whole { signed: bool },
-    /// Half-precision floats, which the grid calls [`VoxelType::U16`], become [`VoxelType::F32`].
+    /// Half-precision floats, stored as [`VoxelType::U16`], become [`VoxelType::F32`].
     Half,
 }
 
-/// Numbers of a grid and what becomes of them.
+/// Conversion of a grid's numbers to voxels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Elements {
     pub(crate) channels: Channels,
     pub(crate) frames: Frames,
     pub(crate) numbers: Numbers,
-    /// What they become.
+    /// Type of the voxels.
     pub(crate) voxel_type: VoxelType,
 }
 
 impl Elements {
-    /// Numbers that are voxels.
+    /// No conversion: the numbers are the voxels.
     pub(crate) fn plain(voxel_type: VoxelType) -> Self {
         Self { channels: Channels::ONE, frames: Frames::ONE, numbers: Numbers::AsStored, voxel_type }
     }
 
-    /// The layout of the grid of all numbers: each voxel has `channels.count` along x, and `frames.count` volumes lie along z.
+    /// Layout of the grid of all numbers: `channels.count` numbers per voxel along x, `frames.count` volumes along z.
     pub(crate) fn widened(channels: Channels, frames: Frames, layout: GridLayout) -> GridLayout {
         let [x, y, z] = layout.dims.0;
         GridLayout { dims: Dims([x.saturating_mul(channels.count), y, z.saturating_mul(frames.count)]), ..layout }
     }
 
-    /// What becomes of the numbers of a grid; 64-bit integers are read once, to find out what they fit.
+    /// Conversion for a grid of this number type. Reads all 64-bit integers once to find a type that holds them.
     pub(crate) fn of(
         path: &Path,
         grid: &impl NumberGrid,
@@ -175,13 +176,13 @@ impl Elements {
         }
     }
 
-    /// Dims of the volume.
+    /// Dims of the volume in voxels.
     pub(crate) fn dims(&self, grid: &impl NumberGrid) -> Dims {
         let [x, y, z] = grid.layout().dims.0;
         Dims([x / self.channels.count, y, z / self.frames.count])
     }
 
-    /// 64-bit integers as the smallest type that holds all of them, which the notes name; reads every number once.
+    /// Converts 64-bit integers to the smallest type that holds all of them, and notes it. Reads every number once.
     fn narrowed(
         self,
         path: &Path,
@@ -242,7 +243,7 @@ impl Elements {
         Ok(())
     }
 
-    /// Makes voxels of numbers.
+    /// Converts numbers to voxels.
     pub(crate) fn convert(&self, stored: VoxelType, numbers: &[u8], out: &mut [u8]) {
         if self.numbers == Numbers::Half {
             return self.convert_halves(numbers, out);
@@ -290,7 +291,7 @@ impl Elements {
 }
 
 impl Elements {
-    /// Makes voxels of half-precision floats, little endian.
+    /// Converts little-endian half-precision floats to voxels.
     fn convert_halves(&self, numbers: &[u8], out: &mut [u8]) {
         let value = |number: &[u8; 2]| f16::from_le_bytes(*number).to_f32();
         let groups = numbers.as_chunks::<2>().0.chunks_exact(self.channels.count as usize);
@@ -307,13 +308,13 @@ impl Elements {
     }
 }
 
-/// Luminances of colours of a byte each, of which there are three or more in a group: in whole numbers, which are what doubles would be.
+/// Luminances of byte colours, three or more per voxel, in integers; the results equal those in doubles.
 fn luminances_of_bytes(numbers: &[u8], count: usize, out: &mut [u8]) {
     const SHARES: [u32; 3] = [LUMINANCE[0] as u32, LUMINANCE[1] as u32, LUMINANCE[2] as u32];
     let luminance = |[red, green, blue]: [u8; 3]| {
         let thousandths = SHARES[0] * u32::from(red) + SHARES[1] * u32::from(green) + SHARES[2] * u32::from(blue);
         let (whole, rest) = (thousandths / 1000, thousandths % 1000);
-        // Halves go to the even one.
+        // Halves are rounded to even.
         (whole + u32::from(rest + (whole & 1) > 500)) as u8
     };
     if count == 3 {
@@ -325,7 +326,7 @@ fn luminances_of_bytes(numbers: &[u8], count: usize, out: &mut [u8]) {
     }
 }
 
-/// A 64-bit integer from its bytes.
+/// A 64-bit integer from its little-endian bytes.
 fn whole(bytes: [u8; 8], signed: bool) -> i128 {
     if signed { i64::from_le_bytes(bytes).into() } else { u64::from_le_bytes(bytes).into() }
 }
@@ -352,7 +353,7 @@ mod tests {
 
     #[test]
     fn half_floats_are_what_they_were() {
-        // Every one of them; f32 has a value for each, and bits of its own only for NaN.
+        // All half floats: f32 represents each exactly; only the bits of NaN differ.
         let all: Vec<u8> = (0..=u16::MAX).flat_map(u16::to_le_bytes).collect();
         let elements = Elements { numbers: Numbers::Half, ..Elements::plain(VoxelType::F32) };
         let mut out = vec![0; 2 * all.len()];
@@ -365,7 +366,7 @@ mod tests {
             );
             assert_eq!(found.is_sign_negative(), bits >> 15 == 1, "{bits:04x}");
         }
-        // 1, 2, 4: one of them, and their luminance.
+        // The colours 1, 2, 4: single channels, and the luminance.
         let colours = [0x3c00u16, 0x4000, 0x4400].map(u16::to_le_bytes);
         let convert = |wanted| {
             let mut out = [0; 4];
@@ -376,7 +377,7 @@ mod tests {
         assert_eq!([convert(Some(1)), convert(None)], [2.0, 0.299 + 2.0 * 0.587 + 4.0 * 0.114]);
     }
 
-    /// IEEE 754-2008, 3.4: a sign, 5 bits of an exponent, 10 of a fraction.
+    /// Value by IEEE 754-2008, 3.4: one sign bit, 5 exponent bits, 10 fraction bits.
     fn half_by_its_definition(bits: u16) -> f64 {
         let (exponent, fraction) = (i32::from(bits >> 10 & 31), f64::from(bits & 0x3ff) / 1024.0);
         let size = match exponent {

@@ -1,10 +1,10 @@
-//! A source whose place in the world somebody knows better than its file.
+//! A source whose placement in the world the user overrides.
 
 use supervol_format::{Geometry, VoxelBox};
 
 use crate::{SourceError, SourceInfo, VolumeSource};
 
-/// What the third axis of a survey is.
+/// Meaning of a survey's third axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Domain {
     /// Two-way time.
@@ -13,37 +13,37 @@ pub enum Domain {
     Depth,
 }
 
-/// Units of time; all others that are known are units of length.
+/// Units of time; all other known units are units of length.
 pub const TIMES: [&str; 3] = ["s", "ms", "us"];
 
-/// What is said of a volume's place; `None` leaves what the file says.
+/// Overridden placement; `None` keeps the value of the file.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Placing {
-    /// World lengths between voxels.
+    /// World distance between neighbouring voxels along x, y, z.
     pub spacing: Option<[f64; 3]>,
-    /// Their unit, for all three axes.
+    /// Unit of the spacing, for all three axes.
     pub unit: Option<String>,
-    /// The unit of the numbers, which stay what they are: of a survey's third axis, else of all three.
+    /// Unit of the third axis of a survey, otherwise of all three axes. The numbers stay the same.
     pub axis_unit: Option<String>,
-    /// What the third axis is.
+    /// Meaning of the third axis.
     pub domain: Option<Domain>,
-    /// World position of the first voxel.
+    /// World position of voxel (0, 0, 0).
     pub origin: Option<[f64; 3]>,
-    /// Directions of the axes, a 3x3 matrix by rows.
+    /// Directions of the axes: 3x3 matrix, row-major.
     pub direction: Option<[f64; 9]>,
 }
 
-/// A source that is placed elsewhere.
+/// A source with an overridden placement.
 pub struct PlacedSource {
     source: Box<dyn VolumeSource>,
     info: SourceInfo,
 }
 
 impl PlacedSource {
-    /// Places a source; the notes say that it was done.
+    /// Places a source and notes each change.
     ///
     /// # Errors
-    /// If spacings are not positive, or the directions span no volume.
+    /// If a spacing is not positive, or the directions are linearly dependent.
     pub fn new(source: Box<dyn VolumeSource>, placing: &Placing) -> Result<Self, SourceError> {
         let mut info = source.info().clone();
         let file = info.geometry;
@@ -60,7 +60,7 @@ impl PlacedSource {
             ("origin", geometry.origin != file.origin),
             ("direction", geometry.direction != file.direction),
         ];
-        // A raw file says nothing that could be overruled.
+        // A raw file has no placement of its own to override.
         if info.format != "raw" {
             for (what, _) in changed.iter().filter(|(_, changed)| *changed) {
                 info.notes.push(format!("the {what} was given by hand and is not the file's"));
@@ -72,7 +72,7 @@ impl PlacedSource {
     }
 }
 
-/// Names and units of the axes.
+/// Sets names and units of the axes.
 fn name_axes(info: &mut SourceInfo, placing: &Placing) -> Result<(), SourceError> {
     if let Some(unit) = &placing.unit {
         info.axes.iter_mut().for_each(|axis| axis.unit.clone_from(unit));

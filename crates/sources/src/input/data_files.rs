@@ -1,4 +1,4 @@
-//! Data files that a header names: listed, or by a pattern; where they may lie; what they are.
+//! Data files that a header lists or names by a pattern: search, access rules, layout.
 
 use std::fs::File;
 use std::path::{Component, Path, PathBuf};
@@ -11,24 +11,24 @@ use super::text::shortened;
 use crate::SourceError;
 use crate::grid::dense::{GridFile, GridLayout, Part, checked_bytes};
 
-/// Longest name that a file-name pattern may make, digits.
+/// Largest width of a number in a file-name pattern, in digits.
 const PATTERN_WIDTH_LIMIT: usize = 32;
 
-/// Most data files, listed or named by a pattern.
+/// Largest number of data files of a header.
 pub(crate) const FILES_LIMIT: usize = 1 << 16;
 
-/// Whether the header's data files may lie outside its folder. A header that somebody has sent may name any file of the
-/// machine, whose bytes would then be voxels.
+/// Whether a header's data files may lie outside its folder. A header from someone else could name any file of the
+/// machine and expose its bytes as voxels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Outside {
-    /// They may not.
+    /// Only files below the header's folder.
     #[default]
     Refused,
-    /// They may.
+    /// Any file.
     Allowed,
 }
 
-/// Paths of the data files, which lie below the header's folder unless they need not.
+/// Paths of the data files. They must lie below the header's folder, unless `outside` allows others.
 pub(crate) fn find_all(header: &Path, names: &[String], outside: Outside) -> Result<Vec<PathBuf>, SourceError> {
     let folder = folder_of(header);
     let folder_is = std::fs::canonicalize(folder).map_err(|e| SourceError::io(folder, e))?;
@@ -36,7 +36,7 @@ pub(crate) fn find_all(header: &Path, names: &[String], outside: Outside) -> Res
         let file = folder.join(name);
         let is_below = match std::fs::canonicalize(&file) {
             Ok(file_is) => file_is.starts_with(&folder_is),
-            // Not there, or not to be reached: whether it is shall only be told of files below the folder.
+            // The file does not exist or is not accessible. Only for names below the folder may a message tell which.
             Err(_) => Path::new(name).components().all(|part| matches!(part, Component::Normal(_))),
         };
         if is_below || outside == Outside::Allowed {
@@ -48,7 +48,8 @@ pub(crate) fn find_all(header: &Path, names: &[String], outside: Outside) -> Res
     names.iter().map(find).collect()
 }
 
-/// Looks at a data file; one that is not there, or is none, is the header's mistake, not the machine's.
+/// Examines a data file. A missing file, or a path that is not a file, is reported as an error of the header, not as an
+/// I/O error.
 pub(crate) fn look_at(header: &Path, path: &Path) -> Result<SourceFile, SourceError> {
     SourceFile::of(path).map_err(|error| {
         let SourceError::Io { source, .. } = &error else { return error };
@@ -61,20 +62,21 @@ pub(crate) fn look_at(header: &Path, path: &Path) -> Result<SourceFile, SourceEr
     })
 }
 
-/// How the voxels lie in the data files that a header names.
+/// Layout of the voxels in the data files of a header.
 pub(crate) trait DataLayout {
-    /// Whether they lie there as they are.
+    /// Whether the files hold the voxels without encoding.
     fn is_raw(&self) -> bool;
 
-    /// First byte of so many bytes of raw voxels in a file, at or behind `start`.
+    /// Offset in a file of `share_bytes` bytes of raw voxels, at or behind byte `start`.
     fn offset(&self, path: &Path, start: u64, share_bytes: u64, notes: &mut Vec<String>) -> Result<u64, SourceError>;
 
-    /// All voxels, so many bytes from each file, decoded one behind the other.
+    /// Decodes the voxels of all files into one file, `share_bytes` bytes from each.
     fn decode(&self, files: &[PathBuf], start: u64, share_bytes: u64, spool: &SpoolFolder)
     -> Result<File, SourceError>;
 }
 
-/// The grid in some files, the same share of it in each, from byte `start` on; `key` of the header names them.
+/// Opens the grid in some files, with equal shares from byte `start` of each. `key` is the header field that names
+/// them, for messages.
 pub(crate) fn open_grid(
     (header, key): (&Path, &str),
     (files, start): (Vec<PathBuf>, u64),
@@ -105,21 +107,22 @@ pub(crate) fn open_grid(
     Ok((grid?, source_files))
 }
 
-/// Notes that a data file goes on behind its voxels, once.
+/// Notes, at most once, that a data file has bytes behind its voxels.
 pub(crate) fn note_excess(path: &Path, excess: u64, notes: &mut Vec<String>) {
     if excess > 0 && notes.iter().all(|n| !n.contains("goes on after the voxels")) {
-        // The name alone: notes must not depend on where a file lies.
+        // The name without its folder: notes must not depend on the location of a file.
         let name = path.file_name().unwrap_or_default().display();
         notes.push(format!("{name} goes on after the voxels; bytes not read: {excess}"));
     }
 }
 
-/// Opens a data file that has been looked at.
+/// Opens a data file that [`look_at`] has examined.
 pub(crate) fn open_data(path: &Path) -> Result<File, SourceError> {
     File::open(path).map_err(|e| SourceError::io(path, e))
 }
 
-/// The names `pattern` makes of the numbers from min to max; `%d`, `%03d` and `%%` are understood, as printf has them.
+/// File names that `pattern` gives for the numbers from minimum to maximum in steps. Supports `%d`, `%03d` and `%%`, as
+/// in printf.
 pub(crate) fn pattern_names(path: &Path, pattern: &str, numbers: [&str; 3]) -> Result<Vec<String>, SourceError> {
     let wrong = |expected: &str| {
         let found = format!("`{} {}`", shortened(pattern), numbers.map(shortened).join(" "));
@@ -138,7 +141,7 @@ pub(crate) fn pattern_names(path: &Path, pattern: &str, numbers: [&str; 3]) -> R
     Ok((0..=count).map(|index| parts.name(min + index * step)).collect())
 }
 
-/// A file-name pattern around its one number.
+/// File-name pattern, split around its one number.
 struct Pattern {
     before: String,
     after: String,
@@ -154,7 +157,7 @@ impl Pattern {
 }
 
 fn split_pattern(pattern: &str) -> Option<Pattern> {
-    // `%%` is a percent sign; hide it where no `%` can be mistaken for the number's.
+    // `%%` is a percent sign; replace it, so that its `%` is not taken for the number's.
     let hidden = pattern.replace("%%", "\0");
     let (before, rest) = hidden.split_once('%')?;
     let letter = rest.find(|c: char| !c.is_ascii_digit())?;

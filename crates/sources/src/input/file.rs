@@ -1,6 +1,7 @@
-//! The files behind a volume: what they were when they were opened, and whether they still are when all is read.
+//! The files behind a volume: their state when they were opened, and the check that it is the same after reading.
 //!
-//! Voxels of a file that somebody writes to meanwhile are of neither version, and no checksum of the file stands for them.
+//! If somebody writes to a file during reading, the voxels belong to neither version, and no checksum of the file
+//! describes them.
 
 use std::fs::Metadata;
 use std::path::{Path, PathBuf};
@@ -8,11 +9,11 @@ use std::time::{Duration, SystemTime};
 
 use crate::SourceError;
 
-/// How long ago a file must have been changed for each later change to show in its times: no usual file system keeps them in coarser
-/// steps than two seconds.
+/// Minimum age of a file's last change, so that every later change shows in its times. No usual file system stores
+/// times in coarser steps than two seconds.
 const SETTLED_AFTER: Duration = Duration::from_secs(3);
 
-/// A file that voxels or headers are read from, as it was when it was looked at first.
+/// State of a file at the time it was first examined.
 #[derive(Debug, Clone)]
 pub struct SourceFile {
     path: PathBuf,
@@ -20,16 +21,16 @@ pub struct SourceFile {
     looked_at: SystemTime,
 }
 
-/// What changes when a file does, or when another takes its name.
+/// Properties that change if the file changes, or if another file takes its name.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Stamp {
     bytes: u64,
     modified: Option<SystemTime>,
-    /// Device, inode, and the time of the last change, which no program can set back.
+    /// Device, inode, and the time of the last status change in nanoseconds, which no program can set back.
     identity: [i128; 3],
 }
 
-/// When it was looked at makes no difference.
+/// The time of examination is not compared.
 impl PartialEq for SourceFile {
     fn eq(&self, other: &Self) -> bool {
         (&self.path, self.stamp) == (&other.path, other.stamp)
@@ -37,27 +38,29 @@ impl PartialEq for SourceFile {
 }
 
 impl SourceFile {
-    /// Looks at a file. To be called before it is opened.
+    /// Examines a file. Call this before opening it.
     ///
     /// # Errors
-    /// If it is not there, or is no file: a FIFO or a device might never end, and cannot be read at random.
+    /// If the file does not exist or is not a regular file: a FIFO or a device might never end and has no random
+    /// access.
     pub fn of(path: &Path) -> Result<Self, SourceError> {
         supervol_format::byte_source::check_is_file(path).map_err(|e| SourceError::io(path, e))?;
         let metadata = std::fs::metadata(path).map_err(|e| SourceError::io(path, e))?;
         Ok(Self { path: path.into(), stamp: Stamp::of(&metadata), looked_at: SystemTime::now() })
     }
 
-    /// Whether nobody can have changed it since it was looked at without its times saying so ([`Self::check_unchanged`]).
+    /// Whether the file was old enough when examined that every later change shows in its times
+    /// ([`Self::check_unchanged`]).
     #[must_use]
     pub fn is_settled(&self) -> bool {
         self.stamp.changed_at().is_some_and(|changed| changed + SETTLED_AFTER <= self.looked_at)
     }
 
-    /// The same file, looked at when it has settled, some seconds from now at most; itself where its times lie in the future, or say
-    /// nothing.
+    /// Waits, a few seconds at most, until the file is settled, and examines it again. Does not wait if the file's
+    /// times lie in the future or are unknown.
     ///
     /// # Errors
-    /// If it is not what it was.
+    /// If the file has changed.
     pub fn settled(&self) -> Result<Self, SourceError> {
         let left = self.stamp.changed_at().and_then(|at| (at + SETTLED_AFTER).duration_since(SystemTime::now()).ok());
         std::thread::sleep(left.filter(|left| *left <= SETTLED_AFTER).unwrap_or_default());
@@ -65,26 +68,28 @@ impl SourceFile {
         Ok(Self { looked_at: SystemTime::now(), ..self.clone() })
     }
 
-    /// Where it is.
+    /// Path of the file.
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// What tells it from all other files, and from itself after a change.
+    /// Text that identifies this state of this file.
     #[must_use]
     pub fn describe(&self) -> String {
         format!("{:?} {:?}", self.path, self.stamp)
     }
 
-    /// Bytes that it had when it was looked at.
+    /// Size of the file in bytes when it was examined.
     #[must_use]
     pub fn bytes(&self) -> u64 {
         self.stamp.bytes
     }
 
+    /// Compares the file with its state when it was examined.
+    ///
     /// # Errors
-    /// If the file is not what it was.
+    /// If the file has changed.
     pub fn check_unchanged(&self) -> Result<(), SourceError> {
         let metadata = std::fs::metadata(&self.path).map_err(|e| SourceError::io(&self.path, e))?;
         let (was, is) = (self.stamp, Stamp::of(&metadata));
@@ -101,7 +106,7 @@ impl SourceFile {
 }
 
 impl Stamp {
-    /// The last change of any kind; none where the system does not tell it.
+    /// Time of the last change of any kind; `None` if the system does not tell it.
     fn changed_at(&self) -> Option<SystemTime> {
         let changed_ns = u64::try_from(self.identity[2]).ok().filter(|ns| *ns > 0)?;
         Some(self.modified?.max(SystemTime::UNIX_EPOCH + Duration::from_nanos(changed_ns)))
@@ -139,13 +144,13 @@ mod tests {
         assert!(!fresh.is_settled());
         let settled = fresh.settled().expect("nobody has changed it");
         assert!(settled.is_settled() && settled == fresh && settled.check_unchanged().is_ok());
-        // Whoever sets the time back to what it was has changed it, too.
+        // A program that sets the modification time back has changed the file, too.
         let modified = std::fs::metadata(&path).and_then(|m| m.modified()).expect("times");
         std::fs::write(&path, b"abd").expect("room");
         File::options().write(true).open(&path).and_then(|f| f.set_modified(modified)).expect("it is ours");
         assert!(matches!(settled.check_unchanged(), Err(SourceError::Changed { .. })));
         assert!(settled.settled().is_err());
-        // Times that have not come yet tell nothing, and nobody waits for them.
+        // Times in the future give no information; nobody waits for them.
         let ahead = SystemTime::now() + Duration::from_secs(3600);
         File::options().write(true).open(&path).and_then(|f| f.set_modified(ahead)).expect("it is ours");
         assert!(!SourceFile::of(&path).and_then(|file| file.settled()).expect("it is there").is_settled());

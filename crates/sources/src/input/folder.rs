@@ -1,7 +1,7 @@
-//! The files of a folder that is one volume: slices of a series, pictures of a stack.
+//! The files of a folder that holds one volume: slices of a series, pictures of a stack.
 //!
-//! Folders inside folders are searched; links that lead outside are not followed unless that is allowed, since a folder that
-//! somebody has sent may name any file of the machine. Files come in natural order: `s9` before `s10`.
+//! Subfolders are searched. Links that lead outside are followed only if allowed, because a folder from someone else
+//! could name any file of the machine. Files are in natural order: `s9` before `s10`.
 
 use std::cmp::Ordering;
 use std::path::{Path, PathBuf};
@@ -11,25 +11,25 @@ use super::selection::Selection;
 use super::spool::SpoolFolder;
 use crate::SourceError;
 
-/// Folders inside folders that are searched.
+/// Largest depth of subfolders that are searched.
 const DEPTH_LIMIT: usize = 8;
-/// Most entries of folders that are looked at.
+/// Largest number of folder entries that are examined.
 const ENTRIES_LIMIT: usize = 4 * FILES_LIMIT;
 
-/// What a person says about a folder of slices, or a file of the same formats, and what it may take.
+/// Options for a folder of slices, or for a single file of the same formats.
 #[derive(Debug, Clone)]
 pub struct FolderOptions<'a> {
-    /// Which series, frame, channel.
+    /// Series, frame and channel to read.
     pub selection: &'a Selection,
     /// Whether links may lead outside the folder.
     pub outside: Outside,
-    /// Where compressed pixels are decoded to.
+    /// Folder for decoded pixels.
     pub spool: &'a SpoolFolder,
-    /// Most bytes for a slice that is decoded.
+    /// Largest memory in bytes for a decoded slice.
     pub memory_bytes: u64,
 }
 
-/// Files of a folder, in natural order of their paths, and links that were not followed.
+/// Files of a folder, and the number of links that were not followed.
 #[derive(Debug, Default)]
 pub struct Listing {
     /// Files in natural order of their paths.
@@ -39,12 +39,12 @@ pub struct Listing {
 }
 
 impl Listing {
-    /// One file, as if it were alone in a folder.
+    /// Listing of a single file, as if it were alone in a folder.
     pub(crate) fn one(file: &Path) -> Self {
         Self { files: vec![file.into()], ..Self::default() }
     }
 
-    /// Lists a folder, and those inside it where `is_deep`; names that begin with a dot are passed over.
+    /// Lists a folder, and its subfolders if `is_deep`. Names that begin with a dot are skipped.
     pub fn of(folder: &Path, is_deep: bool, outside: Outside) -> Result<Self, SourceError> {
         let whole = std::fs::canonicalize(folder).map_err(|e| SourceError::io(folder, e))?;
         let mut listing = Self::default();
@@ -74,7 +74,7 @@ impl Listing {
                     continue;
                 }
             }
-            // A link to a folder could lead round in circles.
+            // A link to a folder could make a cycle.
             if path.is_dir() && !is_link && depth > 0 {
                 self.list(&path, whole, depth - 1, outside)?;
             } else if path.is_file() {
@@ -87,7 +87,7 @@ impl Listing {
         Ok(())
     }
 
-    /// Says that links were not followed.
+    /// Notes the links that were not followed.
     pub(crate) fn note(&self, notes: &mut Vec<String>) {
         if self.links_outside > 0 {
             let count = self.links_outside;
@@ -96,14 +96,14 @@ impl Listing {
     }
 }
 
-/// The order of people: numbers in names by their values.
+/// Natural order: numbers in names compare by value.
 pub fn natural(a: &Path, b: &Path) -> Ordering {
     let (a, b) = (a.to_string_lossy(), b.to_string_lossy());
     let (mut left, mut right) = (a.as_bytes(), b.as_bytes());
     while let (Some(x), Some(y)) = (left.first(), right.first()) {
         let order = if x.is_ascii_digit() && y.is_ascii_digit() {
             let (m, n) = (digits(&mut left), digits(&mut right));
-            // Without leading zeros, the longer number is the greater.
+            // Without leading zeros, the longer number is the greater one.
             m.len().cmp(&n.len()).then_with(|| m.cmp(n))
         } else {
             (left, right) = (&left[1..], &right[1..]);
@@ -116,7 +116,7 @@ pub fn natural(a: &Path, b: &Path) -> Ordering {
     left.len().cmp(&right.len()).then_with(|| a.cmp(&b))
 }
 
-/// Takes the digits at the beginning; leading zeros are no part of what is returned.
+/// Removes the digits at the beginning of `text` and returns them without leading zeros.
 fn digits<'a>(text: &mut &'a [u8]) -> &'a [u8] {
     let end = text.iter().position(|b| !b.is_ascii_digit()).unwrap_or(text.len());
     let (number, rest) = text.split_at(end);

@@ -1,12 +1,12 @@
-//! Input files as readers use them.
+//! Access to input files, shared by the readers.
 //!
-//! - [`file`]: a file that remembers its length and date, so that a change is noticed;
-//! - [`folder`]: files of a folder in their natural order;
-//! - [`data_files`]: data files that a header names, and the rule on which of them may be opened;
-//! - [`open_files`]: a bounded set of open files;
+//! - [`mod@file`]: a file with its length and times, so that a change is noticed;
+//! - [`folder`]: files of a folder in natural order;
+//! - `data_files`: data files that a header names, and the rule which of them may be opened;
+//! - `open_files`: a bounded set of open files;
 //! - [`selection`]: the part of a file that the user chose (channel, frame, dataset);
 //! - [`spool`]: a temporary file for decoded voxels;
-//! - [`text`]: numbers and lines of text headers.
+//! - `text`: numbers and lines of text headers.
 
 pub(crate) mod data_files;
 pub mod file;

@@ -1,4 +1,4 @@
-//! Files of a source that has many of them: opened when they are read, and the few that were read last stay open.
+//! Files of a source that has many: opened on demand, and only the most recently used ones stay open.
 
 use std::fs::File;
 use std::io;
@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use supervol_format::recent::Recent;
 
-/// Files kept open at once: a stack of 5,000 slices must not run into the system's limit.
+/// Files kept open at once: a stack of 5,000 slices must not exceed the system's limit.
 const OPEN_FILES: usize = 32;
 
 /// Open files by their number in the source.
@@ -15,9 +15,9 @@ const OPEN_FILES: usize = 32;
 pub(crate) struct OpenFiles(Mutex<Recent<usize, Arc<File>>>);
 
 impl OpenFiles {
-    /// The file, opened now if it is not open; the one that was read longest ago makes room.
+    /// The file, opened if necessary. If too many are open, the least recently used one is closed.
     pub(crate) fn get(&self, number: usize, path: &Path) -> io::Result<Arc<File>> {
-        // Whoever panicked has changed the list whole.
+        // The list is consistent even after a panic, so a poisoned lock is safe to use.
         let mut open = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(file) = open.get(&number) {
             return Ok(Arc::clone(file));

@@ -1,41 +1,41 @@
-//! Which volume of a file that holds several: time points, channels, series, arrays.
+//! Selection of one volume of a file that holds several: time points, channels, series, arrays.
 
 use std::path::Path;
 
 use super::text::shortened;
 use crate::SourceError;
 
-/// Most channels that are named in a note.
+/// Largest number of channels that a note names.
 const NAMED_CHANNELS: u64 = 8;
 
-/// What a person chooses, where a file holds more than one volume.
+/// The user's selection in a file that holds several volumes.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Selection {
-    /// Time point, or whatever the file counts its volumes by, from 0 on.
+    /// Time point, or another sequence of volumes, counted from 0.
     pub frame: Option<u64>,
-    /// Channel, colour or component, from 0 on.
+    /// Channel, colour or component, counted from 0.
     pub channel: Option<u64>,
-    /// Number or UID of a DICOM series; number of a series of OME-TIFF, 0 the first.
+    /// Number or UID of a DICOM series, or number of an OME-TIFF series, counted from 0.
     pub series: Option<String>,
-    /// Array of a file that holds several.
+    /// Array in a file that holds several.
     pub array: Option<String>,
-    /// Level of the file's own pyramid, 0 the finest.
+    /// Level of the file's own pyramid, 0 is the finest.
     pub level: Option<u64>,
 }
 
 impl Selection {
-    /// The time point that is wanted of `count`, the first where nobody says.
+    /// The selected time point out of `count`; by default the first.
     pub(crate) fn frame_of(&self, path: &Path, count: u64) -> Result<u64, SourceError> {
         pick(path, "--frame", self.frame, count)
     }
 
-    /// The channel that is wanted of `count`, the first where nobody says.
+    /// The selected channel out of `count`; by default the first.
     pub(crate) fn channel_of(&self, path: &Path, count: u64) -> Result<u64, SourceError> {
         pick(path, "--channel", self.channel, count)
     }
 
-    /// As [`Self::channel_of`]; the notes say which channels there are where nobody has chosen, else what the one that is chosen is
-    /// called. `names` are those that the file says, empty where it says none.
+    /// As [`Self::channel_of`], with a note: the available channels if none is selected, else the selected channel's
+    /// name. `names` are the file's names of the channels; it may be empty.
     pub(crate) fn noted_channel(
         &self,
         path: &Path,
@@ -58,12 +58,13 @@ impl Selection {
         Ok(channel)
     }
 
-    /// The level that is wanted of `count`, the finest where nobody says.
+    /// The selected level out of `count`; by default the finest.
     pub(crate) fn level_of(&self, path: &Path, count: u64) -> Result<u64, SourceError> {
         pick(path, "--source-level", self.level, count)
     }
 
-    /// As [`Self::frame_of`]; the notes say what there is where nobody has chosen. `what` names them: `time points`.
+    /// As [`Self::frame_of`], with a note on the available frames if none is selected. `what` is their noun, such as
+    /// `time points`.
     pub(crate) fn noted_frame(
         &self,
         path: &Path,
@@ -77,7 +78,7 @@ impl Selection {
         self.frame_of(path, count)
     }
 
-    /// Refuses a choice where there is none: for formats that hold one volume.
+    /// Refuses a selection, for formats that hold one volume.
     pub(crate) fn refuse_all(&self, path: &Path) -> Result<(), SourceError> {
         self.frame_of(path, 1)?;
         self.channel_of(path, 1)?;
@@ -85,7 +86,7 @@ impl Selection {
         self.refuse_array(path)
     }
 
-    /// Refuses `--series` for what has no series.
+    /// Refuses `--series`, for formats without series.
     pub(crate) fn refuse_series(&self, path: &Path) -> Result<(), SourceError> {
         if self.series.is_none() {
             return Ok(());
@@ -96,7 +97,7 @@ impl Selection {
         )))
     }
 
-    /// Refuses the name of an array for what holds one volume.
+    /// Refuses the name of an array, for formats that hold one volume.
     pub(crate) fn refuse_array(&self, path: &Path) -> Result<(), SourceError> {
         let Some(array) = &self.array else { return Ok(()) };
         let what = format!("{} holds no arrays that could be named; leave `:/{array}` out", path.display());
@@ -104,7 +105,7 @@ impl Selection {
     }
 }
 
-/// What follows the name of the file, nothing where nothing was chosen.
+/// The options as they follow the file name on the command line; empty if nothing is selected.
 impl std::fmt::Display for Selection {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self { frame, channel, series, array, level } = self;

@@ -1,8 +1,8 @@
-//! Voxels that cannot be read at random (gzip, zlib, text) are decoded once into a temporary file that can.
+//! Voxels without random access (gzip, zlib, text), decoded once into a temporary file.
 //!
-//! The temporary file has no name: it vanishes with the process, however that ends. Decoding streams, and stops at the
-//! byte count the header announces (one byte more is asked for, to notice excess); a header that announces more than
-//! its file could ever hold is refused before anything is decoded. The checksum at the end of a stream is checked.
+//! The temporary file has no name, so it vanishes with the process, even after a crash. Decoding is streaming. It stops
+//! at the byte count that the header announces, after a request for one more byte to notice excess. A header that
+//! announces more than its file could hold is refused before decoding. The checksum at the end of a stream is checked.
 
 use std::fs::File;
 use std::io::{BufRead, BufWriter, Read, Write};
@@ -16,23 +16,23 @@ use supervol_format::{VoxelType, with_voxel};
 use crate::SourceError;
 use crate::stop::check;
 
-/// Bytes held while copying.
+/// Buffer size for copying in bytes.
 const BUFFER_BYTES: usize = 1 << 18;
 
-/// No deflate stream expands more than this (zlib's technical notes: 1032 to 1).
+/// Largest expansion of a deflate stream (zlib's technical notes: 1032 to 1).
 pub(crate) const DEFLATE_RATIO_LIMIT: u64 = 1032;
 
-/// Longest number accepted in a text encoding, characters.
+/// Longest accepted number in a text encoding, in characters.
 const TOKEN_LIMIT: usize = 128;
 
-/// Folder that decoded voxels are spooled to.
+/// Folder for temporary files of decoded voxels.
 #[derive(Clone, Default, PartialEq, Eq)]
 pub struct SpoolFolder {
     folder: Option<PathBuf>,
     canceller: Canceller,
 }
 
-/// The folder alone: options are told apart by how they are written.
+/// Prints the folder alone: options are compared by their debug text.
 impl std::fmt::Debug for SpoolFolder {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_tuple("SpoolFolder").field(&self.folder).finish()
@@ -46,13 +46,13 @@ impl SpoolFolder {
         Self::default()
     }
 
-    /// This folder, which must exist; it needs room for the decoded volume.
+    /// This folder. It must exist and have room for the decoded volume.
     #[must_use]
     pub fn at(folder: impl Into<PathBuf>) -> Self {
         Self { folder: Some(folder.into()), ..Self::default() }
     }
 
-    /// The same; whoever decodes into it stops when this says so.
+    /// The same folder; decoding stops when `canceller` is set.
     #[must_use]
     pub fn unless(self, canceller: Canceller) -> Self {
         Self { canceller, ..self }
@@ -63,39 +63,39 @@ impl SpoolFolder {
     }
 }
 
-/// What a decoder does when more bytes follow than the header announces.
+/// Reaction of a decoder to more bytes than the header announces.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Excess {
-    /// It is an error, found by asking for one byte more.
+    /// An error, found by a request for one more byte.
     Refused,
-    /// It is expected (further volumes of a series); decoding stops.
+    /// Expected (further volumes of a series): decoding stops.
     Expected,
 }
 
-/// Whether errors may quote what stands in a text.
+/// Whether errors may quote the text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Words {
-    /// It is in the file that a person has named.
+    /// The text is in the file that the user has named.
     Shown,
-    /// It is in a file that a header has named: that might be any, and what is in it is nobody's business.
+    /// The text is in a file that a header has named. That might be any file, so messages must not reveal its contents.
     Hidden,
 }
 
-/// Makes a voxel of a word; false where it is none.
+/// Converts a word to a voxel; false if it is not a number of this type.
 type ParseVoxel = fn(&str, VoxelType, &mut [u8]) -> bool;
 
-/// A compressed stream and what to take from it.
+/// A compressed stream, and the part of it to decode.
 #[derive(Debug)]
 pub struct GzipShare<'a> {
-    /// File the stream comes from, for messages.
+    /// File of the stream, for messages.
     pub path: &'a Path,
     /// Bytes of the file that are left for the stream.
     pub compressed_bytes: u64,
-    /// Decoded bytes to pass over first.
+    /// Decoded bytes to skip first.
     pub skip_bytes: u64,
     /// Decoded bytes to keep.
     pub bytes: u64,
-    /// What to do about more.
+    /// Reaction to further bytes.
     pub excess: Excess,
 }
 
@@ -108,10 +108,10 @@ pub struct Spool {
 }
 
 impl Spool {
-    /// An empty spool file in this folder.
+    /// Creates an empty spool file in this folder.
     ///
     /// # Errors
-    /// If the folder cannot be written to.
+    /// If the folder is not writable.
     pub fn create(spool: &SpoolFolder) -> Result<Self, SourceError> {
         let folder = spool.path();
         let file = tempfile::tempfile_in(&folder).map_err(|e| SourceError::spool(&folder, e))?;
@@ -121,12 +121,13 @@ impl Spool {
     /// Appends the decoded bytes of a gzip stream.
     ///
     /// # Errors
-    /// If the stream is damaged, holds less than announced, or more where that is refused; or the folder is full.
+    /// If the stream is damaged or shorter than announced. If it is longer and [`Excess::Refused`] is set. If the
+    /// folder is full.
     pub fn append_gzip(&mut self, reader: impl BufRead, share: &GzipShare<'_>) -> Result<(), SourceError> {
         self.append_deflated("gzip", MultiGzDecoder::new(reader), share)
     }
 
-    /// The same for a zlib stream.
+    /// Appends the decoded bytes of a zlib stream.
     ///
     /// # Errors
     /// As [`Self::append_gzip`].
@@ -171,7 +172,7 @@ impl Spool {
             done += count as u64;
         }
         if share.excess == Excess::Refused {
-            // Reading on to the end also makes the decoder compare the stream's checksum.
+            // Reading to the end also makes the decoder compare the stream's checksum.
             let more = decoder.read(&mut buffer[..1]).map_err(|e| damaged(kind, share.path, done, e))?;
             if more != 0 {
                 let found = format!("at least {} bytes", wanted + 1);
@@ -186,10 +187,10 @@ impl Spool {
         Ok(())
     }
 
-    /// Appends all that a bare deflate stream holds, at most `limit` bytes.
+    /// Appends all bytes of a bare deflate stream, at most `limit`.
     ///
     /// # Errors
-    /// If the stream is damaged or holds more; or the folder is full.
+    /// If the stream is damaged or longer, or the folder is full.
     pub fn append_inflated(&mut self, path: &Path, reader: impl BufRead, limit: u64) -> Result<(), SourceError> {
         let mut decoder = DeflateDecoder::new(reader);
         let mut buffer = vec![0; BUFFER_BYTES];
@@ -208,10 +209,11 @@ impl Spool {
         }
     }
 
-    /// Appends `voxels` numbers written as text, separated by white space or commas, as little-endian voxels.
+    /// Appends `voxels` numbers from a text, separated by white space or commas, as little-endian voxels.
     ///
     /// # Errors
-    /// If there are fewer numbers, or more where that is refused, or one is no number of this type; or the folder is full.
+    /// If there are fewer numbers. If there are more, and more are refused. If a word is not a number of this type. If
+    /// the folder is full.
     pub fn append_text(
         &mut self,
         path: &Path,
@@ -223,7 +225,7 @@ impl Spool {
         self.append_words(path, reader, (voxel_type, parse_voxel), voxels, how)
     }
 
-    /// As [`Self::append_text`], of words that become voxels by `parse`, which says whether they are any.
+    /// As [`Self::append_text`], with `parse` as the conversion from words to voxels.
     pub(crate) fn append_words(
         &mut self,
         path: &Path,
@@ -257,7 +259,7 @@ impl Spool {
         Ok(())
     }
 
-    /// Appends bytes that have been decoded.
+    /// Appends decoded bytes.
     ///
     /// # Errors
     /// If the folder is full.
@@ -265,7 +267,7 @@ impl Spool {
         self.write(bytes)
     }
 
-    /// The finished file.
+    /// Returns the finished file.
     ///
     /// # Errors
     /// If the last bytes cannot be written.
@@ -279,7 +281,8 @@ impl Spool {
     }
 }
 
-/// A stream that breaks the rules of its kind (`gzip`, `zlib`) is wrong data; everything else is the machine's failure.
+/// Converts a decoder's error: a stream that breaks the rules of its `kind` (`gzip`, `zlib`) is wrong data; everything
+/// else is an I/O error.
 pub(crate) fn damaged(kind: &str, path: &Path, done: u64, error: std::io::Error) -> SourceError {
     use std::io::ErrorKind::{InvalidData, InvalidInput, UnexpectedEof};
     match error.kind() {
@@ -291,7 +294,7 @@ pub(crate) fn damaged(kind: &str, path: &Path, done: u64, error: std::io::Error)
     }
 }
 
-/// Numbers of a text, one at a time.
+/// Words of a text, one at a time.
 struct Tokens<'a, R> {
     reader: R,
     path: &'a Path,
@@ -327,7 +330,7 @@ impl<R: BufRead> Tokens<'_, R> {
     }
 }
 
-/// Writes the number as a voxel; false if it is none of this type.
+/// Writes a number as a voxel; false if it is not a number of this type.
 pub(crate) fn parse_voxel(token: &str, voxel_type: VoxelType, out: &mut [u8]) -> bool {
     if voxel_type.is_float() {
         let Ok(value) = token.parse::<f64>() else { return false };
@@ -335,7 +338,7 @@ pub(crate) fn parse_voxel(token: &str, voxel_type: VoxelType, out: &mut [u8]) ->
         return true;
     }
     let (least, greatest) = voxel_type.limits();
-    // Every integer type here fits a double exactly.
+    // A double represents every integer type here exactly.
     match token.parse::<i64>() {
         Ok(value) if (least..=greatest).contains(&(value as f64)) => {
             with_voxel!(voxel_type, V => V::from_f64(value as f64).write_le(out));

@@ -1,11 +1,11 @@
-//! Texts in files, whatever they hold: lines of a header, and words fit for a message.
+//! Text in files: lines of a header, and words shortened for messages.
 
 use std::io::BufRead;
 use std::path::Path;
 
 use crate::SourceError;
 
-/// The first characters of a text from a file, fit for a message.
+/// The first characters of a text from a file, safe to print in a message.
 pub(crate) fn shortened(text: &str) -> String {
     let mut short: String = text.chars().take(60).map(|c| if c.is_control() { '?' } else { c }).collect();
     if text.chars().nth(60).is_some() {
@@ -14,16 +14,16 @@ pub(crate) fn shortened(text: &str) -> String {
     short
 }
 
-/// Lines without their ends, Unix or Windows; bytes that are no UTF-8 become replacement characters.
+/// Lines without line ends (Unix or Windows). Invalid UTF-8 becomes replacement characters.
 pub(crate) struct Lines<'a, R> {
     path: &'a Path,
     reader: R,
-    /// Bytes read so far.
+    /// Number of bytes read so far.
     pub(crate) offset: u64,
 }
 
 impl<'a, R: BufRead> Lines<'a, R> {
-    /// Lines of a text that begins where the reader is.
+    /// Lines from the reader's current position on.
     pub(crate) fn new(path: &'a Path, reader: R) -> Self {
         Self { path, reader, offset: 0 }
     }

@@ -1,6 +1,6 @@
-//! Fields with a formula: Marschner-Lobb, sphere, ramp, constant. Computed in doubles, column by column.
+//! Fields given by a formula: Marschner-Lobb, sphere, ramp, constant. Computed in doubles, row by row.
 //!
-//! Each field splits into a part that depends on (x, y), computed once per column, and what z adds to it.
+//! Each field is the sum of a part that depends on (x, y), computed once per column, and a part that depends on z.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
@@ -11,7 +11,7 @@ use super::{CHUNK_VOXELS, Scale, Target};
 /// Frequency of the ripples of the Marschner-Lobb signal, f_M.
 const MARSCHNER_LOBB_FREQUENCY: f64 = 6.0;
 
-/// Share of the ripples, alpha.
+/// Weight of the ripples, alpha.
 const MARSCHNER_LOBB_ALPHA: f64 = 0.25;
 
 /// Value of the constant field, in stored units of every type.
@@ -25,17 +25,17 @@ pub(super) enum ClosedForm {
     Sphere { centre: [f64; 3], radius: f64 },
     /// Stored value per voxel along x.
     Ramp { slope: f64 },
-    /// The same everywhere.
+    /// The same value everywhere.
     Constant,
 }
 
 impl ClosedForm {
-    /// First and last voxel of each axis lie at -1 and 1; an axis of one voxel lies at 0.
+    /// The first and last voxel of each axis map to -1 and 1; an axis of one voxel maps to 0.
     pub(super) fn marschner_lobb(dims: Dims) -> Self {
         Self::MarschnerLobb { scale: dims.0.map(|n| if n > 1 { 2.0 / (n - 1) as f64 } else { f64::INFINITY }) }
     }
 
-    /// Centred; the radius is a quarter of the shortest axis that has more than one voxel.
+    /// A centred sphere; its radius is a quarter of the shortest axis with more than one voxel.
     pub(super) fn sphere(dims: Dims) -> Self {
         let shortest = dims.0.into_iter().filter(|n| *n > 1).min().unwrap_or(1);
         Self::Sphere { centre: dims.0.map(|n| (n - 1) as f64 / 2.0), radius: shortest as f64 / 4.0 }
@@ -67,7 +67,7 @@ impl ClosedForm {
         }
     }
 
-    /// What the field needs to know of a column.
+    /// The part of the field that depends on (x, y).
     fn column(&self, x: f64, y: f64) -> f64 {
         match self {
             // alpha (1 + rho_r(sqrt(x^2 + y^2))) / (2 (1 + alpha)), rho_r(r) = cos(2 pi f_M cos(pi r / 2))
@@ -83,7 +83,7 @@ impl ClosedForm {
         }
     }
 
-    /// The values of a row from those of its columns.
+    /// Computes the values of a row from the parts of its columns.
     fn add_z(&self, z: f64, columns: &[f64], values: &mut [f64]) {
         match self {
             // (1 - sin(pi z / 2)) / (2 (1 + alpha)) plus the column's part.
@@ -103,7 +103,7 @@ impl ClosedForm {
     }
 }
 
-/// Index to [-1, 1]; an infinite scale marks an axis of one voxel, which lies at 0.
+/// Maps an index to [-1, 1]. An infinite scale marks an axis of one voxel, which maps to 0.
 fn on_unit_cube(index: f64, scale: f64) -> f64 {
     if scale.is_finite() { index * scale - 1.0 } else { 0.0 }
 }

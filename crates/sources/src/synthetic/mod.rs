@@ -1,21 +1,22 @@
-//! Volumes computed from coordinates: test fields with known values, and stand-ins for data sets of any size.
+//! Volumes computed from coordinates: test fields with known values, and substitutes for data sets of any size.
 //!
-//! Every voxel is a function of its coordinates, the dims and the seed alone, so that boxes can be read in any order,
-//! by any number of threads, and agree. Nothing is stored but tables of bounded size.
+//! Every voxel depends only on its coordinates, the dims and the seed. Boxes can therefore be read in any order, by any
+//! number of threads, with equal results. Only tables of bounded size are stored.
 //!
-//! | name | what | values |
+//! | name | description | values |
 //! |---|---|---|
 //! | `marschner-lobb` | the test signal of Marschner and Lobb (1994), f_M = 6, alpha = 0.25, on [-1, 1]^3 | unit |
 //! | `seismic` | folded, faulted, channelled reflectors under noise ([`seismic`]) | amplitude |
 //! | `vessels` | a sparse tree of bright tubes, more than 95 % exactly zero ([`vessels`]) | unit |
 //! | `sphere` | a linear distance field: 1 at the centre, 0.5 on the sphere, 0 from twice its radius on | unit |
-//! | `ramp` | the index x; scaled to the type's greatest value where it would not fit | index |
-//! | `constant` | 100 everywhere | as it is |
+//! | `ramp` | the index x; scaled down to the type's greatest value if it would not fit | index |
+//! | `constant` | 100 everywhere | stored |
 //!
 //! *Unit* values run from 0 to 1 in float types and from 0 to the greatest value (at most 65,535) in integer types.
 //! *Amplitudes* are symmetric about zero: +-127 around 128 in u8, +-127 in i8, +-30,000 around 32,768 in u16 and u32,
 //! +-30,000 in all others.
-//! Voxels are the same bits everywhere as far as the platform's `sin`, `cos`, `exp` and `sqrt` of doubles are.
+//! Voxels have the same bits on every machine, as far as the platform's `sin`, `cos`, `exp` and `sqrt` of doubles
+//! agree.
 
 mod closed_form;
 mod noise;
@@ -30,13 +31,13 @@ use closed_form::ClosedForm;
 use seismic::Seismic;
 use vessels::Vessels;
 
-/// Every name that [`Synthetic::new`] knows.
+/// All names that [`Synthetic::new`] knows.
 pub const NAMES: [&str; 6] = ["marschner-lobb", "seismic", "vessels", "sphere", "ramp", "constant"];
 
-/// World lengths between the voxels of `seismic`: 25 m between lines and traces, 10 m between samples.
+/// World distance between the voxels of `seismic` in metres: 25 m between lines and traces, 10 m between samples.
 const SEISMIC_SPACING_M: [f64; 3] = [25.0, 25.0, 10.0];
 
-/// Voxels along x that are computed at a time: columns share their tables, and the tables stay in the cache.
+/// Voxels along x that are computed together: columns share their tables, and the tables stay in the cache.
 const CHUNK_VOXELS: usize = 1024;
 
 /// A volume computed on read.
@@ -54,10 +55,10 @@ enum Field {
 }
 
 impl Synthetic {
-    /// The volume of this name; `voxel_type` is u8 unless given. The seed changes `seismic` and `vessels`.
+    /// The volume with this name. The default voxel type is u8. The seed changes `seismic` and `vessels`.
     ///
     /// # Errors
-    /// If there is no such name, or the dims are not allowed.
+    /// If the name is unknown, or the dims are not allowed.
     pub fn new(name: &str, dims: Dims, voxel_type: Option<VoxelType>, seed: u64) -> Result<Self, SourceError> {
         let voxel_type = voxel_type.unwrap_or(VoxelType::U8);
         if !dims.is_valid() || dims.bytes(voxel_type).is_none() {
@@ -106,7 +107,7 @@ impl VolumeSource for Synthetic {
     }
 }
 
-/// The buffer of a read and the box it stands for.
+/// Buffer of a read, and its box.
 struct Target<'a> {
     voxels: VoxelBox,
     voxel_type: VoxelType,
@@ -114,7 +115,7 @@ struct Target<'a> {
 }
 
 impl Target<'_> {
-    /// The bytes of `length` voxels along x from `start` on, which lie in the box.
+    /// The bytes of `length` voxels along x from `start` on; all must lie in the box.
     fn row(&mut self, start: [u64; 3], length: usize) -> &mut [u8] {
         let [nx, ny, _] = self.voxels.extent();
         // Inside the box, whose extent fits the address space.
@@ -124,14 +125,14 @@ impl Target<'_> {
         &mut self.out[first..first + length * bytes]
     }
 
-    /// Starts and lengths of the pieces along x that are computed at a time.
+    /// Starts and lengths of the pieces along x that are computed together.
     fn chunks(&self) -> impl Iterator<Item = (u64, usize)> + use<> {
         let (start, end) = (self.voxels.start[0], self.voxels.end[0]);
         (start..end).step_by(CHUNK_VOXELS).map(move |x| (x, CHUNK_VOXELS.min((end - x) as usize)))
     }
 }
 
-/// How field values become stored values: `stored = value * gain + bias`, rounded in integer types.
+/// Conversion of field values to stored values: `stored = value * gain + bias`, rounded for integer types.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Scale {
     gain: f64,
@@ -139,13 +140,13 @@ struct Scale {
 }
 
 impl Scale {
-    /// For values of 0 to 1.
+    /// Scale for values from 0 to 1.
     fn unit(voxel_type: VoxelType) -> Self {
         let gain = if voxel_type.is_float() { 1.0 } else { voxel_type.limits().1.min(65535.0) };
         Self { gain, bias: 0.0 }
     }
 
-    /// For values of -1 to 1.
+    /// Scale for values from -1 to 1.
     fn amplitude(voxel_type: VoxelType) -> Self {
         match voxel_type {
             VoxelType::U8 => Self { gain: 127.0, bias: 128.0 },
@@ -155,7 +156,7 @@ impl Scale {
         }
     }
 
-    /// Writes doubles as voxels, rounded to the nearest.
+    /// Writes doubles as voxels, rounded to nearest.
     fn write(self, values: &[f64], voxel_type: VoxelType, out: &mut [u8]) {
         with_voxel!(voxel_type, V => {
             for (value, voxel) in values.iter().zip(out.chunks_exact_mut(size_of::<V>())) {
@@ -164,7 +165,7 @@ impl Scale {
         });
     }
 
-    /// Writes singles as voxels; integers are rounded half up, which compiles to a few vector instructions.
+    /// Writes f32 values as voxels. Integers are rounded half up, which compiles to a few vector instructions.
     fn write_fast(self, values: &[f32], voxel_type: VoxelType, out: &mut [u8]) {
         match voxel_type {
             VoxelType::U8 => {
@@ -184,9 +185,9 @@ impl Scale {
         }
     }
 
-    /// The low bytes of a two's complement number are the voxel, signed or not.
+    /// Writes integers: the low bytes of a two's complement number are the voxel, signed or not.
     fn write_integers<const BYTES: usize>(self, values: &[f32], out: &mut [u8]) {
-        // Shifted to be positive, so that cutting the fraction off rounds down.
+        // Shifted to be positive, so that truncation rounds down.
         const SHIFT: i32 = 1 << 17;
         let bias = self.bias + 0.5 + f64::from(SHIFT);
         for (value, voxel) in values.iter().zip(out.as_chunks_mut::<BYTES>().0) {

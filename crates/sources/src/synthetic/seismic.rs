@@ -1,17 +1,17 @@
-//! A stand-in for a migrated seismic survey: layers that were laid down flat, cut by channels, folded, faulted, and
-//! recorded with a 25 Hz Ricker wavelet at 4 ms, under noise.
+//! A substitute for a migrated seismic survey. Layers are deposited flat, cut by channels, folded, faulted, and
+//! recorded with a 25 Hz Ricker wavelet at 4 ms, plus noise.
 //!
-//! Layer thickness and wavelet are in voxels (a larger survey has more layers, not thicker ones); folds, faults and
-//! channels scale with the volume. The voxel (x, y, z) shows the layered column at the depth
+//! Layer thickness and wavelet are given in voxels (a larger survey has more layers, not thicker ones). Folds, faults
+//! and channels scale with the volume. The voxel (x, y, z) shows the layered column at the depth
 //!
 //! ```text
 //! u = z + fold(x, y) + growth(x, y) z / nz + sum over faults above it of throw(x, y)
 //! amplitude = gain(x, y) (1 - s) trace(u) + s * channel(u) + noise(x, y, z)
 //! ```
 //!
-//! where s is the share of channel fill. `trace` is a table of [`PERIOD_LIMIT`] voxels at most, after which the layers
-//! repeat; everything that depends on (x, y) alone is computed once per column. Depths are integers of 1/4096 voxel:
-//! exact at any depth, and the same on every machine.
+//! where s is the share of channel fill. `trace` is a table of at most [`PERIOD_LIMIT`] voxels, after which the layers
+//! repeat. Terms that depend on (x, y) alone are computed once per column. Depths are integers in units of 1/4096
+//! voxel: exact at any depth, and the same on every machine.
 
 use std::f64::consts::{PI, TAU};
 
@@ -21,37 +21,37 @@ use supervol_format::random::Random;
 use super::noise::{numbers_for, row_hash, sign, voxel_noise};
 use super::{CHUNK_VOXELS, Scale, Target};
 
-/// Voxels along depth after which the layers repeat; a power of two.
+/// Depth in voxels after which the layers repeat; a power of two.
 pub const PERIOD_LIMIT: u64 = 1 << 16;
 
-/// Fixed-point bits of a depth below the voxel.
+/// Fraction bits of a fixed-point depth in voxels.
 const DEPTH_BITS: u32 = 12;
 
-/// Table entries per voxel of depth are 2 to this power; linear interpolation between them errs by 0.2 %.
+/// Log2 of the table entries per voxel of depth. Linear interpolation between them errs by 0.2 %.
 const TABLE_BITS: u32 = 3;
 
 /// Peak frequency of the wavelet in cycles per voxel: 25 Hz at 4 ms.
 const RICKER_FREQUENCY: f64 = 0.1;
 
-/// Half the wavelet's support in voxels: beyond it, its envelope is below 1e-9.
+/// Half the wavelet's support in voxels; beyond it the envelope is below 1e-9.
 const RICKER_SUPPORT: f64 = 16.0;
 
-/// Root mean square of the trace; peaks beyond 1 are clipped.
+/// Root mean square of the trace. Peaks beyond 1 are clipped.
 const TRACE_RMS: f64 = 0.22;
 
-/// Greatest noise.
+/// Greatest absolute noise.
 const NOISE: f32 = 0.03;
 
 const WAVES: usize = 5;
 const FAULTS: usize = 4;
 const CHANNELS: usize = 3;
 
-/// The survey's geology.
+/// Geology of the survey.
 #[derive(Debug)]
 pub struct Seismic {
     seed: u64,
     depth_voxels: f64,
-    /// Amplitudes at 2^TABLE_BITS entries per voxel, and the first again at the end.
+    /// Amplitudes at 2^TABLE_BITS entries per voxel; the first entry is repeated at the end.
     trace: Vec<f32>,
     index_mask: u32,
     waves: [Wave; WAVES],
@@ -59,7 +59,7 @@ pub struct Seismic {
     channels: [Channel; CHANNELS],
 }
 
-/// `sin(kx x + ky y + phase)`, and what it does to fold, growth and gain.
+/// A wave `sin(kx x + ky y + phase)`, and its effect on fold, growth and gain.
 #[derive(Debug, Clone, Copy)]
 struct Wave {
     k: [f64; 2],
@@ -69,7 +69,7 @@ struct Wave {
     gain: f64,
 }
 
-/// A plane `z = z0 + slope * (distance across strike)`; below it the layers are thrown, most in its middle.
+/// Fault plane `z = z0 + slope * (distance across strike)`. Layers below it are displaced, most in its middle.
 #[derive(Debug, Clone, Copy)]
 struct Fault {
     centre: [f64; 2],
@@ -81,10 +81,10 @@ struct Fault {
     half_length: f64,
 }
 
-/// A meandering body at one layer.
+/// A meandering channel at one layer.
 #[derive(Debug, Clone, Copy)]
 struct Channel {
-    /// Depth of its middle in layers, fixed point.
+    /// Depth of the channel's middle in layers, fixed point.
     depth: i32,
     half_thickness: i32,
     y0: f64,
@@ -101,7 +101,7 @@ impl Seismic {
     pub fn new(dims: Dims, seed: u64) -> Self {
         let [nx, ny, nz] = dims.0.map(|n| n as f64);
         let width = nx.max(ny);
-        // Room for what folds and faults add, so that small volumes do not repeat.
+        // Room for the shifts of folds and faults, so that small volumes do not repeat.
         let period = (dims.0[2] * 2 + 256).next_power_of_two().min(PERIOD_LIMIT);
         let index_mask = (period as u32) << TABLE_BITS;
         let mut random = numbers_for(1, seed);
@@ -133,7 +133,7 @@ impl Seismic {
         }
     }
 
-    /// Amplitudes of one piece of a row. Short loops over arrays, each of which compiles to vector code.
+    /// Amplitudes of one piece of a row. The loops over arrays are short, so that each compiles to vector code.
     fn fill_row(&self, columns: &Columns, [x, y, z]: [u64; 3], length: usize, scratch: &mut Scratch) {
         let depth = &mut scratch.depth[..length];
         let amplitude = &mut scratch.amplitude[..length];
@@ -177,7 +177,7 @@ fn ricker(voxels: f64) -> f64 {
     (1.0 - 2.0 * a) * (-a).exp()
 }
 
-/// Random layers convolved with the wavelet, closed to a ring of `period` voxels.
+/// Random layers convolved with the wavelet, periodic with `period` voxels.
 fn trace(period: usize, random: &mut Random) -> Vec<f32> {
     let per_voxel = f64::from(1 << TABLE_BITS);
     let entries = period << TABLE_BITS;
@@ -185,7 +185,7 @@ fn trace(period: usize, random: &mut Random) -> Vec<f32> {
     let mut depth = random.between(0.0, 4.0);
     let mut package = 1.0;
     while depth < period as f64 {
-        // Now and then a new package of layers begins, quieter or louder than the one above.
+        // With probability 0.08 a new package of layers begins, quieter or louder than the one above.
         if random.between(0.0, 1.0) < 0.08 {
             package = random.between(0.25, 1.5);
         }
@@ -211,7 +211,7 @@ impl Wave {
         let cycles = 0.5 + 0.8 * index as f64 * random.between(0.7, 1.3);
         let angle = random.between(0.0, PI);
         let k = TAU * cycles / width;
-        // Bounded, so that the fixed-point depths hold everything.
+        // Bounded, so that fixed-point depths cannot overflow.
         let strength = (0.05 * depth).min(1500.0) / (1.0 + index as f64);
         Self {
             k: [k * angle.cos(), k * angle.sin()],
@@ -243,7 +243,7 @@ impl Channel {
         let depth = nz * (index as f64 + random.between(0.3, 0.7)) / CHANNELS as f64;
         let k = TAU / nx.max(ny);
         Self {
-            // Depths wrap as those of voxels do; within one period they mean what they say.
+            // Depths wrap like those of voxels; within one period they are exact.
             depth: (depth * f64::from(1 << DEPTH_BITS)) as i64 as i32,
             half_thickness: fixed((0.012 * nz).clamp(2.0, 12.0)),
             y0: ny * random.between(0.25, 0.75),
@@ -255,7 +255,7 @@ impl Channel {
         }
     }
 
-    /// Where the centreline runs at x, and the cosine of its angle to the x axis.
+    /// The y position of the centreline at x, and the cosine of its angle to the x axis.
     fn centreline(&self, x: f64) -> (f64, f64) {
         let [slow, fast] = [0, 1].map(|i| (self.k[i] * x + self.phase[i], self.amplitude[i]));
         let y = self.y0 + slow.1 * slow.0.sin() + fast.1 * fast.0.sin();
@@ -263,20 +263,20 @@ impl Channel {
         (y, 1.0 / (1.0 + slope * slope).sqrt())
     }
 
-    /// Replaces layers by fill where both shares, across and along depth, are positive.
+    /// Blends channel fill into the layers where both shares, across the channel and along depth, are positive.
     fn fill(&self, depth: &[i32], across: &[f32], amplitude: &mut [f32]) {
         let to_unit = 1.0 / self.half_thickness as f32;
         for ((amplitude, depth), across) in amplitude.iter_mut().zip(depth).zip(across) {
             let t = depth.wrapping_sub(self.depth) as f32 * to_unit;
             let along = (1.0 - t * t).max(0.0);
             let share = across * along;
-            // A bright base under a bright top of the other sign; t (1 - t^2) is at most 1 / 2.6.
+            // A bright base under a bright top of opposite sign; t (1 - t^2) is at most 1 / 2.6.
             *amplitude += share * (2.6 * self.brightness * t - *amplitude * 0.5);
         }
     }
 }
 
-/// Sines and centrelines by x, which the columns of all rows share.
+/// Sines and centrelines by x, shared by the columns of all rows.
 struct AlongX {
     x: u64,
     /// Sine and cosine of `kx x` for each wave.
@@ -298,7 +298,7 @@ impl AlongX {
     }
 }
 
-/// What the voxels of a column share, for one piece of a row of columns; depths are fixed point.
+/// Terms that the voxels of a column share, for one piece of a row of columns. Depths are fixed point.
 struct Columns {
     fold: [i32; CHUNK_VOXELS],
     growth: [f32; CHUNK_VOXELS],
@@ -307,7 +307,7 @@ struct Columns {
     channels: [ChannelColumns; CHANNELS],
 }
 
-/// Where a fault plane crosses each column (voxel), and by how much it throws what is below.
+/// Depth in voxels at which a fault plane crosses each column, and the displacement of the layers below it.
 #[derive(Clone, Copy)]
 struct FaultColumns {
     top: [i32; CHUNK_VOXELS],
@@ -375,7 +375,7 @@ impl FaultColumns {
             let (dx, dy) = ((x + i as u64) as f64 - fault.centre[0], y - fault.centre[1]);
             let across = dx * fault.across[0] + dy * fault.across[1];
             let along = (dy * fault.across[0] - dx * fault.across[1]) / fault.half_length;
-            // The throw dies out towards the fault's ends.
+            // The displacement decreases to zero towards the fault's ends.
             let taper = (1.0 - along * along).max(0.0);
             self.top[i] = (fault.z0 + fault.slope * across) as i32;
             self.throw[i] = (fault.throw_voxels * taper * taper * fixed) as i32;

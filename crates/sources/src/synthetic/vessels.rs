@@ -1,9 +1,9 @@
-//! A sparse tree of bright tubes: most of the volume is exactly zero, which is what empty-space leaping lives on.
+//! A sparse tree of bright tubes. Most of the volume is exactly zero, which suits tests of empty-space leaping.
 //!
-//! Trees grow from the faces inwards in short straight pieces, turn a little at each, and fork; radii shrink so that
-//! the cubes of the children's sum to the parent's (Murray 1926). Growth stops at a budget of volume, so that less than
-//! 5 % of any grid is filled. A coarse grid of cells lists the pieces near it: boxes far from any cost nothing.
-//! Brightness falls from 1 in thick tubes to 0.5 in thin ones, with an edge one voxel wide.
+//! Trees grow from the faces inwards in short straight pieces, turn a little at each, and fork. Radii shrink so that
+//! the cubes of the children's radii sum to the cube of the parent's (Murray 1926). Growth stops at a volume budget, so
+//! that less than 5 % of any grid is filled. A coarse grid of cells lists the pieces near each cell, so boxes far from
+//! all tubes cost nothing. Brightness decreases from 1 in thick tubes to 0.5 in thin ones; the edge is one voxel wide.
 
 use std::collections::VecDeque;
 
@@ -14,22 +14,22 @@ use supervol_format::{Dims, VoxelBox};
 use super::noise::numbers_for;
 use super::{Scale, Target};
 
-/// Share of the grid that tubes may fill, counted generously.
+/// Share of the grid that tubes may fill; an upper estimate.
 const FILL_LIMIT: f64 = 0.045;
 
-/// Most pieces of tube.
+/// Largest number of pieces of tube.
 const PIECES_LIMIT: usize = 1 << 15;
 
-/// Most cells of the coarse grid.
+/// Largest number of cells of the coarse grid.
 const CELLS_LIMIT: u64 = 1 << 18;
 
-/// Edge of the smallest cells, voxels; larger ones are this times a power of two.
+/// Edge of the smallest cells in voxels; larger cells are this times a power of two.
 const CELL_VOXELS: u64 = 32;
 
-/// Thinnest tube, voxels.
+/// Radius of the thinnest tube in voxels.
 const RADIUS_LEAST: f64 = 0.7;
 
-/// A voxel counts as touched up to this far outside a tube: half the edge plus half a voxel's diagonal.
+/// Largest distance in voxels outside a tube at which it may touch a voxel: half the edge plus half a voxel's diagonal.
 const REACH_VOXELS: f64 = 1.37;
 
 /// A straight piece of tube, in voxels.
@@ -41,7 +41,7 @@ struct Piece {
     brightness: f32,
 }
 
-/// The trees and the cells that lead to them.
+/// Pieces of all trees, and the cells that index them.
 #[derive(Debug)]
 pub struct Vessels {
     pieces: Vec<Piece>,
@@ -68,7 +68,7 @@ impl Vessels {
         vessels
     }
 
-    /// Counting sort: how many pieces each cell has, then where each list begins, then the lists.
+    /// Counting sort: number of pieces per cell, then the start of each list, then the lists.
     fn sort_into_cells(&mut self) {
         let count = self.cells.iter().product::<u64>() as usize;
         let mut counts = vec![0_u32; count + 1];
@@ -92,7 +92,7 @@ impl Vessels {
             let reach = DVec3::splat(piece.radius + REACH_VOXELS);
             let low = (piece.start.min(piece.end) - reach) / edge;
             let high = (piece.start.max(piece.end) + reach) / edge;
-            // Casts saturate at 0; the last cell is the limit above.
+            // Casts saturate at 0; the upper end is clamped to the last cell.
             let range = |axis: usize| low[axis] as u64..=(high[axis] as u64).min(self.cells[axis] - 1);
             for z in range(2) {
                 for y in range(1) {
@@ -112,13 +112,14 @@ impl Vessels {
     }
 
     pub(super) fn fill(&self, target: &mut Target<'_>) {
-        // Zero is all zero bytes in every type.
+        // Zero has all bytes zero in every type.
         target.out.fill(0);
         let voxels = target.voxels;
         if voxels.voxels() == 0 {
             return;
         }
-        // Blocks lie on a grid of their own, whatever the box: arithmetic relative to a block is the same in any read.
+        // Blocks have fixed positions, independent of the box, so that arithmetic relative to a block is the same in
+        // every read.
         let edge = CELL_VOXELS;
         let mut values = Vec::new();
         let range = |axis: usize| voxels.start[axis] / edge..voxels.end[axis].div_ceil(edge);
@@ -136,7 +137,7 @@ impl Vessels {
         }
     }
 
-    /// Draws the pieces near a block into the part of it that is wanted.
+    /// Draws the pieces near a block into its requested part.
     fn fill_block(&self, corner: [u64; 3], near: &[u32], values: &mut Vec<f32>, target: &mut Target<'_>) {
         let block = VoxelBox { start: corner, end: corner.map(|c| c + CELL_VOXELS) }.intersect(target.voxels);
         let origin = DVec3::from_array(corner.map(|c| c as f64));
@@ -161,16 +162,17 @@ impl Vessels {
 }
 
 impl Piece {
-    /// Distance of a point from the axis.
+    /// Distance of a point from the piece's axis in voxels.
     fn distance(&self, point: DVec3) -> f64 {
         let axis = self.end - self.start;
         let along = ((point - self.start).dot(axis) / axis.length_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
         point.distance(self.start + axis * along)
     }
 
-    /// Raises the values of a block (with its corner at `origin`) to this tube's; false if it touches none.
+    /// Raises the values of a block (with its corner at `origin`) to those of this piece. Returns false if it touches
+    /// no voxel.
     fn draw(&self, origin: DVec3, block: VoxelBox, corner: [u64; 3], values: &mut [f32]) -> bool {
-        // Singles are exact enough within a block and a piece's length of it.
+        // f32 is exact enough within a block and one piece length around it.
         let start = (self.start - origin).as_vec3();
         let axis = (self.end - self.start).as_vec3();
         let inverse_square = 1.0 / axis.length_squared().max(f32::MIN_POSITIVE);
@@ -200,23 +202,24 @@ impl Piece {
         touched
     }
 
-    /// Voxels that it may touch, generously.
+    /// Upper estimate of the voxels that the piece touches.
     fn volume(&self) -> f64 {
         let reach = self.radius + REACH_VOXELS;
         std::f64::consts::PI * reach * reach * (self.start.distance(self.end) + reach * 4.0 / 3.0)
     }
 }
 
-/// The end of a branch that still grows.
+/// End of a branch that still grows.
 struct Tip {
     position: DVec3,
     direction: DVec3,
     radius: f64,
-    /// Pieces until it forks.
+    /// Number of pieces until the next fork.
     until_fork: u32,
 }
 
-/// Grows all trees at once, piece by piece, until tips leave the grid, become too thin, or a limit is reached.
+/// Grows all trees at once, piece by piece, until all tips have left the grid or become too thin, or a limit is
+/// reached.
 fn grow(dims: Dims, random: &mut Random) -> Vec<Piece> {
     let size = DVec3::from_array(dims.0.map(|n| n as f64));
     let shortest = size.min_element();
@@ -258,7 +261,7 @@ fn grow(dims: Dims, random: &mut Random) -> Vec<Piece> {
     pieces
 }
 
-/// A tip on a face of the grid that points inwards.
+/// A tip on a face of the grid, pointing inwards.
 fn root(index: usize, size: DVec3, radius: f64, random: &mut Random) -> Tip {
     let axis = index % 3;
     let far_side = (index / 3) % 2 == 1;
@@ -270,7 +273,7 @@ fn root(index: usize, size: DVec3, radius: f64, random: &mut Random) -> Tip {
     Tip { position, direction, radius, until_fork: 5 }
 }
 
-/// A vector in the cube [-1, 1]^3.
+/// Random vector in the cube [-1, 1]^3.
 fn random_vector(random: &mut Random) -> DVec3 {
     DVec3::new(random.between(-1.0, 1.0), random.between(-1.0, 1.0), random.between(-1.0, 1.0))
 }

@@ -1,4 +1,4 @@
-//! DICOM: real files against what pydicom and SimpleITK read, series written here, damaged files.
+//! DICOM: real files compared with pydicom and SimpleITK, series written by these tests, damaged files.
 
 use std::path::Path;
 
@@ -12,7 +12,7 @@ use crate::{dicom_support, grid_support};
 use dicom_support::*;
 use grid_support::*;
 
-/// Name, dims, type, a voxel and its value, and least, greatest and sum of all voxels, by pydicom (the folder: SimpleITK).
+/// Name, dims, type, a voxel and its value; least, greatest and sum of all voxels. By pydicom; the folder by SimpleITK.
 type RealFile = (&'static str, [u64; 3], VoxelType, ([u64; 3], f64), [f64; 3]);
 const REAL_FILES: [RealFile; 9] = [
     ("brain_pd_19slices", [256, 256, 19], VoxelType::I16, ([100, 120, 9], 433.0), [0.0, 1059.0, 210_038_390.0]),
@@ -55,7 +55,7 @@ fn real_files_are_what_pydicom_reads() {
         let source = opened(&path).unwrap_or_else(|e| panic!("{e}"));
         assert_eq!((source.info().dims, source.info().voxel_type), (Dims(dims), voxel_type), "{name}");
         assert_eq!(summary(source.as_ref(), at), (least, greatest, sum, value), "{name}");
-        // The brain's padding value is 0, which its air has, too.
+        // The brain's padding value is 0, which is also the value of its air.
         assert_eq!(source.info().nodata, name.ends_with("CT_small.dcm").then_some(-2000.0), "{name}");
     }
 }
@@ -73,7 +73,8 @@ fn a_series_lies_where_simple_itk_places_it() {
     ];
     for (index, expected) in corners {
         let distance = (world.transform_point3(index.into()) - glam::DVec3::from(expected)).length();
-        // SimpleITK takes the average distance of slices along the first normal, we the way from the first to the last.
+        // SimpleITK measures the average slice distance along the first normal; we measure from the first slice to the
+        // last.
         assert!(distance < 0.02, "{index:?}: {distance} mm");
     }
     assert!(info.notes.iter().any(|note| note.contains("evenly")), "{:?}", info.notes);
@@ -96,13 +97,13 @@ fn colours_are_luminance_or_one_channel() {
     assert!(error.contains("--channel 3") && error.contains("last is number 2"), "{error}");
 }
 
-/// Five slices of 5 x 4 voxels, 2.5 mm apart along z, and their voxels from the lowest up.
+/// Five slices of 5 x 4 voxels, 2.5 mm apart along z, and their voxels, lowest slice first.
 fn stack(slice: &Slice) -> (Vec<Slice>, Vec<u8>) {
     let at = |i: u16| Slice { instance: 9 - i, position: [1.0, -2.0, 10.0 + 2.5 * f64::from(i)], ..slice.clone() };
     ((0..5).map(at).collect(), random_voxels([5, 4, 5], VoxelType::I16, 4))
 }
 
-/// Writes slices under names that are in no order.
+/// Writes slices under names without any order.
 fn write(folder: &Path, slices: &[Slice], voxels: &[u8]) {
     for (i, (slice, voxels)) in slices.iter().zip(voxels.chunks(40)).enumerate() {
         let name = format!("IM{:04}-{}-{}", (i * 7 + 3) % 11, slice.series, slice.instance);
@@ -124,7 +125,7 @@ fn slices_are_sorted_by_their_place() {
     assert_eq!(info.geometry.spacing, [0.25, 0.5, 2.5]);
     assert_eq!(info.geometry.origin, [1.0, -2.0, 10.0]);
     assert!(info.notes.iter().any(|note| note.starts_with("1 files of the folder")), "{:?}", info.notes);
-    // From the other side of the patient: z goes down, and x with it, so that the grid is right-handed.
+    // From the other side of the patient: z decreases, and x with it, so that the grid is right-handed.
     let folder = tempfile::tempdir().unwrap();
     let (slices, _) = stack(&Slice { orientation: "-1\\0\\0\\0\\1\\0", ..Slice::default() });
     write(folder.path(), &slices, &voxels);
@@ -153,7 +154,7 @@ fn slices_that_are_missing_or_tilted() {
     let world = source.info().geometry.world_from_index();
     assert!((world.transform_point3([0.0, 0.0, 4.0].into()) - glam::DVec3::new(1.0, 0.0, 20.0)).length() < 1e-12);
     assert!(source.info().notes.iter().any(|note| note.contains("tilted by 11.31")), "{:?}", source.info().notes);
-    // One that lies beside the others.
+    // One slice beside the others.
     slices[2].position[1] += 5.0;
     let folder = tempfile::tempdir().unwrap();
     write(folder.path(), &slices, &voxels);
@@ -175,7 +176,7 @@ fn series_and_time_points_are_chosen() {
     }
     let error = choosing(folder.path(), |s| s.series = Some("8".into())).err().unwrap().to_string();
     assert!(error.contains("--series 8") && error.contains("number 7"), "{error}");
-    // The same numbers at the same places in one series: two volumes.
+    // Two volumes in one series, with equal numbers at equal places.
     let folder = tempfile::tempdir().unwrap();
     write(folder.path(), &slices, &voxels);
     let later: Vec<Slice> = slices.iter().map(|s| Slice { instance: s.instance + 100, ..s.clone() }).collect();
@@ -188,7 +189,7 @@ fn series_and_time_points_are_chosen() {
     assert_refused(opened(folder.path()), &["as many at each place", "missing"]);
 }
 
-/// A file that cannot be decoded, or not even read, is no reason to refuse another series of its folder.
+/// A damaged or unsupported file does not make another series of its folder unreadable.
 #[test]
 fn damaged_files_and_other_compressions_leave_other_series_alone() {
     let folder = tempfile::tempdir().unwrap();
@@ -209,12 +210,12 @@ fn damaged_files_and_other_compressions_leave_other_series_alone() {
         "{:?}",
         source.info().notes
     );
-    // Where there is one series only, it may be of that.
+    // A single series might contain the damaged file.
     std::fs::remove_file(folder.path().join("other.dcm")).unwrap();
     assert_refused(chosen("1.2.3"), &["cut.dcm"]);
 }
 
-/// Ramps of 24 x 18 pixels of 8, 12 and 16 bits, by GDCM: `tests/data/README.md` says how.
+/// Ramps of 24 x 18 pixels of 8, 12 and 16 bits, made by GDCM; see `tests/data/README.md`.
 #[test]
 fn jpeg_frames_are_decoded() {
     let ramp = |x: u64, y: u64, factor: u64| (x * 7 + y * 5) * factor;
@@ -236,7 +237,7 @@ fn jpeg_frames_are_decoded() {
     }
 }
 
-/// JPEG of twelve bits with loss is refused by its name, with what converts it.
+/// Lossy 12-bit JPEG is refused by name, with a conversion.
 #[test]
 fn jpeg_of_twelve_bits() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/dicom/baseline.dcm");
@@ -249,7 +250,7 @@ fn jpeg_of_twelve_bits() {
     assert_refused(opened(&path).map(|_| ()), &["JPEG with loss of 12 bits", "gdcmconv --raw"]);
 }
 
-/// Colours by JPEG that are said to be red, green and blue are not taken for luma and chroma, nor put in rows of one colour.
+/// JPEG colours declared as red, green and blue are not taken for luma and chroma, nor returned as rows of one colour.
 #[test]
 fn colours_by_jpeg() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/dicom/colours-rgb.dcm");
@@ -267,7 +268,7 @@ fn colours_by_jpeg() {
 
 #[test]
 fn slopes_bits_localisers_and_links() {
-    // A slope for each slice: values, as f32.
+    // A different slope per slice: values as f32.
     let folder = tempfile::tempdir().unwrap();
     let (mut slices, voxels) = stack(&Slice::default());
     slices[3].slope = "0.5";
@@ -281,14 +282,14 @@ fn slopes_bits_localisers_and_links() {
     assert_eq!(value_at(source.as_ref(), [2, 1, 3]), stored(67) * 0.5 - 1024.0);
     assert_eq!(value_at(source.as_ref(), [2, 1, 2]), stored(47) - 1024.0);
     assert!(source.info().notes.iter().any(|note| note.contains("localisers")), "{:?}", source.info().notes);
-    // Twelve bits of sixteen, with something else in the rest.
+    // Twelve significant bits of sixteen, with other data in the rest.
     let folder = tempfile::tempdir().unwrap();
     let (slices, _) = stack(&Slice { stored_bits: 12, ..Slice::default() });
     write(folder.path(), &slices, &voxels);
     let source = opened(folder.path()).unwrap();
     let kept: Vec<u8> = (0..100).flat_map(|i| ((stored(i) as i16) << 4 >> 4).to_le_bytes()).collect();
     check_boxes(source.as_ref(), &kept, 5);
-    // Links that lead out of the folder.
+    // Links to the outside of the folder.
     #[cfg(unix)]
     {
         let outside = tempfile::tempdir().unwrap();
@@ -302,7 +303,7 @@ fn slopes_bits_localisers_and_links() {
     }
 }
 
-/// Five frames in one file, from the highest down, each with a place of its own.
+/// Five frames in one file, highest first, each with its own position.
 fn many_frames(is_delimited: bool) -> Dicom {
     let frame = |i: u32| {
         let position = Dicom::default().with(0x0020_0032, "DS", format!("1\\-2\\{}", 20.0 - 2.5 * f64::from(i)));
@@ -366,7 +367,7 @@ fn damaged_files() {
         many_frames(true).fragments(&compressed).file(RLE),
     ];
     for file in files {
-        // What is before the mark may be anything.
+        // The bytes before the mark are arbitrary.
         fuzz_header(folder.path(), "v.dcm", &file, file.len(), 6000, opened);
     }
     for name in ["odd/J2K_pixelrep_mismatch.dcm", "odd/image_dfl.dcm"] {

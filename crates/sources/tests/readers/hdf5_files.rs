@@ -1,4 +1,5 @@
-//! HDF5: a real file, small ones that h5py has written in its oldest and newest layout (`tests/data/README.md`), damaged ones.
+//! HDF5: a real file, small files written by h5py in its oldest and newest layout (`tests/data/README.md`), damaged
+//! files.
 
 use std::path::{Path, PathBuf};
 
@@ -25,7 +26,7 @@ fn named(path: &Path, dataset: &str) -> PathBuf {
     path.into()
 }
 
-/// With a budget: what is said of a file must not decide what is allocated.
+/// With a memory limit: sizes in a file must not determine allocations.
 fn opened(path: &Path) -> Result<Box<dyn VolumeSource>, SourceError> {
     let mut options = OpenOptions::default();
     options.segy.memory_bytes = 64 << 20;
@@ -74,7 +75,7 @@ fn datasets_are_what_h5py_wrote() {
     }
 }
 
-/// What h5py compresses by LZF, and truth values, which it writes as enumerations; what is refused is refused by its name.
+/// LZF by h5py, and booleans, which h5py writes as enumerations. Unsupported kinds are refused by name.
 #[test]
 fn kinds_that_only_python_writes() {
     let lzf = opened(&named(&file("kinds.h5"), "lzf")).unwrap_or_else(|e| panic!("{e}"));
@@ -129,7 +130,8 @@ fn the_real_file_is_what_h5py_reads() {
     assert_eq!([least, greatest], [-84.1979751586914, 221.8148956298828]);
 }
 
-/// Cut anywhere, or with flipped bits: an error or other voxels, never a panic, and no more memory than is allowed.
+/// Truncated files, or files with flipped bits, give an error or other voxels. They never cause a panic or exceed the
+/// memory limit.
 #[test]
 fn damaged_files_are_errors_or_other_voxels() {
     let work = tempfile::tempdir().unwrap();
@@ -143,7 +145,7 @@ fn damaged_files_are_errors_or_other_voxels() {
                 damaged.truncate(random.below(whole.len() as u64) as usize);
             } else {
                 for _ in 0..=random.below(4) {
-                    // Most of what decides stands at the beginning.
+                    // Most decisive bytes are at the beginning.
                     let room = if random.below(2) == 0 { whole.len() as u64 } else { 4096 };
                     damaged[random.below(room) as usize] ^= 1 << random.below(8);
                 }
@@ -161,7 +163,7 @@ fn damaged_files_are_errors_or_other_voxels() {
     assert!(largest <= 64 << 20, "an allocation of {largest} bytes");
 }
 
-/// A data set of `BigDataViewer` whose voxels are these, in a folder.
+/// A `BigDataViewer` data set over these voxel data, in a folder.
 fn viewer_xml(folder: &Path, loader: &str, data: &str) -> PathBuf {
     let path = folder.join("set.xml");
     let tag = loader.rsplit('.').next().unwrap();
@@ -201,7 +203,7 @@ fn data_sets_of_big_data_viewer_are_read_with_their_place() {
     let info = source.info();
     assert_eq!((info.format, info.dims, info.voxel_type), ("bdv", Dims(DIMS), VoxelType::I16));
     check_boxes(source.as_ref(), &voxels(VoxelType::I16, value), 5);
-    // Level 1 is half as fine along x and y: the middle of its first voxel is that of four fine ones.
+    // Level 1 is half as fine along x and y; its first voxel lies at the middle of four fine voxels.
     assert_eq!((info.geometry.spacing, info.geometry.origin), ([1.0, 0.5, 2.0], [10.25, 20.125, 30.0]));
     assert_eq!(info.axes.each_ref().map(|axis| axis.unit.as_str()), ["um"; 3]);
     assert_eq!(
@@ -210,7 +212,7 @@ fn data_sets_of_big_data_viewer_are_read_with_their_place() {
     );
     let notes = info.notes.join("; ");
     assert!(notes.contains("2 setups") && notes.contains("2 time points") && !notes.contains("--spacing"), "{notes}");
-    // What is not there is said to be not there.
+    // Missing parts are reported as missing.
     let refused =
         |choose: fn(&mut OpenOptions), words: &[&str]| assert_refused(of_level(&path, choose).map(|_| ()), words);
     refused(|o| o.selection.level = Some(3), &["--source-level 3", "t00000/s00/3/cells"]);
@@ -239,7 +241,7 @@ fn data_sets_of_big_data_viewer_name_nothing_that_is_not_theirs() {
     assert_refused(of_level(&other, |_| ()).map(|_| ()), &["bdv.imagej.virtualstack", "bdv.n5"]);
 }
 
-/// Cut off, or wrong in a byte, a data set is refused or read; never a panic, never much memory.
+/// Truncated or with a wrong byte, a data set is refused or read, without a panic or much memory.
 #[test]
 fn damaged_data_sets_of_big_data_viewer() {
     let folder = tempfile::tempdir().unwrap();

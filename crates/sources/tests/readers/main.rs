@@ -1,4 +1,4 @@
-//! Readers of volume files: real files, files written here, and damaged ones.
+//! Reader tests with real files, files written by the tests, and damaged files.
 
 #![allow(clippy::unwrap_used, reason = "tests fail loudly")]
 

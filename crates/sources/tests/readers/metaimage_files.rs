@@ -1,4 +1,4 @@
-//! MetaImage: every type, byte order, encoding and way to name data files; geometry; what is refused; real files.
+//! MetaImage: every type, byte order, encoding and way to name data files; geometry; refusals; real files.
 
 use std::io::Write;
 use std::path::Path;
@@ -144,7 +144,7 @@ fn geometry_and_values() {
     let singular = "TransformMatrix = 0 1 0 0 1 0 0 0 1\n";
     let path = written(folder.path(), "v.mha", &[&header("MET_UCHAR", singular, "LOCAL"), &[0; 140]]);
     assert!(source(&path).unwrap().info().notes.iter().any(|note| note.contains("singular")));
-    // Bytes behind the voxels are told.
+    // Bytes behind the voxels are noted.
     let path = written(folder.path(), "v.mha", &[&header("MET_UCHAR", "", "LOCAL"), &[0; 143]]);
     assert!(source(&path).unwrap().info().notes.iter().any(|note| note.ends_with("not read: 3")));
 }
@@ -176,7 +176,7 @@ fn what_is_no_volume_of_ours_is_refused_by_name() {
 #[test]
 fn real_files_are_what_their_makers_say() {
     let options = OpenOptions::default();
-    // Voxels along x, y, z; least, greatest and sum, counted by a few lines of Python on the decoded bytes.
+    // Number of voxels along x, y, z; least, greatest and sum, counted by a Python script on the decoded bytes.
     let files: [(&str, [u64; 3], [f64; 3]); 5] = [
         ("metaimage/neghip.mha", [70, 70, 70], NEGHIP),
         ("metaimage/hydrogenAtom.mha", [128, 128, 128], HYDROGEN),

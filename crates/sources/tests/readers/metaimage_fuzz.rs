@@ -1,4 +1,4 @@
-//! Damaged MetaImage headers: never a panic, never a large allocation.
+//! Damaged MetaImage headers cause no panic and no large allocation.
 
 use std::io::Write;
 

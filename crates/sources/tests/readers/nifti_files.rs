@@ -1,4 +1,4 @@
-//! NIfTI files: the stored ones against values computed independently, and written ones of every type and order.
+//! NIfTI: stored files compared with independently computed values, and files written in every type and byte order.
 
 use std::io::Write;
 use std::path::Path;
@@ -58,7 +58,7 @@ fn ramp_in_six_types() {
         assert_eq!((source.info().dims.0, source.info().voxel_type), ([3; 3], voxel_type.0));
         assert_eq!(source.info().geometry, Geometry::IDENTITY);
         let values = voxels_as_f64(voxel_type.0, &read_all(&source).unwrap());
-        // The last index runs fastest through the ramp.
+        // The last index is the fastest of the ramp.
         let index = |i: usize| (i % 3, i / 3 % 3, i / 9);
         let expected: Vec<f64> = (0..27).map(index).map(|(x, y, z)| (9 * x + 3 * y + z) as f64).collect();
         assert_eq!(values, expected);
@@ -91,7 +91,7 @@ fn brains() {
     }
 }
 
-/// The file that every clone has.
+/// The file that every clone of the repository has.
 #[test]
 fn the_carp_of_the_repository() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/carp_ct.nii.gz");
@@ -159,7 +159,7 @@ fn stored_refusals() {
     }
 }
 
-/// A small header writer: fields by offset, in either order.
+/// Small header writer: fields by offset, in either byte order.
 struct Writer {
     bytes: Vec<u8>,
     endian: Endian,
@@ -290,7 +290,7 @@ fn headers_that_are_wrong() {
     writer.bytes[344..348].copy_from_slice(b"ni1\0");
     std::fs::write(folder.path().join("lonely.hdr"), &writer.bytes).unwrap();
     assert_refused(open(&folder.path().join("lonely.hdr")), &[".img", "none"]);
-    // A gzip stream that is longer or shorter than announced, damaged, or absurdly announced.
+    // Gzip streams that are longer or shorter than announced, damaged, or have an absurd length.
     let whole = [new().bytes, vec![1; 24]].concat();
     for (bytes, word) in [
         (gzip(&[&whole[..], &[1]].concat()), "at least 377 bytes"),
@@ -321,7 +321,7 @@ fn orientations() {
             writer.put(280 + 4 * i, value.to_le_bytes());
         }
     };
-    // Without forms the spacings alone count; an impossible one becomes 1.
+    // Without forms only the spacings count; an impossible one becomes 1.
     let mut writer = new();
     writer.pixdim(2, 0.0);
     writer.bytes[123] = 3;
@@ -334,7 +334,7 @@ fn orientations() {
     let sheared = [[2.0, 0.5, 0.0, 10.0], [0.0, 3.0, 0.25, 20.0], [0.0, 0.0, -4.0, 30.0]];
     affine(&mut writer, sheared);
     assert_affine(&written(&path, &writer, 24).unwrap(), sheared.map(|row| row.map(f64::from)));
-    // A singular sform gives way to the qform: a half turn about z, with the third axis turned round.
+    // A singular sform is replaced by the qform: a half turn about z, with the third axis reversed.
     let mut writer = new();
     affine(&mut writer, [[2.0, 2.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 4.0, 0.0]]);
     writer.i16(252, 1);
@@ -347,7 +347,7 @@ fn orientations() {
     assert_eq!(value_at(&source, [0, 0, 0]), 1.0);
 }
 
-/// Pairs of ANALYZE 7.5 that nibabel has written: x + 10 y + 100 z, both by either name.
+/// ANALYZE 7.5 pairs written by nibabel with the values x + 10 y + 100 z, opened by either name.
 #[test]
 fn pairs_of_analyze() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/analyze");

@@ -1,4 +1,4 @@
-//! Damaged NIfTI headers: never a panic, never a large allocation.
+//! Damaged NIfTI headers cause no panic and no large allocation.
 
 use std::io::Write;
 
@@ -35,7 +35,7 @@ fn damaged_headers() {
     };
     let file = volume();
     fuzz_header(folder.path(), "plain.nii", &file, 352, 5000, open);
-    // Only the fields that decide about sizes, so that most damage hits them.
+    // Only the fields that determine sizes, so that most damage hits them.
     let mut compact = file.clone();
     compact[254] = 0;
     fuzz_header(folder.path(), "sizes.nii", &compact, 120, 5000, open);
@@ -43,7 +43,7 @@ fn damaged_headers() {
     encoder.write_all(&file).unwrap();
     let compressed = encoder.finish().unwrap();
     fuzz_header(folder.path(), "stream.nii.gz", &compressed, compressed.len(), 5000, open);
-    // A header of ANALYZE 7.5 beside its voxels.
+    // An ANALYZE 7.5 header beside its voxels.
     let mut header = file[..348].to_vec();
     header[108..112].fill(0);
     header[344..].fill(0);

@@ -1,4 +1,4 @@
-//! npy files: the stored ones, every type, byte and memory order, and headers that are refused.
+//! npy: stored files, every type, byte order and memory order, and refused headers.
 
 use std::path::{Path, PathBuf};
 
@@ -174,7 +174,7 @@ fn refusals() {
     assert_refused(NpySource::open(&path), &["length of the npy header", "4294967295"]);
 }
 
-/// Half-precision floats of both byte orders, in both memory orders, are the numbers that they are.
+/// Half-precision floats of both byte orders, in both memory orders, keep their values.
 #[test]
 fn half_floats() {
     let folder = tempfile::tempdir().unwrap();

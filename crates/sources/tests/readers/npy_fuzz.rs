@@ -1,4 +1,4 @@
-//! Damaged npy headers: never a panic, never a large allocation.
+//! Damaged npy headers cause no panic and no large allocation.
 
 use supervol_sources::formats::npy::NpySource;
 

@@ -1,4 +1,4 @@
-//! Archives of NumPy arrays: a real one against what NumPy reads, small ones written here, damaged ones.
+//! Archives of NumPy arrays: a real one compared with NumPy, small ones written by these tests, damaged ones.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};

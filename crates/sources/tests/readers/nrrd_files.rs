@@ -1,4 +1,4 @@
-//! NRRD files: the stored ones, written ones of every type, encoding and data-file form, geometry, and refusals.
+//! NRRD: stored files, written files of every type, encoding and data-file form, geometry, and refusals.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -109,7 +109,7 @@ fn head_in_93_slices() {
     let Some(source) = stored("raw/headsq_64x64x93_i16le/quarter.nhdr") else { return };
     assert_eq!((source.info().dims.0, source.info().voxel_type), ([64, 64, 93], VoxelType::I16));
     assert_eq!(source.info().geometry.spacing, [3.2, 3.2, 1.5]);
-    // Files are numbered from 1, so that slice 40 is quarter.40, at z = 39.
+    // Files are numbered from 1, so slice 40 is quarter.40, at z = 39.
     let slice = |z| {
         let voxels = VoxelBox { start: [0, 0, z], end: [64, 64, z + 1] };
         grid_support::read(&source, voxels).unwrap()
@@ -131,7 +131,7 @@ fn gzip(bytes: &[u8]) -> Vec<u8> {
     encoder.finish().unwrap()
 }
 
-/// The first of the format's names for each type, and another.
+/// The first of the format's names for each type, and another one.
 fn names(voxel_type: VoxelType) -> [&'static str; 2] {
     match voxel_type {
         VoxelType::U8 => ["uchar", "unsigned char"],
@@ -175,7 +175,7 @@ fn round_trips() {
     }
 }
 
-/// A header and the files beside it, in a folder of their own.
+/// A header and the files beside it, in a temporary folder.
 struct Files(tempfile::TempDir);
 
 impl Files {
@@ -324,33 +324,33 @@ fn geometry() {
         open(&files.put("g.nrrd", [header.as_bytes(), &[1; 24]].concat())).unwrap_or_else(|e| panic!("{fields}: {e}"))
     };
     let geometry = |fields: &str| open(fields).info().geometry;
-    // Axes turned and sheared: columns are the axes' directions.
+    // Axes rotated and sheared; the columns are the directions of the axes.
     let turned = geometry("space: RAS\nspace directions: (0,2,0) (-3,0,0) (0,0.6,0.8)\nspace origin: (1,2,3)\n");
     assert_eq!((turned.spacing, turned.origin), ([2.0, 3.0, 1.0], [1.0, 2.0, 3.0]));
     assert_eq!(turned.direction, [0.0, -1.0, 0.0, 1.0, 0.0, 0.6, 0.0, 0.0, 0.8]);
-    // A missing vector is perpendicular to the others, its spacing the per-axis one.
+    // An axis without a vector is perpendicular to the others and has the per-axis spacing.
     let none = open(
         "space dimension: 3\nspace directions: (0,2,0) (0,0,3) none\n\
          spacings: nan nan 7\nkinds: domain domain domain\n",
     );
     assert_eq!(none.info().geometry.spacing, [2.0, 3.0, 7.0]);
     assert_eq!(none.info().geometry.direction, [0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
-    // What spans no volume falls back, with a note.
+    // Linearly dependent vectors are replaced, with a note.
     let flat = open("space: LPS\nspace directions: (2,0,0) (4,0,0) (0,0,1)\n");
     assert_eq!(flat.info().geometry, Geometry { spacing: [2.0, 4.0, 1.0], ..Geometry::IDENTITY });
     assert!(has_note(&flat, "span no volume"));
     let zero = open("space: LPS\nspace directions: (0,0,0) (0,4,0) (0,0,1)\nspace origin: (nan,nan,nan)\n");
     assert_eq!(zero.info().geometry, Geometry { spacing: [1.0, 4.0, 1.0], ..Geometry::IDENTITY });
-    // Spacings alone, a negative one turns its axis, an impossible one becomes 1.
+    // Only spacings: a negative one reverses its axis, an impossible one becomes 1.
     let spacings = open("spacings: -2 0 0.5\nunits: \"mm\" \"\" \"um\"\nlabels: \"left\" \"\" \"up\"\n");
     assert_eq!(spacings.info().geometry.spacing, [2.0, 1.0, 0.5]);
     assert_eq!(spacings.info().geometry.direction, [-1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
     let axes = spacings.info().axes.clone().map(|a| (a.name, a.unit));
     assert_eq!(axes.each_ref().map(|a| (&*a.0, &*a.1)), [("left", "mm"), ("y", ""), ("up", "um")]);
-    // Axis limits place cells or nodes.
+    // Axis limits are positions of cells or nodes.
     let limits = geometry("axis mins: 0 10 0\naxis maxs: 8 16 1\ncenterings: cell node node\n");
     assert_eq!((limits.spacing, limits.origin), ([2.0, 3.0, 1.0], [1.0, 10.0, 0.0]));
-    // Space units follow the world axis that each axis is nearest to.
+    // An axis gets the unit of the closest world axis.
     let units = open("space: RAS\nspace directions: (0,2,0) (1,0,0) (0,0,1)\nspace units: \"a\" \"b\" \"c\"\n");
     assert_eq!(units.info().axes.clone().map(|a| a.unit), ["b", "a", "c"]);
     // Two axes in a plane.

@@ -1,4 +1,4 @@
-//! Damaged NRRD headers: never a panic, never a large allocation.
+//! Damaged NRRD headers cause no panic and no large allocation.
 
 use std::io::Write;
 

@@ -1,4 +1,4 @@
-//! Formats that are not read say which they are, and what converts them.
+//! Unsupported formats are refused by name, with a conversion.
 
 use std::path::Path;
 
@@ -23,7 +23,7 @@ fn files_are_known_by_their_first_bytes_or_their_names() {
         ("h.mgz", vec![0; 9], "h.mgz OUT.nii.gz`"),
         ("i.svol", supervol_format::container::header::MAGIC.to_vec(), "supervol render"),
         ("j.su", vec![0; 300], "segywrite"),
-        // What is compressed is called by its name, where that says more.
+        // For a compressed file, the name tells more than the first bytes.
         ("k.mgz", b"\x1f\x8b\x08".to_vec(), "mri_convert"),
         ("l.tar.gz", b"\x1f\x8b\x08".to_vec(), "an archive of files"),
         ("m", b"SIMPLE  =                    T".to_vec(), "astropy"),
@@ -38,7 +38,7 @@ fn files_are_known_by_their_first_bytes_or_their_names() {
         std::fs::write(&path, bytes).unwrap();
         refused(&path, &["which is not read", word]);
     }
-    // DICOM is read; some programs write a TIFF's beginning before its mark.
+    // DICOM is supported; some programs write the beginning of a TIFF before its mark.
     for preamble in [&[][..], b"II*\0\x08\0\0\0"] {
         let path = folder.path().join("dicom");
         let mark = &b"DICM\x02\0\0\0"[..];

@@ -1,4 +1,4 @@
-//! Folders of pictures: real ones against what Pillow and tifffile read, small ones written here.
+//! Folders of pictures: real ones compared with Pillow and tifffile, small ones written by these tests.
 
 use std::path::Path;
 
@@ -50,7 +50,7 @@ fn jpeg_is_what_pillow_reads() {
     let source = opened(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/grey.jpg")).unwrap();
     assert_eq!((source.info().dims, source.info().voxel_type), (Dims([32, 24, 1]), VoxelType::U8));
     let (least, greatest, sum, value) = summary(source.as_ref(), [20, 10, 0]);
-    // Decoders may differ by one where they round.
+    // Decoders may round differently, by one.
     assert!((value - 191.0).abs() <= 1.0 && (sum - 124_755.0).abs() < 200.0, "{value}, {sum}");
     assert_eq!((least, greatest), (0.0, 255.0));
 }
@@ -69,7 +69,7 @@ fn slices_come_in_natural_order() {
     assert_eq!(source.info().format, "pictures");
     check_boxes(source.as_ref(), &voxels, 8);
     assert!(source.info().notes.iter().any(|note| note.contains("no pictures")), "{:?}", source.info().notes);
-    // One that is unlike the others, and one of another format.
+    // A picture of another size, and one of another format.
     let odd = folder.path().join("slice-5b.png");
     std::fs::write(&odd, png([7, 9], png::ColorType::Grayscale, png::BitDepth::Sixteen, &voxels[..126])).unwrap();
     assert_refused(opened(folder.path()), &["slice-5b.png", "9 x 7 pixels of 1 u16", "7 x 9"]);
@@ -85,7 +85,7 @@ fn palettes_bits_and_colours() {
         std::fs::write(&path, png([3, 2], color, depth, bytes)).unwrap();
         read_all(opened(&path).unwrap().as_ref()).unwrap()
     };
-    // Rows of three pixels of four bits, and of one.
+    // Rows of three pixels of four bits, and of one bit.
     assert_eq!(write(png::ColorType::Indexed, png::BitDepth::Four, &[0x12, 0x30, 0x45, 0x60]), [1, 2, 3, 4, 5, 6]);
     assert_eq!(write(png::ColorType::Grayscale, png::BitDepth::One, &[0b1010_0000, 0b0110_0000]), [1, 0, 1, 0, 1, 1]);
     let colours: Vec<u8> = [[255, 0, 0], [0, 255, 0], [0, 0, 255], [9, 9, 9], [0, 0, 0], [255, 255, 255]].concat();

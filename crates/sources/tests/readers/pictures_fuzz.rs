@@ -1,4 +1,4 @@
-//! Damaged pictures: never a panic, never a large allocation; pictures too large for the memory that is allowed.
+//! Damaged pictures cause no panic and no large allocation; pictures that exceed the memory limit are refused.
 
 use std::path::Path;
 

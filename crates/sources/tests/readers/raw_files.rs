@@ -1,4 +1,4 @@
-//! Raw files: every type and byte order, boxes against a naive copy, and lengths that do not fit.
+//! Raw files: every type and byte order, boxes compared with a naive copy, and wrong lengths.
 
 use std::path::Path;
 
@@ -50,7 +50,7 @@ fn round_trips() {
     }
 }
 
-/// Rows far apart are read one by one, near ones as one span: both must agree with the naive copy.
+/// Distant rows are read one by one, close rows as one span; both must agree with the naive copy.
 #[test]
 fn wide_rows() {
     let folder = tempfile::tempdir().unwrap();
@@ -86,7 +86,7 @@ fn wrong_options() {
     assert!(matches!(error, supervol_sources::SourceError::Io { .. }), "{error}");
 }
 
-/// A sparse file beyond 4 GiB: offsets are 64-bit all the way.
+/// A sparse file beyond 4 GiB: offsets have 64 bits everywhere.
 #[cfg(unix)]
 #[test]
 fn beyond_four_gibibytes() {

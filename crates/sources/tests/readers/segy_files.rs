@@ -1,6 +1,6 @@
 //! The SEG-Y files of the shared data folder: each opens with the right grid and values, or is refused with the reason.
 //!
-//! The folder is `shared/data` beside the repository or further up, or what `SUPERVOL_DATA` names. Without it these
+//! The folder is `shared/data` beside the repository or further up, or the value of `SUPERVOL_DATA`. Without it these
 //! tests print SKIPPED and pass.
 
 #![allow(clippy::unwrap_used, clippy::print_stderr, reason = "test helpers fail by panicking, and say what they skip")]
@@ -11,7 +11,7 @@ use supervol_format::{Dims, VoxelType, voxel_type::voxels_as_f64};
 use supervol_sources::formats::segy::{SegyOptions, SegySource};
 use supervol_sources::{AccessOrder, Endian, SourceError, VolumeSource};
 
-/// The folder `segy` of the data, or `None` with a loud line.
+/// The folder `segy` of the data; `None`, with a printed line, if it is missing.
 fn folder() -> Option<PathBuf> {
     let stated = std::env::var_os("SUPERVOL_DATA").map(PathBuf::from);
     let mut candidates =
@@ -35,7 +35,7 @@ fn values(source: &SegySource) -> Vec<f64> {
     voxels_as_f64(info.voxel_type, &out)
 }
 
-/// What opens: dims are crosslines x inlines x samples.
+/// Files that open; dims are crosslines x inlines x samples.
 const OPENS: [(&str, [u64; 3], VoxelType); 29] = [
     ("real/f3_int16_be.sgy", [18, 23, 75], VoxelType::I16),
     ("real/f3_sparse_ibm_asciihdr.sgy", [26, 23, 36], VoxelType::F32),
@@ -75,7 +75,7 @@ const OPENS_TOO: [(&str, [u64; 3], VoxelType); 3] = [
     ("odd/minimal.segy", [1, 1, 100], VoxelType::F32),
 ];
 
-/// What is refused, and words that the message must have.
+/// Refused files, and words that the message must contain.
 const REFUSED: [(&str, &[&str]); 8] = [
     ("f3-formats/Format4msb.sgy", &["format 4", "look like IEEE", "--format 5"]),
     ("real/volve_arbitrary_line_2d.sgy", &["2D line", "225 traces", "--il-byte 9 --xl-byte 21", "one section"]),
@@ -211,7 +211,7 @@ fn geometry_follows_the_headers() {
     let survey = f3.survey.as_ref().unwrap();
     assert_eq!((survey.inline.first, survey.inline.step, survey.inline.count), (200, 20, 23));
     assert_eq!((survey.crossline.first, survey.crossline.step, survey.crossline.count), (700, 20, 26));
-    // The text header's own statement: 200/700 = (615761.82, 6076334.72).
+    // Stated by the text header: 200/700 = (615761.82, 6076334.72).
     let corner = survey.corners.unwrap()[0];
     assert!((corner[0] - 615_761.8).abs() < 0.06 && (corner[1] - 6_076_334.7).abs() < 0.06, "{corner:?}");
     assert!(close(f3.geometry.spacing[0], 500.0) && close(f3.geometry.spacing[1], 500.0), "{:?}", f3.geometry);
@@ -233,7 +233,7 @@ fn geometry_follows_the_headers() {
 fn options_change_what_is_read() {
     let Some(folder) = folder() else { return };
     let small = folder.join("odd/small.sgy");
-    // Inline and crossline exchanged: the transposed volume.
+    // Inline and crossline swapped: the transposed volume.
     let swapped = SegyOptions { inline_byte: 193, crossline_byte: 189, ..SegyOptions::default() };
     let (plain, swapped) = (values(&open(&small).unwrap()), values(&SegySource::open(&small, &swapped).unwrap()));
     let transposed = (0..1250).all(|i| plain[i] == swapped[(i / 25 * 5 + i % 5) * 5 + i / 5 % 5]);
@@ -249,14 +249,14 @@ fn options_change_what_is_read() {
     ] {
         assert!(matches!(SegySource::open(&small, &options), Err(SourceError::Options(_))), "{options:?}");
     }
-    // The refused 2D line reads as one section with the bytes its refusal suggests.
+    // With the bytes that its refusal suggests, the 2D line reads as one section.
     let line = SegyOptions { inline_byte: 9, crossline_byte: 21, ..SegyOptions::default() };
     let section = SegySource::open(&folder.join("real/volve_arbitrary_line_2d.sgy"), &line).unwrap();
     assert_eq!(section.info().dims, Dims([225, 1, 850]));
 }
 
-/// F3: crosslines run east and inlines north, so that with depth downwards the grid is left-handed. The voxel of each
-/// corner lies where the map has it, turned about the first one and with y a quarter turn clockwise from x.
+/// F3: crosslines run east and inlines north; with depth downwards this grid is left-handed. Each corner voxel lies at
+/// its place on the map, up to a rotation about the first one.
 #[test]
 fn surveys_are_not_mirrored() {
     let Some(folder) = folder() else { return };

@@ -1,5 +1,5 @@
-//! Damaged headers: whatever the bytes say, the reader answers with a volume or a message, never with a panic, and
-//! never asks for more memory than the file justifies.
+//! Damaged headers: the reader answers any bytes with a volume or a message. It never panics and never needs more
+//! memory than the file justifies.
 
 #![allow(clippy::unwrap_used, clippy::print_stderr, reason = "test helpers fail by panicking, and say what they skip")]
 
@@ -9,16 +9,16 @@ use supervol_format::random::Random;
 use supervol_sources::VolumeSource;
 use supervol_sources::formats::segy::{SegyOptions, SegySource};
 
-/// Damaged copies of each file.
+/// Number of damaged copies of each file.
 const ROUNDS: u64 = 2000;
 
-/// Files larger than this are left out: each copy is read whole.
+/// Larger files are skipped: each copy is read as a whole.
 const MAX_FILE_BYTES: u64 = 20_000;
 
-/// Both headers and two trace headers: where damage goes.
+/// Damaged region in bytes: both file headers and two trace headers.
 const HEADER_BYTES: u64 = 3600 + 480;
 
-/// Voxel bytes a file may ask for, per byte of its own: 64 cells per trace, 4 voxel bytes per sample byte.
+/// Largest number of voxel bytes per byte of the file: 64 cells per trace, 4 voxel bytes per sample byte.
 const MAX_GROWTH: u64 = 64 * 4;
 
 /// Small files of the data folder, in a fixed order.
@@ -34,7 +34,7 @@ fn files() -> Vec<PathBuf> {
     files
 }
 
-/// Opens bytes and reads every voxel; says whether they were accepted.
+/// Opens the bytes and reads every voxel; returns whether they were accepted.
 fn read_everything(bytes: Vec<u8>, options: &SegyOptions) -> bool {
     let file_bytes = bytes.len() as u64;
     let Ok(source) = SegySource::from_bytes(Box::new(bytes), Path::new("damaged.sgy"), options) else { return false };
@@ -43,7 +43,7 @@ fn read_everything(bytes: Vec<u8>, options: &SegyOptions) -> bool {
     assert!(voxel_bytes <= file_bytes * MAX_GROWTH, "{} of {} from {file_bytes} bytes", info.dims, info.voxel_type);
     assert!(info.geometry.defect().is_none(), "{:?}", info.geometry);
     let mut out = vec![0; voxel_bytes as usize];
-    // A sample that its voxel type cannot hold is refused here: a message, too.
+    // A sample that does not fit its voxel type is refused here, with a message.
     let _ = source.read_box(info.dims.full_box(), &mut out);
     true
 }
@@ -59,7 +59,7 @@ fn damage(bytes: &mut Vec<u8>, random: &mut Random) {
         }
         _ => {
             for _ in 0..=random.below(8) {
-                // Half of the damage goes to the binary header, which decides most.
+                // Half of the damage hits the binary header, which matters most.
                 let (start, length) = if random.below(2) == 0 { (3200, 400) } else { (0, HEADER_BYTES) };
                 let at = (start + random.below(length)) as usize;
                 if let Some(byte) = bytes.get_mut(at) {

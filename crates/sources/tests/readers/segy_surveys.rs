@@ -1,4 +1,4 @@
-//! SEG-Y in several files, files that have not been stacked, and headers that are overruled.
+//! SEG-Y surveys in several files, unstacked files, and overridden headers.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use supervol_sources::{SourceError, VolumeSource};
 use crate::grid_support;
 use grid_support::*;
 
-/// Bytes of the headers of `small.sgy`, of a trace, and its traces on an inline.
+/// Bytes of the headers of `small.sgy` and of a trace, and number of traces of an inline.
 const HEADERS: usize = 3600;
 const TRACE: usize = 240 + 4 * 50;
 const TRACES: usize = 5;
@@ -21,7 +21,7 @@ fn opened(path: &Path, change: impl FnOnce(&mut SegyOptions)) -> Result<Box<dyn 
     open(path, &options)
 }
 
-/// A file for each inline of a survey, named so that their order by letters is another.
+/// Writes a file per inline; the alphabetical order of the names differs from the order of the inlines.
 fn split(file: &[u8], folder: &Path) {
     let (headers, traces) = file.split_at(HEADERS);
     for (inline, traces) in traces.chunks(TRACES * TRACE).enumerate() {
@@ -41,7 +41,7 @@ fn a_folder_with_one_file_per_inline_is_one_survey() {
     assert_eq!((one.geometry, &one.survey, &one.axes), (many.geometry, &many.survey, &many.axes));
     assert_eq!(many.files.len(), 5);
     assert!(many.notes.iter().any(|n| n == "5 files are read as one survey"), "{:?}", many.notes);
-    // A line that is missing is a hole; one that is there twice is none.
+    // A missing line is a hole. A duplicate line is not allowed.
     std::fs::remove_file(folder.path().join("line_10.sgy")).unwrap();
     let holes = opened(folder.path(), |_| ()).unwrap();
     assert_eq!(holes.info().survey.as_ref().unwrap().missing_traces, 5);
@@ -67,7 +67,8 @@ fn files_of_one_survey_must_be_alike() {
     assert_refused(opened(folder.path(), |_| ()).map(|_| ()), &["line_99.sgy"]);
 }
 
-/// What segyio reads of `small-ps.sgy`: the offset, inline and crossline of a trace, as digits, and the sample's number.
+/// segyio's value of a sample of `small-ps.sgy`: digits of the offset, inline and crossline of its trace, and its
+/// number.
 fn prestack(offset: f64, [x, y, z]: [u64; 3]) -> f64 {
     100.0 * offset + (y + 1) as f64 + 0.01 * (x + 1) as f64 + 1e-5 * z as f64
 }
@@ -94,7 +95,7 @@ fn one_offset_or_the_mean_of_all() {
                 if offsets == Offsets::Stack { "the mean of 2 offsets, 1 to 2" } else { "12 traces of other offsets" };
             assert!(notes.contains(expected), "{notes}");
         }
-        // Nobody is to get a volume of which nothing is there.
+        // A selection without any trace is refused.
         let nothing = opened(&path, |options| options.offsets = Offsets::One(7)).map(|_| ());
         assert_refused(nothing, &["no trace has offset 7 (byte 37): they have 1 to 2", "--offset-byte"]);
     }
@@ -105,7 +106,7 @@ fn samples_and_interval_by_hand() {
     let Some(path) = data_file("segy/odd/small.sgy") else { return };
     let whole = opened(&path, |_| ()).unwrap();
     let mut file = std::fs::read(&path).unwrap();
-    // A sample count and an interval that are wrong.
+    // Wrong sample count and interval.
     file[3220..3222].copy_from_slice(&17i16.to_be_bytes());
     file[3216..3218].copy_from_slice(&1i16.to_be_bytes());
     let folder = tempfile::tempdir().unwrap();

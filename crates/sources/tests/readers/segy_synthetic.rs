@@ -1,4 +1,4 @@
-//! SEG-Y files made here: sample formats, orders and headers of which no small real file is at hand.
+//! SEG-Y files made by these tests: sample formats, orders and headers for which no small real file exists.
 
 #![allow(clippy::unwrap_used, clippy::print_stderr, reason = "test helpers fail by panicking, and say what they skip")]
 
@@ -9,7 +9,7 @@ use supervol_format::{Dims, VoxelBox, VoxelType, voxel_type::voxels_as_f64};
 use supervol_sources::formats::segy::{SegyOptions, SegySource};
 use supervol_sources::{AccessOrder, Endian, LineNumbers, SourceError, VolumeSource};
 
-/// A trace to be written: line numbers and samples, which are encoded by the file's format.
+/// A trace to write: line numbers and samples, which are encoded in the file's format.
 #[derive(Clone)]
 struct Trace {
     inline: i32,
@@ -27,14 +27,14 @@ enum Word {
     F64(f64),
 }
 
-/// A file to be written.
+/// A file to write.
 struct Recipe {
     endian: Endian,
     format: u16,
     revision: u8,
-    /// Words of the binary header by byte number (3201 to 3600), over the usual ones.
+    /// Words of the binary header by byte number (3201 to 3600); they override the usual ones.
     words: BTreeMap<usize, Word>,
-    /// Put between the binary header and the first trace.
+    /// Bytes between the binary header and the first trace.
     extended: Vec<u8>,
     /// Zero bytes after each trace header.
     header_extension: usize,
@@ -133,7 +133,7 @@ impl Recipe {
     }
 }
 
-/// IBM bits of a value that 24 bits hold.
+/// IBM bits of a value that fits 24 bits.
 fn ibm(value: f64, endian: Endian) -> Vec<u8> {
     if value == 0.0 {
         return vec![0; 4];
@@ -144,7 +144,7 @@ fn ibm(value: f64, endian: Endian) -> Vec<u8> {
     if endian == Endian::Big { word.to_be_bytes().to_vec() } else { word.to_le_bytes().to_vec() }
 }
 
-/// Samples that name their place: inline, crossline and sample index can be read off.
+/// Samples that encode their position: inline, crossline and sample index.
 fn value(inline: i32, crossline: i32, sample: usize) -> f64 {
     f64::from(inline * 1000 + crossline * 10) + sample as f64
 }
@@ -175,7 +175,7 @@ fn read_all(source: &SegySource) -> Vec<f64> {
     read(source, source.info().dims.full_box())
 }
 
-/// Every voxel of the box names its place.
+/// Asserts that every voxel of the box encodes its position.
 fn assert_places(source: &SegySource, voxels: VoxelBox) {
     let survey = source.info().survey.as_ref().unwrap();
     let number = |line: LineNumbers, index: u64| (line.first + index as i64 * line.step) as i32;
@@ -260,7 +260,7 @@ fn boxes_beyond_one_tile_are_stitched() {
         assert_places(&source, VoxelBox { start: [36, 39, 2999], end: [37, 40, 3000] });
         assert!(read(&source, VoxelBox { start: [3, 3, 3], end: [3, 5, 5] }).is_empty());
     }
-    // Traces longer than one tile takes.
+    // Traces longer than one tile.
     let long = inline_sorted(&[1, 2], &[5, 6, 7], 40_000);
     let source = Recipe::new(2, long).word(3503, Word::I16(1)).open().unwrap();
     assert_eq!(source.info().dims, Dims([3, 2, 40_000]));
@@ -431,7 +431,7 @@ fn lines_in_other_bytes_are_suggested_and_then_read() {
     let recipe = Recipe::new(5, traces);
     let message = recipe.refusal();
     assert!(message.contains("--il-byte 9 --xl-byte 21 would read it as a full grid of 3 x 2 traces"), "{message}");
-    // The same where bytes 189 and 193 hold noise that spans a huge grid.
+    // The same with noise in bytes 189 and 193 that spans a huge grid.
     let mut noise = recipe.traces.clone();
     for (index, t) in noise.iter_mut().enumerate() {
         let number = (index as i32 + 1).wrapping_mul(0x2545_F491);

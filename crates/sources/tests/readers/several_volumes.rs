@@ -1,4 +1,5 @@
-//! Files with several volumes, several numbers per voxel, or 64-bit integers: one is chosen, in every format that has them.
+//! Files with several volumes, several numbers per voxel, or 64-bit integers: selection of one, in every format that
+//! has them.
 
 use std::path::{Path, PathBuf};
 
@@ -80,11 +81,11 @@ fn frames() {
                 let notes = &source.info().notes;
                 assert!(notes.iter().any(|note| note.contains("--frame 0 to 2")), "{}: {notes:?}", path.display());
             }
-            // Of an array's axes, nobody knows which is time.
+            // An npy array does not tell which axis is time.
             Err(error) => assert!(path.ends_with("a.npy") && error.to_string().contains("--frame"), "{error}"),
         }
     }
-    // Compressed: what is before the volume is passed over.
+    // Compressed: the bytes before the volume are skipped.
     let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
     std::io::Write::write_all(&mut encoder, &nifti(4, [4, 5, 4, 3, 3, 1, 1, 1], &voxels)).unwrap();
     let path = files.put("b.nii.gz", encoder.finish().unwrap());

@@ -1,4 +1,4 @@
-//! Computed volumes: boxes agree with each other, formulas hold, seeds matter, vessels are sparse.
+//! Synthetic volumes: boxes agree with each other, formulas hold, seeds matter, vessels are sparse.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
@@ -31,7 +31,7 @@ fn boxes_agree_with_the_whole() {
     }
 }
 
-/// Far inside a volume that no machine could hold, boxes still agree with each other.
+/// Boxes agree with each other far inside a volume that no machine could hold, too.
 #[test]
 fn boxes_agree_in_huge_volumes() {
     for name in NAMES {
@@ -123,7 +123,7 @@ fn seismic_looks_like_a_survey() {
     let other = values(&new("seismic", dims, VoxelType::F32, 2));
     let equal = all.iter().zip(&other).filter(|(a, b)| a == b).count();
     assert!(equal < all.len() / 100, "{equal} of {} voxels are the same under another seed", all.len());
-    // Neighbouring traces resemble each other, distant samples of a trace do not.
+    // Neighbouring traces correlate, distant samples of a trace do not.
     let at = |x: u64, y: u64, z: u64| all[(x + dims[0] * (y + dims[1] * z)) as usize];
     let mut correlation = 0.0;
     for z in 0..dims[2] {

@@ -1,4 +1,4 @@
-//! TIFF by JPEG and zstd: files that other programs wrote (`tests/data/tiff`, where it says what they hold), and damaged ones.
+//! JPEG and zstd TIFFs: files by other programs (see `tests/data/tiff` for their contents), and damaged files.
 
 use std::path::{Path, PathBuf};
 
@@ -29,7 +29,7 @@ fn places(slices: u64) -> impl Iterator<Item = [u64; 3]> {
     (0..slices).flat_map(|z| (0..SIZE[1]).flat_map(move |y| (0..SIZE[0]).map(move |x| [x, y, z])))
 }
 
-/// What zstd holds, before it is scaled.
+/// Voxels of the zstd files, before scaling.
 fn exact([x, y, z]: [u64; 3]) -> u64 {
     (3 * x + 5 * y + 7 * z + x * y * z) % 251
 }
@@ -56,7 +56,7 @@ fn colours_by_jpeg_are_red_green_and_blue() {
     for name in ["jpeg-ycbcr-tiles.tif", "jpeg-ycbcr-strips.tif", "jpeg-tables-rgb.tif"] {
         for channel in 0..3 {
             let source = opened(name, Some(channel));
-            // What stands beside the page in the last chunks has changed the pixels near it.
+            // Padding beside the page in the last chunks affects the pixels near it.
             for place in places(1).filter(|place| place[0] < 32 && place[1] < 32) {
                 let (found, expected) = (value_at(source.as_ref(), place), colour(place, channel) as f64);
                 assert!((found - expected).abs() <= 6.0, "{name}, {channel} at {place:?}: {found} is not {expected}");
@@ -92,7 +92,7 @@ fn numbers_by_zstd_are_what_they_were() {
     }
 }
 
-/// Where the value of a field of the first page of a little-endian file stands.
+/// Offset of the value of a field of the first page in a little-endian file.
 fn field(file: &[u8], tag: u16) -> usize {
     let word = |at: usize| u32::from_le_bytes(*file[at..].first_chunk().unwrap()) as usize;
     let directory = word(4);
@@ -117,7 +117,7 @@ fn other_compressions_are_refused_by_name() {
     }
 }
 
-/// A chunk that would decode to more than its pixels take is refused, and nothing large is reserved for it.
+/// A chunk that would decode to more than its pixels need is refused, without a large allocation.
 #[test]
 fn chunks_are_decoded_no_further_than_they_should_be() {
     let folder = tempfile::tempdir().unwrap();
@@ -126,7 +126,7 @@ fn chunks_are_decoded_no_further_than_they_should_be() {
         [("zstd-u8-strips.tif", 278), ("jpeg-grey-strips.tif", 278), ("zstd-f32-tiles-predictor.tif", 323)]
     {
         let mut file = std::fs::read(stored(name)).unwrap();
-        // Strips of fewer rows would be more strips: it is the page that is made less high.
+        // Strips of fewer rows would be more strips, so the page's height is reduced instead.
         let [rows, height] = [field(&file, tag), field(&file, 257)];
         file[rows] = 8;
         if tag == 278 {
@@ -136,7 +136,7 @@ fn chunks_are_decoded_no_further_than_they_should_be() {
         let message = chosen(&path, None).map(|_| ()).unwrap_err().to_string();
         assert!(tag == 323 || message.contains("compressed chunk 0"), "{name}: {message}");
     }
-    // An image by JPEG of 65,500 x 65,500 pixels where a page of 40 x 36 is expected.
+    // A JPEG image of 65,500 x 65,500 pixels where a page of 40 x 36 is expected.
     let mut file = std::fs::read(stored("jpeg-tables-grey.tif")).unwrap();
     let frame = file.windows(4).position(|bytes| bytes == [0xff, 0xc0, 0, 11]).unwrap();
     file[frame + 5..frame + 9].copy_from_slice(&[255, 220, 255, 220]);
@@ -159,7 +159,7 @@ fn damaged_files() {
         let file = std::fs::read(stored(name)).unwrap();
         fuzz_header(folder.path(), "v.tif", &file, file.len(), 1500, |path| chosen(path, None));
     }
-    // For a field, the crate `tiff` reserves what its count says, up to 256 MiB.
+    // The crate `tiff` allocates for a field what its count says, up to 256 MiB.
     let largest = largest_allocation::largest_bytes();
     assert!(largest <= 256 << 20, "{largest} bytes at once");
 }

@@ -1,4 +1,4 @@
-//! TIFF: real files against numbers counted elsewhere, stacks as ImageJ writes them, damaged files.
+//! TIFF: real files compared with other programs' numbers, stacks in ImageJ's form, damaged files.
 
 use std::path::Path;
 
@@ -12,9 +12,9 @@ use supervol_sources::{SourceError, VolumeSource};
 use crate::grid_support;
 use grid_support::*;
 
-/// Voxels along x, y, z, type, and least, greatest and sum of the voxels, by tifffile.
+/// Number of voxels along x, y, z, type, and least, greatest and sum of the voxels, by tifffile.
 const REAL_FILES: [(&str, [u64; 3], VoxelType, [f64; 3]); 12] = [
-    // Colours: the luminance of what tifffile reads.
+    // Colours: the luminance of tifffile's colours.
     ("tiff/odd/BigTIFF.tif", [64, 64, 1], VoxelType::U8, [0.0, 255.0, 241_583.0]),
     ("tiff/odd/BigTIFFMotorola.tif", [64, 64, 1], VoxelType::U8, [0.0, 255.0, 241_583.0]),
     ("tiff/beads_imagej_41x150x150_u8.tif", [150, 150, 41], VoxelType::U8, [1.0, 156.0, 1_443_760.0]),
@@ -27,7 +27,7 @@ const REAL_FILES: [(&str, [u64; 3], VoxelType, [f64; 3]); 12] = [
     ("tiff/odd/int16.tif", [64, 64, 1], VoxelType::I16, [-5000.0, 4998.0, 354_396.0]),
     ("tiff/odd/issue_69_lzw.tiff", [45, 45, 1], VoxelType::U16, [430.0, 598.0, 1_015_486.0]),
     ("tiff/odd/minisblack-1c-16b.tiff", [157, 151, 1], VoxelType::U16, [0.0, 58_955.0, 733_126_239.0]),
-    // Single bits, of which zero is white: turned round.
+    // Single bits with white as zero: inverted.
     ("tiff/odd/miniswhite-1c-1b.tiff", [157, 151, 1], VoxelType::U8, [0.0, 1.0, 11_853.0]),
     ("tiff/odd/multi-channel.ome.tif", [439, 167, 1], VoxelType::I8, [-1.0, 96.0, 3_481_959.0]),
     ("tiff/odd/multipage_2x15x10.tif", [10, 15, 2], VoxelType::U8, [0.0, 255.0, 38_144.0]),
@@ -40,13 +40,13 @@ fn source(path: &Path) -> Result<TiffSource, SourceError> {
     TiffSource::open(path, &SpoolFolder::at(folder), &Selection::default())
 }
 
-/// A classic little-endian TIFF of pages of voxels of u16, uncompressed, in strips of `rows`, with a byte between strips where
-/// `gaps` says so; pages beyond `directories` have no directory.
+/// A classic little-endian TIFF with pages of u16 voxels, uncompressed, in strips of `rows` rows. Pages beyond
+/// `directories` have no directory.
 fn tiff(size: [u32; 2], pages: &[Vec<u8>], directories: usize, rows: u32, description: &str) -> Vec<u8> {
     tiff_with(size, pages, directories, (rows, 0), description, 1)
 }
 
-/// The same with a gap behind each strip, and numbers of another format: 1 are whole, 3 floating.
+/// As [`tiff`], with `gap` bytes behind each strip, and a sample format: 1 for integers, 3 for floats.
 fn tiff_with(
     size: [u32; 2],
     pages: &[Vec<u8>],
@@ -130,7 +130,7 @@ fn pages_are_slices_in_strips_of_any_height() {
         let opened = source(&path).unwrap();
         assert_eq!((opened.info().format, opened.info().dims), ("tiff", Dims([9, 7, 5])));
         check_boxes(&opened, &voxels, 4);
-        // In pieces, so that they are decoded.
+        // With gaps, so that the pages are decoded.
         let path = written(folder.path(), &tiff_with([9, 7], &pages(&voxels, 126), 5, (rows, 2), "", 1));
         check_boxes(&source(&path).unwrap(), &voxels, 4);
     }
@@ -161,7 +161,7 @@ fn stacks_of_image_j_with_one_page_and_with_all() {
     check_boxes(choose(Some(1), None).unwrap().as_ref(), &second, 7);
     assert_refused(choose(Some(2), None), &["--channel 2", "has 2"]);
     assert_refused(choose(None, Some(1)), &["--frame 1", "has one"]);
-    // Pages that are not there.
+    // Missing pages.
     let path = written(folder.path(), &tiff([9, 7], &pages(&voxels, 126), 4, 7, plain));
     assert_refused(source(&path), &["page 4", "4 pages"]);
     let path = written(folder.path(), &tiff([9, 7], &pages(&voxels[..252], 126), 1, 7, plain));
@@ -184,7 +184,7 @@ fn damaged_files() {
             fuzz_header(folder.path(), "v.tif", &file, file.len(), 4000, open);
         }
     }
-    // A chunk may take 256 MiB, where the file says so.
+    // A chunk may take 256 MiB, if the file says so.
     let largest = largest_allocation::largest_bytes();
     assert!(largest <= 300 << 20, "{largest} bytes at once");
 }

@@ -1,4 +1,4 @@
-//! Kinds of TIFF beside stacks of grey: 64-bit integers, single bits, numbers in planes of their own, series of OME.
+//! Other TIFFs than grey stacks: 64-bit integers, single bits, separate planes, OME series.
 
 use std::path::{Path, PathBuf};
 
@@ -23,9 +23,9 @@ struct Page {
     samples: u16,
     format: u16,
     photometric: u16,
-    /// Tiles of this size; strips where there is none.
+    /// Size of the tiles; `None` for strips.
     tile: Option<[u32; 2]>,
-    /// Rows of a strip.
+    /// Rows per strip.
     rows: u32,
     chunks: Vec<Vec<u8>>,
 }
@@ -84,7 +84,7 @@ fn tiff(pages: &[Page], description: &str) -> Vec<u8> {
     file
 }
 
-/// Tag, kind, count, bytes.
+/// Tag, type, count, bytes.
 type Field = (u16, u16, u32, Vec<u8>);
 
 fn short(tag: u16, values: &[u16]) -> Field {
@@ -102,7 +102,7 @@ fn append(file: &mut Vec<u8>, bytes: &[u8]) -> u32 {
     at
 }
 
-/// Three colours of 20 x 18 pixels, a plane each.
+/// Three colour planes of 20 x 18 pixels.
 fn planes() -> [Vec<u8>; 3] {
     std::array::from_fn(|plane| random_voxels([20, 18, 1], VoxelType::U8, plane as u64))
 }
@@ -154,7 +154,7 @@ fn whole_numbers_of_64_bits_are_kept_in_what_holds_them() {
     assert_eq!(chosen(&path, None, None).unwrap().info().voxel_type, VoxelType::F64);
 }
 
-/// The highest bit of a byte comes first, and rows begin with a byte.
+/// The highest bit of a byte comes first, and each row begins at a byte boundary.
 #[test]
 fn single_bits_are_zeros_and_ones() {
     let folder = tempfile::tempdir().unwrap();
@@ -197,13 +197,13 @@ fn numbers_in_planes_of_their_own() {
             assert!((found - luminance(at)).abs() <= 0.51, "pixel {at}: {found} is not {}", luminance(at));
         }
     }
-    // What is no colour has no luminance.
+    // Channels that are not colours have no luminance.
     let path = written(folder.path(), &tiff(&in_planes(BLACK_IS_ZERO)[..1], ""));
     assert_refused(chosen(&path, None, None).map(|_| ()), &["3 numbers per voxel", "--channel 0 to 2"]);
     check_boxes(chosen(&path, Some(2), None).unwrap().as_ref(), &planes[2], 3);
 }
 
-/// Two series of different sizes: the first, or the one that is asked for.
+/// Two series of different sizes: the first, or the selected one.
 #[test]
 fn series_of_ome() {
     let folder = tempfile::tempdir().unwrap();
@@ -229,7 +229,7 @@ fn series_of_ome() {
     assert_refused(chosen(&path, None, Some("1.2.3")).map(|_| ()), &["--series 1.2.3", "number"]);
     let plain = written(folder.path(), &tiff(&pages[..1], ""));
     assert_refused(chosen(&plain, None, Some("1")).map(|_| ()), &["only DICOM and OME-TIFF have series"]);
-    // Pages of several sizes that nothing describes.
+    // Pages of different sizes without a description.
     let plain = written(folder.path(), &tiff(&pages, ""));
     assert_refused(chosen(&plain, None, None).map(|_| ()), &["page 3", "9 x 7 pixels of 1 u16", "5 x 4 pixels"]);
 }

@@ -1,4 +1,4 @@
-//! VTK images: real files, and small ones that VTK has written in every way it has, against what VTK reads.
+//! VTK images: real files, and small files that VTK wrote in every variant, compared with VTK's reader.
 
 use std::path::{Path, PathBuf};
 
@@ -9,8 +9,8 @@ use supervol_sources::{SourceError, VolumeSource};
 use crate::grid_support;
 use grid_support::*;
 
-/// Name, dims, type, spacing along z, the voxel half-way along z, a third along y and a quarter along x, and least, greatest and
-/// sum of all voxels, by VTK.
+/// Name, dims, type, spacing along z, one voxel; least, greatest and sum of all voxels, by VTK. The voxel is half-way
+/// along z, a third along y and a quarter along x.
 type RealFile = (&'static str, [u64; 3], VoxelType, f64, f64, [f64; 3]);
 const REAL_FILES: [RealFile; 6] = [
     ("vti/bonsai.vti", [256; 3], VoxelType::U8, 1.0, 11.0, [0.0, 255.0, 230_038_784.0]),
@@ -21,7 +21,7 @@ const REAL_FILES: [RealFile; 6] = [
     ("vtk-legacy/ironProt.vtk", [68; 3], VoxelType::U8, 1.0, 255.0, [0.0, 255.0, 4_131_089.0]),
 ];
 
-/// Files that VTK has written of one image: `tests/data/README.md` says how.
+/// Files of one image, written by VTK; see `tests/data/README.md`.
 const WRITTEN: [&str; 15] = [
     "appended-32-be.vti",
     "appended-64-le.vti",
@@ -70,7 +70,7 @@ fn real_files_are_what_vtk_reads() {
     );
 }
 
-/// The number of a voxel: x + 10 y + 100 z.
+/// Values of the voxels: x + 10 y + 100 z.
 fn ramp() -> Vec<f64> {
     let voxel = |i: u32| f64::from(i % 5 + 10 * (i / 5 % 4) + 100 * (i / 20));
     (0..60).map(voxel).collect()
@@ -87,7 +87,7 @@ fn every_way_in_which_vtk_writes() {
         check_boxes(source.as_ref(), &expected, 3);
         let is_legacy = name.ends_with("vtk");
         let world = info.geometry.world_from_index();
-        // Legacy files know no directions.
+        // Legacy files have no directions.
         let (first, next) =
             if is_legacy { ([11.0, 21.0, 30.0], [11.5, 21.0, 30.0]) } else { ([9.0, 21.0, 30.0], [9.0, 21.5, 30.0]) };
         assert_eq!(world.transform_point3([0.0; 3].into()).to_array(), first, "{name}");
@@ -95,7 +95,7 @@ fn every_way_in_which_vtk_writes() {
         if name == "legacy-ascii.vtk" {
             continue;
         }
-        // Other arrays by their names: 64-bit integers, colours.
+        // Other arrays by name: 64-bit integers, colours.
         let mut named = path.clone().into_os_string();
         named.push(":/whole");
         let whole = opened(Path::new(&named)).unwrap_or_else(|e| panic!("{e}"));
@@ -131,7 +131,7 @@ fn what_is_no_image_is_refused_by_name() {
             "pieces",
         ),
         ("e.vti", "<VTKFile type=\"ImageData\"><ImageData WholeExtent=\"0 3 0 3 0 3\">", "at least one"),
-        // A comment that is left open, behind another tag's end.
+        // An unterminated comment behind the end of another tag.
         ("f.vti", "<VTKFile type=\"ImageData\"><!-- <Piece>", "tags of at most 64 KiB"),
     ];
     for (name, text, word) in files {
@@ -142,7 +142,7 @@ fn what_is_no_image_is_refused_by_name() {
     assert_refused(opened(&written("appended-lzma-32-le.vti")), &["vtkLZMADataCompressor", "zlib or LZ4", "ParaView"]);
 }
 
-/// VTK writes voxels of u8 to text files as colours, which are shares of 255.
+/// VTK writes u8 voxels to text files as colours, in fractions of 255.
 #[test]
 fn bytes_that_vtk_writes_as_text() {
     let folder = tempfile::tempdir().unwrap();

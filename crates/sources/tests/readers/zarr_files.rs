@@ -1,5 +1,5 @@
-//! Zarr, OME-Zarr and N5: one volume in every way in which zarr-python, numcodecs and tensorstore write it
-//! (`tests/data/README.md` says how), real files, and damaged ones.
+//! Zarr, OME-Zarr and N5: one volume in every variant of zarr-python, numcodecs and tensorstore (see
+//! `tests/data/README.md`), real files, and damaged files.
 
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
@@ -41,7 +41,7 @@ fn value([x, y, z]: [u64; 3]) -> f64 {
     (3 * x + 5 * y + 7 * z + x * y * z % 11) as f64
 }
 
-/// The voxels of a volume of this type, by their places.
+/// Voxels of this type, computed from their positions.
 fn voxels(voxel_type: VoxelType, dims: [u64; 3], value: impl Fn([u64; 3]) -> f64) -> Vec<u8> {
     let mut out = Vec::new();
     let mut voxel = [0; 8];
@@ -126,7 +126,7 @@ fn images_have_levels_axes_and_a_place() {
         );
         options.selection.level = Some(2);
         assert_refused(open(&path, &options).map(|_| ()), &["--source-level 2", "the last is number 1"]);
-        // An array of the image, by its name.
+        // An array of the image, by name.
         let array = opened(&named(&path, "1")).unwrap_or_else(|e| panic!("{e}"));
         assert_eq!((array.info().dims, array.info().format), (Dims(half), "zarr"));
     }
@@ -206,7 +206,7 @@ fn copy_folder(from: &Path, to: &Path) {
     }
 }
 
-/// Metadata of an array of 8 x 8 x 8 bytes in one chunk, and what stands in it instead.
+/// Metadata of an array of 8 x 8 x 8 bytes in one chunk, with changes.
 fn array_with(change: impl Fn(&mut serde_json::Value)) -> tempfile::TempDir {
     let mut metadata = serde_json::json!({
         "zarr_format": 2, "shape": [8, 8, 8], "chunks": [8, 8, 8], "dtype": "|u1", "compressor": null, "fill_value": 0, "order": "C",
@@ -270,7 +270,7 @@ fn chunks_are_inflated_to_their_size_and_no_further() {
     drop(zeros);
     for (codec, bomb) in bombs {
         let folder = array_with(|metadata| metadata["compressor"] = serde_json::json!({"id": codec}));
-        // What is more than 65536 bytes longer than the voxels is not even read.
+        // A file more than 65536 bytes longer than the voxels is not even read.
         std::fs::write(folder.path().join("0.0.0"), &bomb).unwrap();
         let source = opened(folder.path()).unwrap();
         let mut out = vec![0; 512];
@@ -279,7 +279,8 @@ fn chunks_are_inflated_to_their_size_and_no_further() {
     }
 }
 
-/// Every cut and many flipped bits of every file of an array: an error or voxels, never a panic, and little memory.
+/// Every truncation and many flipped bits of every file of an array: an error or voxels, without a panic, in little
+/// memory.
 #[test]
 fn damaged_files_are_errors_or_other_voxels() {
     let work = tempfile::tempdir().unwrap();
@@ -328,7 +329,7 @@ fn list(folder: &Path, files: &mut Vec<PathBuf>) {
     }
 }
 
-/// Name, dims, type, least, greatest and sum by zarr-python (by hand where it refuses the array).
+/// Name, dims, type, least, greatest and sum by zarr-python (by hand if it refuses the array).
 type RealFile = (&'static str, [u64; 3], VoxelType, [f64; 3]);
 const REAL_FILES: [RealFile; 13] = [
     ("zarr/ome_zarr_0.4", [10, 10, 1], VoxelType::U16, [0.0, 99.0, 4950.0]),
@@ -363,7 +364,7 @@ fn real_files_are_what_zarr_python_reads() {
     }
 }
 
-/// Entries of an archive: names and bytes, each stored or deflated.
+/// Writes an archive with these entries, all stored or all deflated.
 fn write_archive(path: &Path, entries: &[(String, Vec<u8>)], method: zip::CompressionMethod) {
     use std::io::Write as _;
     let mut out = zip::ZipWriter::new(std::fs::File::create(path).unwrap());
@@ -375,7 +376,7 @@ fn write_archive(path: &Path, entries: &[(String, Vec<u8>)], method: zip::Compre
     out.finish().unwrap();
 }
 
-/// The files below a folder, named from there on with something before it.
+/// The files below a folder, named relative to it with a prefix.
 fn entries_of(folder: &Path, before: &str) -> Vec<(String, Vec<u8>)> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(folder).unwrap().flatten() {
@@ -390,7 +391,7 @@ fn entries_of(folder: &Path, before: &str) -> Vec<(String, Vec<u8>)> {
     found
 }
 
-/// Every array of the archive is read where it lies as it is read once it is unpacked.
+/// Every array of the archive reads the same in place and unpacked.
 #[test]
 fn archives_are_read_as_what_they_hold() {
     let folder = tempfile::tempdir().unwrap();
@@ -414,7 +415,7 @@ fn archives_are_read_as_what_they_hold() {
         }
     }
     assert!(count > 30, "{count} arrays");
-    // Of nothing in particular, a name is asked for.
+    // Without a volume at the top level, the user must give a name.
     assert_refused(opened(&archive).map(|_| ()), &["all.zip", "neither `zarr.json`"]);
 }
 
@@ -428,19 +429,20 @@ fn archives_hold_a_folder_or_what_lies_in_it_stored_or_deflated() {
         let sharded = entries_of(&FILES.path().join("v3/sharded"), before);
         write_archive(&path, &sharded, zip::CompressionMethod::Stored);
         assert_eq!(read_all(opened(&path).unwrap().as_ref()).unwrap(), expected, "{name}");
-        // What libraries do not write, but people do.
+        // Libraries do not write this, but people do.
         write_archive(&path, &sharded, zip::CompressionMethod::Deflated);
         assert_eq!(read_all(opened(&path).unwrap().as_ref()).unwrap(), expected, "{name}, deflated shards");
         write_archive(&path, &entries_of(&FILES.path().join("v2/gzip"), before), zip::CompressionMethod::Deflated);
         assert_eq!(read_all(opened(&path).unwrap().as_ref()).unwrap(), plain, "{name}, deflated");
     }
-    // Archives of other things are refused as before.
+    // Archives with other contents are refused.
     let other = folder.path().join("other.zip");
     write_archive(&other, &[("a.txt".into(), b"a".to_vec())], zip::CompressionMethod::Stored);
     assert_refused(opened(&other).map(|_| ()), &["a ZIP archive", "unzip"]);
 }
 
-/// Cut off or wrong in a byte, an archive is refused, or read with other voxels where no checksum is; never a panic, never much memory.
+/// A truncated archive, or one with a wrong byte, is refused, or read with other voxels if there is no checksum. No
+/// panic, little memory.
 #[test]
 fn damaged_archives() {
     let folder = tempfile::tempdir().unwrap();
@@ -470,11 +472,11 @@ fn damaged_archives() {
     assert!(refused > 200, "{refused} refused");
 }
 
-/// Half-precision floats, as values, as fill values and as bits.
+/// Half-precision floats as values, as fill values and as bits.
 #[test]
 fn half_floats() {
     let folder = tempfile::tempdir().unwrap();
-    // 1, 2, 0.5, -65504 (the greatest), the least above 0, NaN.
+    // 1, 2, 0.5, -65504 (the greatest magnitude), the least positive number, NaN.
     let halves: [u16; 6] = [0x3c00, 0x4000, 0x3800, 0xfbff, 0x0001, 0x7e00];
     let expected = [1.0f32, 2.0, 0.5, -65504.0, 5.960_464_5e-8, f32::NAN];
     for (big, dtype) in [(false, "<f2"), (true, ">f2")] {
@@ -506,7 +508,7 @@ fn half_floats() {
     assert_eq!(read_all(opened(&array).unwrap().as_ref()).unwrap(), [1.0f32; 2].map(f32::to_le_bytes).as_flattened());
 }
 
-/// A data set of `BigDataViewer` in N5.
+/// A `BigDataViewer` data set in N5.
 #[test]
 fn data_sets_of_big_data_viewer_in_n5() {
     let folder = tempfile::tempdir().unwrap();

@@ -6,14 +6,13 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use supervol::Volume;
 use supervol_format::Container;
 use supervol_preprocess::kept::{Cache, Told, advice};
 use supervol_preprocess::preview::Preview;
 use supervol_preprocess::{BuildError, BuildOptions};
 use supervol_runtime::stop::Canceller;
-use supervol_scene::facts::VolumeFacts;
-use supervol_scene::preset::overview::Overview;
-use supervol_scene::preset::placing::placed;
+use supervol_scene::scene::Scene;
 use supervol_sources::Survey;
 
 use super::{Busy, Desk, Message, Open, Opened, Settings, lock};
@@ -34,12 +33,12 @@ pub(super) fn open_preview(preview: Preview, wish: Open, number: u64) -> Arc<Ope
 
 fn opened(container: Container, wish: Open, number: u64, preview_of: Option<[u64; 3]>) -> Arc<Opened> {
     let path = container.path().to_path_buf();
-    let facts = VolumeFacts::of(&container);
-    let container = Arc::new(placed(container, &facts, wish.exaggeration));
-    let facts = VolumeFacts::of(&container);
-    let overview = Overview::read(&container, &facts).ok().flatten();
+    let exaggerated = Scene { vertical_exaggeration: Some(wish.exaggeration), ..Scene::default() };
+    let volume = Volume::of(container).placed_for(&exaggerated);
+    let (facts, overview) = (volume.facts().clone(), volume.overview().cloned());
     let mut scene = wish.scene.complete(&facts, overview.as_ref());
     scene.vertical_exaggeration = (wish.exaggeration != 1.0).then_some(wish.exaggeration);
+    let container = volume.container().clone();
     let is_camera_asked = wish.scene.camera.is_some();
     let survey = Survey::of(container.manifest());
     let Open { path: source, reading, exaggeration, .. } = wish;

@@ -1,28 +1,29 @@
-//! Voxels as whole multiples of a step ([`super::quantize`]), transformed within the brick, in tokens, compressed by
-//! Zstandard. Lossless: whatever bounds the error of a container has moved the voxels before.
+//! Voxels as integer multiples of a step ([`super::quantize`]), transformed within the brick, as tokens, compressed by
+//! Zstandard. The codec is lossless: for a bounded error the voxels are moved before.
 //!
-//! Each brick stands alone: no parent, no neighbour is needed to decode it (docs/decisions/016-wavelets-within-bricks.md).
+//! Each brick is independent: decoding needs no parent and no neighbour (docs/decisions/016-wavelets-within-bricks.md).
 //!
 //! Payload, all numbers little endian:
 //!
 //! | offset | size | meaning |
 //! |---|---|---|
 //! | 0 | 1 | transform: 0 differences, 1 lifting (`transform.rs`) |
-//! | 1 | 1 | bits 0 to 5: the two layers of apron at the low end of x, its high end, that of y, ... repeat the voxels before them and are not coded; bit 6: there are holes |
+//! | 1 | 1 | bits 0 to 5: repeated ends, as in [`super::trimmed`]; bit 6: there are holes |
 //! | 2 | 8 | f64: the step |
-//! | 10 | 8 | only with holes: the bits of the voxel that stands in each of them |
-//! | | | only with holes: chunks of the mask (1 in a hole, else 0), its differences |
-//! | | | chunks of the indices' transform; a hole has the index of the voxel before it |
+//! | 10 | 8 | only with holes: the bits of the voxel in every hole |
+//! | | | only with holes: chunks of the mask (1 in a hole, else 0), transformed by differences |
+//! | | | chunks of the transformed indices; a hole has the index of the previous voxel |
 //!
-//! Coefficients come band by band, coarsest first, x fastest inside a band; differences are one band. A chunk holds whole
-//! bands, as few as have [`CHUNK_COEFFICIENTS`] together, so that unlike bands have tables of their own:
+//! Coefficients are ordered band by band, coarsest first, x fastest inside a band. Differences are one band. A chunk
+//! holds whole bands: as few as together have [`CHUNK_COEFFICIENTS`], so that bands of different statistics get their
+//! own Huffman tables:
 //!
 //! | size | meaning |
 //! |---|---|
 //! | 4 | u32: number of tokens (`tokens.rs`) |
-//! | 4 | u32: bytes of the Zstandard frame that holds them |
-//! | 4 | u32: bytes of the bits beside them |
-//! | | frame, bits |
+//! | 4 | u32: length of the Zstandard frame of the tokens in bytes |
+//! | 4 | u32: length of the extra bits in bytes |
+//! | | frame, extra bits |
 
 mod tokens;
 mod transform;
@@ -40,21 +41,21 @@ use crate::vectors::{Vectorized, vectorized};
 use crate::voxel_type::{Absence, Voxel};
 use crate::with_voxel;
 
-/// Most bytes that encoding takes for each voxel, whatever its type, beside two copies of the voxels and the payload: holes,
-/// coefficients, and then either these without layers that repeat, or tokens and bits.
+/// Largest memory of the encoder in bytes per voxel, for any voxel type, besides two copies of the voxels and the
+/// payload. It holds holes and coefficients; then either the coefficients without repeated layers, or tokens and bits.
 pub const ENCODING_BYTES_PER_VOXEL: usize = 4 + 4 + (1 + 4);
-/// The same of decoding: holes, coefficients, those of a chunk, tokens and bits.
+/// The same for the decoder: holes, coefficients, those of a chunk, tokens and bits.
 pub const DECODING_BYTES_PER_VOXEL: usize = 4 + 4 + 4 + 1 + 4;
 
-/// Bands are gathered until they have so many coefficients.
+/// A chunk collects bands until it has at least this many coefficients.
 pub const CHUNK_COEFFICIENTS: usize = 4096;
-/// Voxels along each axis of the part that decides between transforms.
+/// Edge in voxels of the part that decides between the transforms.
 const PROBED: usize = 32;
 const HEAD_BYTES: usize = 10;
 const CHUNK_HEAD_BYTES: usize = 12;
 const FLAG_HOLES: u8 = 1 << 6;
 
-/// How indices are turned into coefficients.
+/// Transform from indices to coefficients.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 enum Transform {
@@ -71,7 +72,7 @@ impl Transform {
         vectorized(Transforming { transform: self, way: Way::Back, samples, extent });
     }
 
-    /// Bands in the order in which they are coded.
+    /// Bands in coding order.
     fn bands(self, extent: [usize; 3]) -> Vec<Band> {
         match self {
             Self::Differences => vec![Band { start: [0; 3], end: extent }],
@@ -79,7 +80,7 @@ impl Transform {
         }
     }
 
-    /// The same, chunk by chunk.
+    /// Bands in coding order, grouped into chunks.
     fn chunks(self, extent: [usize; 3]) -> Vec<Vec<Band>> {
         let mut chunks: Vec<Vec<Band>> = Vec::new();
         let mut filled = CHUNK_COEFFICIENTS;
@@ -100,7 +101,7 @@ enum Way {
     Back,
 }
 
-/// Applies or undoes a transform.
+/// Task that applies or reverses a transform.
 struct Transforming<'a, S> {
     transform: Transform,
     way: Way,
@@ -123,8 +124,8 @@ impl<S: Sample> Vectorized for Transforming<'_, S> {
     }
 }
 
-/// Encodes the voxels of a brick as multiples of `step`, or of the longest step that they all are multiples of. None where
-/// some are not, where holes are not all alike, or where the payload is not smaller than `limit` bytes.
+/// Encodes the voxels of a brick as multiples of `step`, or of their longest common step. Returns `None` if some voxels
+/// are not multiples, if holes differ from each other, or if the payload is not smaller than `limit` bytes.
 ///
 /// # Errors
 /// If Zstandard cannot get memory.
@@ -145,7 +146,7 @@ pub fn encode_if_smaller(
     })
 }
 
-/// Little-endian bytes as voxels; the same bytes, where they lie as voxels do.
+/// Little-endian bytes as voxels; without a copy if the bytes are aligned like voxels.
 fn to_voxels<V: Voxel>(bytes: &[u8]) -> Cow<'_, [V]> {
     match bytemuck::try_cast_slice(bytes) {
         Ok(voxels) if cfg!(target_endian = "little") => Cow::Borrowed(voxels),
@@ -185,15 +186,15 @@ fn encode_typed<V: Voxel, S: Sample>(
     Ok(writer.push_all(transform, &samples, coded)?.then_some(writer.payload))
 }
 
-/// Indices of voxels.
+/// Indices of the voxels of a brick.
 struct Indices<S> {
     samples: Vec<S>,
-    /// The bits of the voxel in every hole, and 1 where one is.
+    /// Bits of the voxel in every hole, and the mask: 1 in a hole, else 0.
     holes: Option<(u64, Vec<S>)>,
 }
 
 impl<S: Sample> Indices<S> {
-    /// None where a voxel is no multiple of the step, or holes differ.
+    /// `None` if a voxel is not a multiple of the step, or holes differ.
     fn of<V: Voxel>(voxels: &[V], quantizer: Quantizer, absence: Absence) -> Option<Self> {
         let bits = |v: &V| {
             let mut bytes = [0; 8];
@@ -202,7 +203,7 @@ impl<S: Sample> Indices<S> {
         };
         let holes_possible = absence.possible(V::TYPE);
         if !holes_possible || absence.nodata.is_none() {
-            // Whatever is no number is no multiple either.
+            // NaN is not a multiple either, so this attempt fails if there are holes.
             let mut samples = vec![S::default(); voxels.len()];
             if vectorized(Indexing { voxels, quantizer, samples: &mut samples }) {
                 return Some(Self { samples, holes: None });
@@ -227,7 +228,7 @@ impl<S: Sample> Indices<S> {
     }
 }
 
-/// Finds the indices of voxels; false where one is no multiple of the step.
+/// Task that computes the indices of voxels; false if a voxel is not a multiple of the step.
 struct Indexing<'a, V, S> {
     voxels: &'a [V],
     quantizer: Quantizer,
@@ -241,7 +242,7 @@ impl<V: Voxel, S: Sample> Vectorized for Indexing<'_, V, S> {
     fn run(self) -> bool {
         let Self { voxels, quantizer, samples } = self;
         if quantizer == Quantizer::WHOLE && V::TYPE.bytes() <= 2 {
-            // Each is its own index.
+            // Each voxel is its own index.
             samples.iter_mut().zip(voxels).for_each(|(sample, voxel)| *sample = S::wrap(voxel.to_word()));
             return true;
         }
@@ -255,19 +256,19 @@ impl<V: Voxel, S: Sample> Vectorized for Indexing<'_, V, S> {
     }
 }
 
-/// Part of a box.
+/// Copy of a part of a box.
 fn cut<S: Sample>(samples: &[S], extent: [usize; 3], part: Band) -> Vec<S> {
     let mut out = Vec::with_capacity(part.samples());
     rows_of(part, extent).for_each(|row| out.extend_from_slice(&samples[row]));
     out
 }
 
-/// Part of a box of which nothing else is needed.
+/// A part of a box, without a copy if the part is the whole box.
 fn cut_off<S: Sample>(samples: Vec<S>, extent: [usize; 3], part: Band) -> Vec<S> {
     if part.extent() == extent { samples } else { cut(&samples, extent, part) }
 }
 
-/// The rows of a part in its box.
+/// Rows of a part, as ranges of the box's samples.
 fn rows_of(part: Band, extent: [usize; 3]) -> impl Iterator<Item = std::ops::Range<usize>> {
     let Band { start, end } = part;
     (start[2]..end[2]).flat_map(move |z| {
@@ -278,7 +279,7 @@ fn rows_of(part: Band, extent: [usize; 3]) -> impl Iterator<Item = std::ops::Ran
     })
 }
 
-/// The transform whose coefficients take less room, as far as their mean sizes in the middle of the box tell.
+/// The transform whose coefficients need fewer bits, estimated in the middle of the box.
 fn choose<S: Sample>(samples: &[S], extent: [usize; 3]) -> Transform {
     let start = extent.map(|n| n.saturating_sub(PROBED) / 2);
     let middle = Band { start, end: std::array::from_fn(|a| start[a] + extent[a].min(PROBED)) };
@@ -291,7 +292,7 @@ fn choose<S: Sample>(samples: &[S], extent: [usize; 3]) -> Transform {
     if bits(Transform::Lifting) < bits(Transform::Differences) { Transform::Lifting } else { Transform::Differences }
 }
 
-/// Bits that the coefficients take if those of each slice of a band have a geometric distribution.
+/// Estimated bits of the coefficients, if those of each slice of a band have a geometric distribution.
 fn estimate<S: Sample>(transform: Transform, coefficients: &[S], extent: [usize; 3]) -> f64 {
     let of_slice = |slice: Band| {
         let of_row = |row: std::ops::Range<usize>| {
@@ -307,11 +308,11 @@ fn estimate<S: Sample>(transform: Transform, coefficients: &[S], extent: [usize;
     transform.bands(extent).into_iter().map(of_band).sum()
 }
 
-/// Samples that are copied for any shorter rest of a row: what is too much the next row writes over. That costs less than to end where the
-/// row does.
+/// Samples that are copied for any shorter rest of a row. The next row overwrites the surplus. A copy of fixed length
+/// costs less than one of the row's length.
 const COPIED_AT_ONCE: usize = 16;
 
-/// The samples of some bands, one band behind the other, in the memory of `out`.
+/// Samples of some bands, band after band, in the memory of `out`.
 fn gather<'a, S: Sample>(samples: &[S], extent: [usize; 3], bands: &[Band], out: &'a mut Vec<S>) -> &'a [S] {
     let count = bands.iter().map(|band| band.samples()).sum::<usize>();
     out.resize(out.len().max(count + COPIED_AT_ONCE), S::default());
@@ -329,9 +330,9 @@ fn gather<'a, S: Sample>(samples: &[S], extent: [usize; 3], bands: &[Band], out:
     &out[..count]
 }
 
-/// Tokens that tell whether tokens repeat.
+/// Number of tokens that are compressed twice to find out whether matches help.
 const TRIED: usize = 8192;
-/// Matches must save one part in so many of them: else it may be chance.
+/// Matches must save at least one part in this many; a smaller gain may be chance.
 const LEAST_SAVED: usize = 16;
 
 struct ChunkWriter {
@@ -348,7 +349,7 @@ impl ChunkWriter {
         extent: [usize; 3],
     ) -> Result<bool, CodecError> {
         let mut gathered = Vec::new();
-        // What takes less for these coefficients, once there have been enough tokens to tell.
+        // Kind of frame for these coefficients, once there have been enough tokens to choose it.
         let mut chosen = None;
         for chunk in transform.chunks(extent) {
             let is_whole_box = chunk.iter().any(|band| band.extent() == extent);
@@ -375,7 +376,8 @@ impl ChunkWriter {
     }
 }
 
-/// What tokens are coded by, if there are enough to tell: noise by codes alone; what is periodic has matches, too.
+/// Kind of frame for tokens like these, or `None` if there are too few to tell. Noise is coded best by Huffman codes
+/// alone; periodic data also by matches.
 fn frames_of(tokens: &[u8]) -> Result<Option<Frames>, CodecError> {
     let Some(tried) = tokens.get(..TRIED) else { return Ok(None) };
     let length = |frames| append_frame(frames, tried, &mut Vec::new()).map_err(zstd_failed);
@@ -384,10 +386,10 @@ fn frames_of(tokens: &[u8]) -> Result<Option<Frames>, CodecError> {
     Ok(Some(if repeat { Frames::Matches } else { Frames::Codes }))
 }
 
-/// Decodes into a buffer of exactly the brick's bytes.
+/// Decodes into a buffer of exactly the brick's size.
 ///
 /// # Errors
-/// If the payload is none that [`encode_if_smaller`] makes for this shape.
+/// If the payload is not one that [`encode_if_smaller`] makes for this shape.
 pub fn decode_into(shape: BrickShape, payload: &[u8], out: &mut [u8]) -> Result<(), CodecError> {
     with_voxel!(shape.voxel_type, V => {
         if V::TYPE.bytes() == 1 {
@@ -426,7 +428,7 @@ fn decode_typed<V: Voxel, S: Sample>(shape: BrickShape, payload: &[u8], out: &mu
         return Err(wrong(format!("{} bytes behind the last chunk; expected none", rest.len())));
     }
     let places = Places { from, coded, extent: shape.extent };
-    // Apart, so that the compiler sees the common case without the step.
+    // A branch of its own, so that the compiler optimizes the common case without a step.
     if quantizer == Quantizer::WHOLE {
         vectorized(Writing { places: &places, samples: &samples, out, voxel: V::from_word });
     } else {
@@ -442,7 +444,7 @@ fn zstd_failed(e: std::io::Error) -> CodecError {
     CodecError::Zstd { reason: e.to_string() }
 }
 
-/// Buffers that are kept from chunk to chunk.
+/// Buffers that are reused for all chunks.
 #[derive(Default)]
 struct Scratch {
     tokens: Vec<u8>,
@@ -450,7 +452,7 @@ struct Scratch {
 }
 
 impl Scratch {
-    /// Reads and undoes a transform; moves `payload` behind it.
+    /// Reads the coefficients of a box, reverses the transform, and advances `payload`.
     fn take_all<S: Sample>(
         &mut self,
         payload: &mut &[u8],
@@ -478,7 +480,7 @@ impl Scratch {
         Ok(samples)
     }
 
-    /// Reads a chunk of as many coefficients as `out`, which holds zeros, has room for; moves `payload` behind it.
+    /// Reads a chunk of `out.len()` coefficients and advances `payload`. `out` must hold zeros.
     fn take_chunk<S: Sample>(&mut self, payload: &mut &[u8], out: &mut [S]) -> Result<(), CodecError> {
         let coefficients = out.len();
         let wrong = |reason: String| CodecError::Wavelet { reason };
@@ -486,7 +488,7 @@ impl Scratch {
         let (head, rest) = payload.split_first_chunk::<CHUNK_HEAD_BYTES>().ok_or_else(cut_short)?;
         let length = |i: usize| u32::from_le_bytes([0, 1, 2, 3].map(|b| head[4 * i + b])) as usize;
         let [tokens, frame_bytes, bits_bytes] = [0, 1, 2].map(length);
-        // Each token stands for one coefficient at least: no more room is asked for than the brick's own.
+        // Each token stands for at least one coefficient, so the buffer never exceeds the brick's size.
         if tokens > coefficients {
             return Err(wrong(format!("{tokens} tokens for {coefficients} coefficients")));
         }
@@ -508,7 +510,7 @@ impl Scratch {
     }
 }
 
-/// Writes the voxels that samples stand for, and repeats those that are not coded along x.
+/// Task that writes the voxels of samples, and repeats along x those that are not coded.
 struct Writing<'a, S, F> {
     places: &'a Places,
     samples: &'a [S],
@@ -556,7 +558,7 @@ mod tests {
         BrickShape { voxel_type: VoxelType::F32, extent }
     }
 
-    /// A brick of floats by their places.
+    /// Brick of floats that are computed from their positions.
     fn brick(extent: [usize; 3], value: impl Fn([usize; 3]) -> f32) -> Vec<u8> {
         let places = (0..extent.iter().product())
             .map(|i: usize| [i % extent[0], i / extent[0] % extent[1], i / (extent[0] * extent[1])]);
@@ -575,7 +577,7 @@ mod tests {
         payload
     }
 
-    /// Whole numbers, none of which is a hole or -0.
+    /// Whole numbers; none of them is a hole or -0.
     fn wave([x, y, z]: [usize; 3]) -> f32 {
         (1000.0 * ((0.3 * x as f32).sin() + (0.2 * y as f32).cos() + 0.1 * z as f32)).round() + 5000.0
     }
@@ -585,7 +587,7 @@ mod tests {
         let section = |n: usize| brick([40, n, 40], |[x, _, z]| wave([x, 0, z]));
         let [one, five] = [1, 5].map(|n| round_trip([40, n, 40], &section(n), None).len());
         assert!(five <= one, "one layer takes {one} bytes, five that are the same {five}");
-        // At one end only, and where only some layers of the apron repeat.
+        // At one end only, and with ends where only one of the two layers repeats.
         let clamped = |low: usize, high: usize| brick([20, 21, 22], move |[x, y, z]| wave([x.clamp(low, high), y, z]));
         let repeats = |payload: Vec<u8>| payload[1];
         assert_eq!(repeats(round_trip([20, 21, 22], &clamped(2, 99), None)), 0b01);
@@ -624,7 +626,7 @@ mod tests {
         let mut out = [0; 4];
         decode_into(shape, &payload, &mut out).expect("what was encoded decodes");
         assert_eq!(out, [105, 105, 105, 104]);
-        // Differences 105, 0, 0, -1: zigzag 210, of which the lowest five bits are beside; a run of 2; zigzag 1.
+        // Differences 105, 0, 0, -1: zigzag 210, whose lowest five bits are extra bits; a run of 2; zigzag 1.
         let (head, chunk) = payload.split_at(HEAD_BYTES);
         assert_eq!(head, [0, 0, 0, 0, 0, 0, 0, 0, 0xf0, 0x3f]);
         let frame_bytes = usize::from(chunk[4]);
@@ -647,7 +649,7 @@ mod tests {
             assert_eq!(frames_of(&tokens[..TRIED - 1]), None, "too few to tell");
             assert_eq!([frames_of(tokens), frames_of(&tokens[..TRIED])], [Some(expected); 2]);
             assert!(coded(expected, tokens) < coded(other, tokens));
-            // Three bits each, as far as codes alone go.
+            // Huffman codes alone take three bits per token.
             assert!(coded(Frames::Codes, tokens) < tokens.len() * 4 / 8);
         }
     }

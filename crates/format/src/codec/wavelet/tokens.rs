@@ -1,39 +1,39 @@
-//! Coefficients as tokens of one byte, which Zstandard's Huffman coder is good at, and bits beside them, which nothing is.
+//! Coefficients as tokens of one byte, for Zstandard's Huffman coder, and extra bits, which are stored uncompressed.
 //!
-//! A token stands for a run of zeros, or for one coefficient other than zero, whose sign is its lowest bit (zigzag). Both
-//! begin a number u: the run's length less one; the zigzag number less one. Small numbers are tokens of their own; of a
-//! greater one the token holds the position of the highest bit and the next `M` bits, and the rest follows, lowest bit
-//! first, in the stream of bits. So runs make up for a Huffman code's least cost of one bit a symbol, and no token's table
-//! grows with the range of the values.
+//! A token stands for a run of zeros, or for one non-zero coefficient, whose sign is its lowest bit (zigzag). Both
+//! encode a number u: the length of the run minus one, or the zigzag number minus one. Small numbers have a token of
+//! their own. For a greater number the token holds the position of the highest bit and the next `M` bits. The remaining
+//! bits go to the stream of extra bits, lowest bit first. Runs compensate the minimum of one bit per symbol of a
+//! Huffman code. The token table does not grow with the range of the values.
 //!
 //! | token | stands for | M |
 //! |---|---|---|
-//! | 0 to 3 | 1 to 4 zeros | |
+//! | 0 to 3 | run of 1 to 4 zeros | |
 //! | 4 to 63 | a longer run | 1 |
 //! | 64 to 127 | zigzag numbers 1 to 64 | |
-//! | 128 to 231 | greater ones | 2 |
-//! | 232 to 255 | nothing: refused | |
+//! | 128 to 231 | greater zigzag numbers | 2 |
+//! | 232 to 255 | invalid, refused | |
 
 use super::transform::Sample;
 use crate::vectors::Vectorized;
 
-/// Tokens of one kind of number.
+/// Tokens of one kind of number: runs or values.
 #[derive(Clone, Copy)]
 struct Numbers {
     first: u8,
-    /// Numbers below `2^direct_bits` are tokens of their own.
+    /// Numbers below `2^direct_bits` have a token of their own.
     direct_bits: u32,
-    /// M.
+    /// M: bits below the highest one that the token holds.
     kept_bits: u32,
 }
 
 const RUNS: Numbers = Numbers { first: 0, direct_bits: 2, kept_bits: 1 };
 const VALUES: Numbers = Numbers { first: 64, direct_bits: 6, kept_bits: 2 };
-/// One past the last token.
+/// One past the last valid token.
 const END: u8 = VALUES.token_of(u32::MAX).0 + 1;
 
 impl Numbers {
-    /// The token of a number, how many bits follow, and those.
+    /// The token of a number, the number of extra bits, and the extra bits.
     #[inline(always)]
     const fn token_of(self, u: u32) -> (u8, u32, u32) {
         if u < 1 << self.direct_bits {
@@ -46,7 +46,7 @@ impl Numbers {
         (self.first + place as u8, rest, u & ((1 << rest) - 1))
     }
 
-    /// The least number of the token at a place behind the first one, and how many bits follow.
+    /// The least number of the token at this place behind the first one, and the number of extra bits.
     const fn least_of(self, place: u32) -> (u32, u32) {
         let beyond = place.wrapping_sub(1 << self.direct_bits);
         if place < 1 << self.direct_bits {
@@ -58,19 +58,19 @@ impl Numbers {
     }
 }
 
-/// What a token means, in one word: who decodes looks it up at once.
+/// Meaning of a token, in one word, so that the decoder needs a single table look-up.
 #[derive(Clone, Copy)]
 #[repr(C, align(8))]
 struct Meaning {
-    /// Bits that follow.
+    /// Number of extra bits.
     bits: u8,
-    /// Whether it is a run.
+    /// Whether the token is a run.
     is_run: bool,
-    /// Least u, and one.
+    /// Least u, plus one.
     least: u32,
 }
 
-/// Meanings by token; those that mean nothing are runs longer than any brick.
+/// Meanings by token. Invalid tokens are runs longer than any brick, so the decoder refuses them.
 const MEANINGS: [Meaning; 256] = {
     let mut all = [Meaning { bits: 0, is_run: true, least: u32::MAX >> 1 }; 256];
     let mut token = 0;
@@ -84,26 +84,27 @@ const MEANINGS: [Meaning; 256] = {
     all
 };
 
-/// Tokens that are looked at together: where each stands for one coefficient without bits, they are decoded at once.
+/// Number of tokens that are examined together. If each stands for one coefficient without extra bits, they are decoded
+/// together.
 const GROUP: usize = 16;
-/// Tokens that are looked at together otherwise.
+/// Number of tokens that are decoded together in the general case.
 const HALF: usize = GROUP / 2;
-/// Most zeros that a token without bits stands for.
+/// Longest run of a token without extra bits.
 const LONGEST_DIRECT_RUN: usize = 1 << RUNS.direct_bits;
 
-/// Tokens and bits of some coefficients.
+/// Tokens and extra bits of some coefficients.
 #[derive(Debug, PartialEq)]
 pub struct Tokens {
     pub tokens: Vec<u8>,
     pub bits: Vec<u8>,
 }
 
-/// Most groups that are encoded one by one before the next one is tried at once.
+/// Largest number of groups that are encoded one by one before the fast path is tried again.
 const MOST_PASSED_OVER: u32 = 31;
-/// The same of groups that are decoded.
+/// The same for decoding.
 const MOST_PASSED_OVER_DECODING: u32 = 7;
 
-/// Makes [`Tokens`] of coefficients.
+/// Task that makes [`Tokens`] from coefficients.
 pub struct Encoding<'a, S> {
     pub coefficients: &'a [S],
 }
@@ -116,7 +117,7 @@ impl<S: Sample> Vectorized for Encoding<'_, S> {
         let mut writer =
             Writer { tokens: vec![0; self.coefficients.len()], end: 0, zeros: 0, bits: BitWriter::default() };
         let (groups, rest) = self.coefficients.as_chunks::<GROUP>();
-        // Groups that are not tried: more and more where trying is in vain.
+        // Groups for which the fast path is not tried: twice as many after each failure.
         let (mut passed_over, mut left) = (0, 0);
         for group in groups {
             if *group == [S::default(); GROUP] {
@@ -139,9 +140,9 @@ impl<S: Sample> Vectorized for Encoding<'_, S> {
     }
 }
 
-/// Where encoding has come to.
+/// State of the encoder.
 struct Writer {
-    /// Those before the end.
+    /// Tokens; those before `end` are valid.
     tokens: Vec<u8>,
     end: usize,
     /// Zeros that have no token yet.
@@ -150,7 +151,8 @@ struct Writer {
 }
 
 impl Writer {
-    /// Encodes coefficients if each of them, and each run of zeros, has a token without bits; else nothing happens.
+    /// Fast path: encodes coefficients if each of them, and each run of zeros, has a token without extra bits; else
+    /// does nothing and returns false.
     #[inline(always)]
     fn push_direct<S: Sample>(&mut self, group: &[S; GROUP]) -> bool {
         let numbers = group.map(S::zigzagged);
@@ -158,14 +160,14 @@ impl Writer {
         for number in numbers {
             others |= u8::from(number > 1 << VALUES.direct_bits);
         }
-        // Where zeros are, and where as many follow as no token without bits stands for.
+        // Masks of the zeros, and of zeros that begin a run too long for a token without extra bits.
         let are_zeros = numbers.map(|number| number == 0);
         let zeros = mask_of(are_zeros);
         let long_runs = (1..=LONGEST_DIRECT_RUN).fold(zeros, |runs, step| runs & (zeros >> step));
         if others != 0 || long_runs != 0 {
             return false;
         }
-        // Zeros at the beginning belong to the run before, if there is one.
+        // Zeros at the beginning continue the previous run, if there is one.
         let before = if self.zeros > 0 { zeros.trailing_ones() } else { 0 };
         self.zeros += before;
         self.push_zeros();
@@ -178,25 +180,26 @@ impl Writer {
         true
     }
 
-    /// Encodes coefficients of which no two zeros stand together, by the tokens of those that are none. Written for vectors.
+    /// Encodes coefficients without two adjacent zeros, from the tokens of the non-zero ones. Written for vectors.
     #[inline(always)]
     fn push_singles(&mut self, zeros: [bool; GROUP], values: [u8; GROUP]) {
         let tokens = std::array::from_fn(|i| if zeros[i] { RUNS.first } else { values[i] });
-        // No token stands for less than one coefficient: there is room for those of all that are left.
+        // No token stands for less than one coefficient, so there is room for a token per remaining coefficient.
         *self.room() = tokens;
         self.zeros = u32::from(zeros[GROUP - 1]);
         self.end += GROUP - self.zeros as usize;
     }
 
-    /// Encodes coefficients with short runs of zeros, by the tokens of those that are none. Which are zero nobody can foresee: so each step
-    /// writes the tokens of a run and of a coefficient, and goes on behind those that it meant. The first `done` zeros have a token.
+    /// Encodes coefficients with short runs of zeros, from the tokens of the non-zero ones. Branches on zeros would be
+    /// mispredicted. Each step therefore writes the token of a run and that of a coefficient, and advances only past
+    /// those it needs. The first `done` zeros already have a token.
     #[inline(always)]
     fn push_runs(&mut self, values: [u8; GROUP], done: u8) {
         let (mut end, mut zeros) = (0, 0u8.wrapping_sub(done));
         let room = self.room();
         for value in values {
             let is_zero = value == VALUES.first - 1;
-            // No more tokens than coefficients before this one.
+            // There are never more tokens than coefficients before this one.
             room[end % GROUP] = RUNS.first.wrapping_add(zeros).wrapping_sub(1);
             end += usize::from(!is_zero & (zeros > 0));
             room[end % GROUP] = value;
@@ -207,7 +210,7 @@ impl Writer {
         self.end += end;
     }
 
-    /// Where the next tokens go.
+    /// Buffer for the next tokens.
     #[inline(always)]
     fn room(&mut self) -> &mut [u8; GROUP] {
         self.tokens[self.end..].first_chunk_mut().expect("no token stands for less than one coefficient")
@@ -244,10 +247,10 @@ impl Writer {
     }
 }
 
-/// One bit each, the first one lowest.
+/// One bit per flag, the first flag lowest.
 #[inline(always)]
 fn mask_of(are: [bool; GROUP]) -> u16 {
-    // Eight bytes of 0 or 1 times this: the highest byte has a bit of each, and nothing is carried.
+    // Multiplied by this, eight bytes of 0 or 1 leave one bit each in the highest byte, without carries.
     const GATHER: u64 = 0x0102_0408_1020_4080;
     let bytes = are.map(u8::from);
     let bits = |half: &[u8; HALF]| (u64::from_le_bytes(*half).wrapping_mul(GATHER) >> 56) as u16;
@@ -255,7 +258,7 @@ fn mask_of(are: [bool; GROUP]) -> u16 {
     bits(&halves[0]) | bits(&halves[1]) << HALF
 }
 
-/// Bits on their way to bytes, lowest first.
+/// Bits that become bytes, lowest first.
 #[derive(Default)]
 struct BitWriter {
     word: u64,
@@ -281,17 +284,17 @@ impl BitWriter {
     }
 }
 
-/// Bytes that a reader of bits may look at beyond the last bit.
+/// Bytes beyond the last bit that the decoder may read.
 pub const BITS_PADDING: usize = 8;
-/// Bits that are there behind any in the word that holds it.
+/// Least number of valid bits in a 64-bit word that is read at any bit position.
 const BITS_AT_ONCE: u32 = u64::BITS - 7;
 
-/// Undoes [`Encoding`]: false where tokens and bits are not those of exactly so many coefficients.
+/// Task that reverses [`Encoding`]. Returns false if tokens and bits are not those of exactly `out.len()` coefficients.
 pub struct Decoding<'a, S> {
     pub tokens: &'a [u8],
-    /// Followed by [`BITS_PADDING`] more bytes.
+    /// Extra bits, followed by [`BITS_PADDING`] more bytes.
     pub bits: &'a [u8],
-    /// Zeros before, the coefficients afterwards.
+    /// Zeros before decoding, the coefficients afterwards.
     pub out: &'a mut [S],
 }
 
@@ -304,7 +307,7 @@ impl<S: Sample> Vectorized for Decoding<'_, S> {
         let Some(bits_bytes) = bits.len().checked_sub(BITS_PADDING) else { return false };
         let mut reader = Reader { bits, bit: 0, out, place: 0 };
         let (groups, rest) = tokens.as_chunks::<GROUP>();
-        // Groups that are not tried: more and more where trying is in vain.
+        // Groups for which the fast path is not tried: twice as many after each failure.
         let (mut passed_over, mut left) = (0, 0);
         for group in groups {
             if left > 0 {
@@ -322,7 +325,7 @@ impl<S: Sample> Vectorized for Decoding<'_, S> {
                 }
             }
         }
-        // A run beyond the end is noticed here; less than a byte of padding may be left of the bits.
+        // A run beyond the end is noticed here. Up to 7 bits of padding may be left over.
         let is_whole =
             reader.take_each(rest) && reader.place == reader.out.len() && reader.bit.div_ceil(8) == bits_bytes;
         for number in reader.out {
@@ -332,7 +335,7 @@ impl<S: Sample> Vectorized for Decoding<'_, S> {
     }
 }
 
-/// Whether all tokens are of a kind: all are looked at, which vectors do at once.
+/// Whether all tokens satisfy `are`. The loop examines all of them, so that the compiler vectorizes it.
 #[inline(always)]
 fn are_all<const COUNT: usize>(tokens: &[u8; COUNT], are: impl Fn(u8) -> bool) -> bool {
     let mut others = 0;
@@ -342,7 +345,7 @@ fn are_all<const COUNT: usize>(tokens: &[u8; COUNT], are: impl Fn(u8) -> bool) -
     others == 0
 }
 
-/// Bits of all of them together.
+/// Total number of extra bits of the tokens.
 #[inline(always)]
 fn bits_of(meanings: &[Meaning; HALF]) -> u32 {
     let mut count = 0;
@@ -352,18 +355,19 @@ fn bits_of(meanings: &[Meaning; HALF]) -> u32 {
     count
 }
 
-/// Where decoding has come to.
+/// State of the decoder.
 struct Reader<'a, S> {
     bits: &'a [u8],
-    /// The next of them.
+    /// Position of the next extra bit.
     bit: usize,
     out: &'a mut [S],
-    /// The next coefficient.
+    /// Position of the next coefficient.
     place: usize,
 }
 
 impl<S: Sample> Reader<'_, S> {
-    /// Decodes tokens if each stands for one coefficient without bits; else nothing happens. Written for vectors of bytes.
+    /// Fast path: decodes tokens if each stands for one coefficient without extra bits; else does nothing and returns
+    /// false. Written for vectors of bytes.
     #[inline(always)]
     fn take_singles(&mut self, group: &[u8; GROUP]) -> bool {
         if !are_all(group, |token| (token == RUNS.first) | (token.wrapping_sub(VALUES.first) < 1 << VALUES.direct_bits))
@@ -378,8 +382,8 @@ impl<S: Sample> Reader<'_, S> {
         true
     }
 
-    /// Decodes tokens if none of them has bits; else nothing happens. Where each goes is known from the lengths of those before it, which
-    /// are added up apart from everything else.
+    /// Fast path: decodes tokens if none of them has extra bits; else does nothing and returns false. The position of
+    /// each coefficient follows from the lengths of the previous tokens, which are summed independently.
     #[inline(always)]
     fn take_direct(&mut self, group: &[u8; GROUP]) -> bool {
         const MOST: usize = GROUP * LONGEST_DIRECT_RUN;
@@ -400,7 +404,7 @@ impl<S: Sample> Reader<'_, S> {
         true
     }
 
-    /// Decodes tokens whose bits stand in one word, or one by one where they do not; false where they do not fit.
+    /// Decodes tokens whose extra bits fit one word, otherwise one by one; false if the coefficients do not fit.
     #[inline(always)]
     fn take_half(&mut self, tokens: &[u8; HALF]) -> bool {
         let meanings = tokens.map(|token| MEANINGS[usize::from(token)]);
@@ -419,7 +423,7 @@ impl<S: Sample> Reader<'_, S> {
         true
     }
 
-    /// Decodes tokens one by one; false where they do not fit.
+    /// Decodes tokens one by one; false if the coefficients do not fit.
     #[inline(always)]
     fn take_each(&mut self, tokens: &[u8]) -> bool {
         for &token in tokens {
@@ -433,20 +437,20 @@ impl<S: Sample> Reader<'_, S> {
         true
     }
 
-    /// Where the next coefficients go, if there are so many.
+    /// Buffer for the next coefficients, or `None` if fewer are left.
     #[inline(always)]
     fn room<const COUNT: usize>(&mut self) -> Option<&mut [S; COUNT]> {
         self.out.get_mut(self.place..)?.first_chunk_mut()
     }
 
-    /// The next bits, at least [`BITS_AT_ONCE`] or all that there are.
+    /// The next extra bits: at least [`BITS_AT_ONCE`], or all that are left.
     #[inline(always)]
     fn word(&self) -> Option<u64> {
         let bytes = self.bits.get(self.bit / 8..).and_then(<[u8]>::first_chunk::<8>)?;
         Some(u64::from_le_bytes(*bytes) >> (self.bit % 8))
     }
 
-    /// Decodes one token, whose bits are the lowest of these; false where it does not fit.
+    /// Decodes one token, whose extra bits are the lowest of `bits`; false if the coefficients do not fit.
     #[inline(always)]
     fn take(&mut self, Meaning { bits: count, is_run, least }: Meaning, bits: u32) -> bool {
         let number = least.wrapping_add(bits & ((1 << count) - 1));
@@ -464,7 +468,7 @@ mod tests {
     use crate::vectors::vectorized;
     use proptest::prelude::*;
 
-    /// By the processor's instructions, and by those that all processors have.
+    /// Decodes with the processor's vector instructions and with the baseline ones, and compares.
     fn decode(tokens: &[u8], bits: &[u8], out: &mut [i32]) -> bool {
         let mut plain = out.to_vec();
         let is_plainly_whole = Decoding { tokens, bits, out: &mut plain }.run();
@@ -511,7 +515,7 @@ mod tests {
     #[test]
     fn short_runs_of_small_numbers_survive_wherever_they_end() {
         let mut random = Random::new(16);
-        // Of eight coefficients, so many are zero; now and then one has a token with bits.
+        // `zeros` of eight coefficients are zero; a few have tokens with extra bits.
         for zeros in 0..8 {
             for length in (0..200).chain([1000, 5000]) {
                 let coefficients: Vec<i32> = (0..length)

@@ -1,24 +1,24 @@
-//! Invertible transforms of a box of integers, in place, in integers that wrap around: exact for all samples of 32 bits.
+//! Reversible transforms of a box of integers, in place, with wrapping arithmetic: exact for all 32-bit samples.
 //!
-//! *Differences* along x, then y, then z: the Lorenzo predictor (Ibarria et al. 2003), best where the field is smooth on the
-//! scale of a voxel or made of few values. *Lifting*: the reversible 5/3 wavelet (Le Gall and Tabatabai 1988; lifting:
-//! Calderbank, Daubechies, Sweldens, Yeo 1998) on every axis, again and again on the half with the averages; best where
-//! there is noise, which differences along three axes make eight times as strong. Of n samples x along a line
+//! *Differences* along x, then y, then z: the Lorenzo predictor (Ibarria et al. 2003). It wins where the field is
+//! smooth on the scale of a voxel, or has few values. *Lifting*: the reversible 5/3 wavelet (Le Gall and Tabatabai
+//! 1988; lifting: Calderbank, Daubechies, Sweldens, Yeo 1998) on every axis, repeated on the half with the averages. It
+//! wins on noisy fields: differences along three axes amplify noise eightfold. For n samples x along a line
 //!
 //! ```text
 //! d_i = x_{2i+1} - floor((x_{2i} + x_{2i+2} + 1) / 2)        i = 0 .. floor(n/2)
 //! s_i = x_{2i}   + floor((d_{i-1} + d_i + 2) / 4)            i = 0 .. ceil(n/2)
 //! ```
 //!
-//! where what lies beyond the end is taken from the end. All s stand before all d afterwards, so that a box is cut into up
-//! to eight *bands*. An axis is halved as long as it has [`SHORTEST`] samples.
+//! where positions beyond the end are clamped to the end. Afterwards all s precede all d, so that a box consists of up
+//! to eight *bands*. An axis is halved while it has at least [`SHORTEST`] samples.
 //!
-//! Samples of voxels of one byte are transformed in 16 bits, which halves what is moved: s and d of all halvings together are at
-//! most 1.72 and 2.86 times as large as x along one axis, so that three axes make no more than 24 times as much of them.
+//! Samples of one-byte voxels are transformed in 16 bits, which halves the memory traffic. Over all halvings of one
+//! axis, s and d are at most 1.72 and 2.86 times as large as x. Along three axes that is less than 24 times.
 
 use std::ops::Range;
 
-/// A whole number in some bits, which wraps around.
+/// Integer with wrapping arithmetic.
 pub trait Sample: Copy + Default + PartialEq {
     /// The lowest bits of a number.
     fn wrap(number: i32) -> Self;
@@ -27,9 +27,9 @@ pub trait Sample: Copy + Default + PartialEq {
     fn minus(self, other: Self) -> Self;
     /// `floor(self / 2^BITS)`.
     fn shifted<const BITS: u32>(self) -> Self;
-    /// A number without a sign: 0, -1, 1, -2, ... become 0, 1, 2, 3, ...
+    /// Unsigned zigzag number: 0, -1, 1, -2, ... become 0, 1, 2, 3, ...
     fn zigzagged(self) -> u32;
-    /// Undoes [`Sample::zigzagged`], whose result has no sign in as many bits.
+    /// Reverses [`Sample::zigzagged`]; the bits of `self` are the unsigned number.
     fn unzigzagged(self) -> Self;
 }
 
@@ -70,10 +70,10 @@ macro_rules! sample {
 sample!(i16, u16);
 sample!(i32, u32);
 
-/// A line of fewer samples is not halved any more.
+/// A line of fewer samples is not halved further.
 const SHORTEST: usize = 5;
 
-/// Part of a box: first and one past the last sample on each axis.
+/// Part of a box: the first sample on each axis, and one past the last.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Band {
     pub start: [usize; 3],
@@ -90,7 +90,7 @@ impl Band {
     }
 }
 
-/// The extents that are halved, finest first; all that is left is the extent behind the last.
+/// Extents that are halved, finest first. Halving the last one gives the rest, which is not halved.
 fn halvings(extent: [usize; 3]) -> Vec<[usize; 3]> {
     let halves = |&e: &[usize; 3]| Some(half(e)).filter(|h| *h != e);
     let mut all: Vec<_> = std::iter::successors(Some(extent), halves).collect();
@@ -102,7 +102,7 @@ fn half(extent: [usize; 3]) -> [usize; 3] {
     extent.map(|n| if n < SHORTEST { n } else { n.div_ceil(2) })
 }
 
-/// The bands of a lifted box, coarsest first; together they are the box.
+/// Bands of a lifted box, coarsest first; together they are the box.
 pub fn bands(extent: [usize; 3]) -> Vec<Band> {
     let halvings = halvings(extent);
     let rest = halvings.last().map_or(extent, |&e| half(e));
@@ -121,7 +121,7 @@ pub fn bands(extent: [usize; 3]) -> Vec<Band> {
     bands
 }
 
-/// Rows of a box that lie one behind the other along an axis: `count` of `length` samples, `stride` apart.
+/// Rows of a box that follow one another along an axis: `count` rows of `length` samples, `stride` samples apart.
 #[derive(Clone, Copy)]
 struct Rows {
     first: usize,
@@ -131,7 +131,7 @@ struct Rows {
 }
 
 impl Rows {
-    /// All such rows of the part `[0, part)` of a box, along y (1) or z (2).
+    /// All such groups of rows of the part `[0, part)` of a box, along y (1) or z (2).
     fn along(axis: usize, extent: [usize; 3], part: [usize; 3]) -> impl Iterator<Item = Self> {
         let strides = [1, extent[0], extent[0] * extent[1]];
         let across = 3 - axis;
@@ -146,13 +146,13 @@ impl Rows {
     }
 }
 
-/// d of two neighbours.
+/// Prediction of the sample between two neighbours: d is the sample minus this.
 #[inline(always)]
 fn predicted<S: Sample>(before: S, after: S) -> S {
     before.plus(after).plus(S::wrap(1)).shifted::<1>()
 }
 
-/// What s has more than x.
+/// Update: s is x plus this, computed from the two neighbouring d.
 #[inline(always)]
 fn updated<S: Sample>(before: S, after: S) -> S {
     before.plus(after).plus(S::wrap(2)).shifted::<2>()
@@ -163,7 +163,7 @@ fn updated<S: Sample>(before: S, after: S) -> S {
 pub fn lift<S: Sample>(samples: &mut [S], extent: [usize; 3]) {
     let mut scratch = Vec::new();
     for part in halvings(extent) {
-        // Slice by slice along x and y, while the slice is in the processor's nearest cache.
+        // Slice by slice along x and y, while the slice is in the first-level cache.
         for (z, rows) in Rows::along(1, extent, part).enumerate() {
             if part[0] >= SHORTEST {
                 lift_along_x(samples, rows_of_x(extent, part, z), &mut scratch);
@@ -180,7 +180,7 @@ pub fn lift<S: Sample>(samples: &mut [S], extent: [usize; 3]) {
     }
 }
 
-/// Undoes [`lift`].
+/// Reverses [`lift`].
 #[inline(always)]
 pub fn unlift<S: Sample>(samples: &mut [S], extent: [usize; 3]) {
     let mut scratch = Vec::new();
@@ -207,8 +207,8 @@ fn rows_of_x(extent: [usize; 3], part: [usize; 3], z: usize) -> Rows {
     Rows { first: z * extent[1] * extent[0], stride: extent[0], count: part[1], length: part[0] }
 }
 
-/// Lifts each of some rows. What is done to one number of a row is done in all rows before the next thing is: who reads at once,
-/// shifted by a number, what has just been written waits for it.
+/// Lifts each of some rows. Each step runs over all rows before the next step begins: a shifted load of a value that
+/// was just stored would stall.
 #[inline(always)]
 fn lift_along_x<S: Sample>(samples: &mut [S], rows: Rows, scratch: &mut Vec<S>) {
     let (evens, odds) = (rows.length.div_ceil(2), rows.length / 2);
@@ -238,7 +238,7 @@ fn lift_along_x<S: Sample>(samples: &mut [S], rows: Rows, scratch: &mut Vec<S>) 
     }
 }
 
-/// Undoes [`lift_along_x`].
+/// Reverses [`lift_along_x`].
 #[inline(always)]
 fn unlift_along_x<S: Sample>(samples: &mut [S], rows: Rows, scratch: &mut Vec<S>) {
     let (evens, odds) = (rows.length.div_ceil(2), rows.length / 2);
@@ -268,7 +268,7 @@ fn unlift_along_x<S: Sample>(samples: &mut [S], rows: Rows, scratch: &mut Vec<S>
     }
 }
 
-/// What stands at the even places of a line, changed by what the details beside them say.
+/// Updates the samples at the even positions of a line with the details on both sides.
 #[inline(always)]
 fn update<S: Sample>(target: &mut [S], even: &[S], details: &[S], by: impl Fn(S, S) -> S) {
     let last = details.len() - 1;
@@ -276,13 +276,13 @@ fn update<S: Sample>(target: &mut [S], even: &[S], details: &[S], by: impl Fn(S,
     for ((target, &x), d) in target[1..].iter_mut().zip(&even[1..]).zip(details.windows(2)) {
         *target = by(x, updated(d[0], d[1]));
     }
-    // With as many s as d, the windows end before the last s; with one s more, that has only the last d beside it.
+    // With as many s as d, the windows end before the last s. With one s more, only the last d lies beside it.
     if even.len() > details.len() {
         target[last + 1] = by(even[last + 1], updated(details[last], details[last]));
     }
 }
 
-/// Writes a row, changed by what two others say.
+/// Writes a row, changed by two other rows.
 #[inline(always)]
 fn change_row<S: Sample>(target: &mut [S], row: &[S], before: &[S], after: &[S], by: impl Fn(S, S, S) -> S) {
     for (((target, &x), &b), &a) in target.iter_mut().zip(row).zip(before).zip(after) {
@@ -290,7 +290,7 @@ fn change_row<S: Sample>(target: &mut [S], row: &[S], before: &[S], after: &[S],
     }
 }
 
-/// The same, to the place of another one, which does not lie behind it.
+/// As [`change_row`], but writes to the row `to`, which does not lie behind `from`.
 #[inline(always)]
 fn move_row<S: Sample>(
     samples: &mut [S],
@@ -318,7 +318,7 @@ fn lift_rows<S: Sample>(samples: &mut [S], rows: Rows, scratch: &mut Vec<S>) {
         change_row(target, own, before, after, |x, b, a| x.minus(predicted(b, a)));
     }
     for i in 0..halves {
-        // From the first row on: what is written over has been taken before.
+        // Starting with the first row, each overwritten row has already been read.
         let [before, after] = [i.saturating_sub(1), i.min(last)].map(|d| &scratch[d * n..(d + 1) * n]);
         move_row(samples, [2 * i, i].map(|row| rows.row(row)), before, after, |x, b, a| x.plus(updated(b, a)));
     }
@@ -337,7 +337,7 @@ fn unlift_rows<S: Sample>(samples: &mut [S], rows: Rows, scratch: &mut Vec<S>) {
         change_row(target, own, before, after, |x, b, a| x.minus(updated(b, a)));
     }
     for i in 0..=last {
-        // From the first row on, here, too.
+        // Starting with the first row, as in [`lift_rows`].
         let [before, after] = [i, (i + 1).min(halves - 1)].map(|s| &scratch[s * n..(s + 1) * n]);
         let places = [halves + i, 2 * i + 1].map(|row| rows.row(row));
         move_row(samples, places, before, after, |x, b, a| x.plus(predicted(b, a)));
@@ -368,7 +368,7 @@ pub fn difference<S: Sample>(samples: &mut [S], extent: [usize; 3]) {
     }
 }
 
-/// Undoes [`difference`].
+/// Reverses [`difference`].
 #[inline(always)]
 pub fn undo_difference<S: Sample>(samples: &mut [S], extent: [usize; 3]) {
     for axis in [2, 1] {
@@ -440,7 +440,7 @@ mod tests {
         }
     }
 
-    /// The formulas of the module, literally: on one line, with what lies beyond the end taken from the end.
+    /// The formulas of the module head, literally, on one line with clamped positions.
     #[test]
     fn a_line_is_lifted_as_the_formulas_say() {
         for n in [5usize, 6, 9, 12] {
@@ -465,7 +465,7 @@ mod tests {
         }
     }
 
-    /// What each coefficient of a line takes from its samples, but for rounding, from the first halving to the last.
+    /// Weights of a line's samples in each coefficient, without rounding, from the first halving to the last.
     fn weights(n: usize) -> Vec<Vec<f64>> {
         let sum = |parts: &[(&Vec<f64>, f64)]| -> Vec<f64> {
             (0..n).map(|i| parts.iter().map(|(weights, by)| by * weights[i]).sum()).collect()
@@ -488,14 +488,14 @@ mod tests {
         all
     }
 
-    /// The least and the greatest that bytes can become along three axes is far from the limits of 16 bits; and what comes near it
-    /// is lifted in 16 bits as in 32.
+    /// The extreme coefficients of bytes along three axes are far from the limits of 16 bits. A volume near these
+    /// extremes is lifted in 16 bits as in 32.
     #[test]
     fn bytes_are_lifted_in_16_bits() {
         let gain = |weights: &[f64]| weights.iter().map(|w| w.abs()).sum::<f64>();
         let most = (SHORTEST..=132).flat_map(weights).map(|weights| gain(&weights)).fold(0.0, f64::max);
         assert!((2.8..2.87).contains(&most), "along one axis samples become {most} times as large");
-        // Each of 18 halvings rounds twice by less than 1, which the others make larger in turn.
+        // Each of 18 halvings rounds twice by less than 1, and the later ones amplify it.
         let rounding = 2.0 * 18.0 * most.powi(3);
         assert!(255.0 * most.powi(3) + rounding < f64::from(i16::MAX) / 4.0, "{most}");
 
@@ -518,7 +518,7 @@ mod tests {
         }
     }
 
-    /// A ramp is what both predict: nothing is left of it inside.
+    /// Both transforms predict a ramp exactly: no details remain inside.
     #[test]
     fn ramps_leave_no_details() {
         let extent = [17, 17, 17];

@@ -1,38 +1,38 @@
-//! The elements of a DICOM data set, one after the other: tag, kind of value, length, value; sequences of items of elements.
+//! Parser for the elements of a DICOM data set: tag, value representation, length, value; nested sequences of items.
 //!
-//! Format: PS3.5, sections 7 and 8. Values are read only where they are asked for and at most [`VALUE_LIMIT_BYTES`] long, all else
-//! is passed over; the walk ends at the pixels, whose place is told and whose bytes are not touched.
-//! Written by hand: `dicom-object` reads whole data sets into memory; `dicom-parser` below it does not say where values lie without
-//! reading them, reserves what a length claims, and ends with a panic at a delimiter that is out of place.
+//! Format: PS3.5, sections 7 and 8. Only requested values of at most [`VALUE_LIMIT_BYTES`] are read; all others are
+//! skipped. Parsing ends at the pixel data and returns its position; the pixels themselves are not read.
+//! Written by hand, because `dicom-object` reads whole data sets into memory. `dicom-parser` below it does not return
+//! the positions of values without reading them, allocates what a length claims, and panics at a misplaced delimiter.
 
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
 
 use crate::Endian;
 
-/// Longest value that is read; the longest wanted is a list of the places of tens of thousands of frames.
+/// Longest value that is read, in bytes. The longest requested one is an offset table of tens of thousands of frames.
 pub(super) const VALUE_LIMIT_BYTES: u32 = 2 << 20;
-/// Sequences inside sequences that are followed.
+/// Largest depth of nested sequences that are parsed.
 const DEPTH_LIMIT: usize = 16;
 
-/// Says how long the group is that begins a file.
+/// Length of the group that begins a file.
 const GROUP_LENGTH: u32 = 0x0002_0000;
 const ITEM: u32 = 0xfffe_e000;
 const ITEM_END: u32 = 0xfffe_e00d;
 const SEQUENCE_END: u32 = 0xfffe_e0dd;
-/// Pixels as integers, as single and as double precision floats.
+/// Pixel data as integers, as 32-bit floats and as 64-bit floats.
 pub(super) const PIXEL_DATA: u32 = 0x7fe0_0010;
 pub(super) const FLOAT_PIXEL_DATA: u32 = 0x7fe0_0008;
 pub(super) const DOUBLE_PIXEL_DATA: u32 = 0x7fe0_0009;
 
-/// Kinds of value whose length has four bytes, behind two that are reserved.
+/// Value representations with a length of four bytes, behind two reserved bytes.
 const LONG_KINDS: [&[u8; 2]; 13] =
     [b"OB", b"OD", b"OF", b"OL", b"OV", b"OW", b"SQ", b"SV", b"UC", b"UN", b"UR", b"UT", b"UV"];
 
-/// How elements are written.
+/// Encoding of the elements.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Spelling {
     pub(super) endian: Endian,
-    /// Whether each element says the kind of its value.
+    /// Whether each element states its value representation.
     pub(super) is_explicit: bool,
 }
 
@@ -41,11 +41,11 @@ impl Spelling {
     pub(super) const IMPLICIT: Self = Self { endian: Endian::Little, is_explicit: false };
 }
 
-/// Why a data set cannot be read on.
+/// Reason why parsing of a data set failed.
 #[derive(Debug)]
 pub(super) enum Fault {
     Io(io::Error),
-    /// Place, and what is wrong there.
+    /// Byte position, and the defect there.
     Wrong(u64, &'static str),
 }
 
@@ -55,38 +55,38 @@ impl From<io::Error> for Fault {
     }
 }
 
-/// An element whose value follows.
+/// Header of an element; its value follows in the file.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Element {
-    /// Group and number.
+    /// Group and element number.
     pub(super) tag: u32,
-    /// Kind of the value, where the element says it.
+    /// Value representation, if the element states it.
     pub(super) kind: Option<[u8; 2]>,
-    /// `None`: up to a delimiter.
+    /// Length of the value in bytes; `None`: up to a delimiter.
     pub(super) length: Option<u32>,
 }
 
-/// Where the pixels are.
+/// Position of the pixel data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct PixelsAt {
     pub(super) tag: u32,
-    /// First byte of the value.
+    /// Offset of the value in bytes.
     pub(super) offset: u64,
-    /// `None`: in fragments, up to a delimiter.
+    /// Length in bytes; `None`: fragments up to a delimiter.
     pub(super) length: Option<u32>,
 }
 
-/// What is done with the elements of a data set.
+/// Receiver of the elements of a data set.
 pub(super) trait Visitor {
-    /// Whether the value of this element, inside these sequences, is wanted.
+    /// Whether the value of this element, inside these sequences, is requested.
     fn wants(&self, sequences: &[u32], tag: u32) -> bool;
-    /// A value that is wanted.
+    /// Receives a requested value.
     fn value(&mut self, sequences: &[u32], element: Element, endian: Endian, bytes: Vec<u8>);
     /// An item of these sequences begins.
     fn item(&mut self, sequences: &[u32]);
 }
 
-/// Elements of a file from some place on.
+/// Parser of the elements of a file from a position on.
 pub(super) struct DataSet<R> {
     from: BufReader<R>,
     at: u64,
@@ -95,13 +95,13 @@ pub(super) struct DataSet<R> {
 }
 
 impl<R: Read + Seek> DataSet<R> {
-    /// The elements from byte `at` on, of a file of `end` bytes.
+    /// Parser from byte `at` on, in a file of `end` bytes.
     pub(super) fn new(mut from: R, at: u64, end: u64) -> io::Result<Self> {
         from.seek(SeekFrom::Start(at))?;
         Ok(Self { from: BufReader::with_capacity(16 << 10, from), at, end, sequences: Vec::new() })
     }
 
-    /// Elements of the group that begins every file, and the place of the first behind it.
+    /// Parses the meta information group at the beginning of the file; returns the position behind it.
     pub(super) fn visit_group_2(&mut self, visitor: &mut impl Visitor) -> Result<u64, Fault> {
         let mut end = self.end;
         while self.at + 8 <= end {
@@ -120,19 +120,19 @@ impl<R: Read + Seek> DataSet<R> {
         Ok(self.at)
     }
 
-    /// All elements up to the pixels, whose place is the result; `None` where there are none.
+    /// Parses all elements up to the pixel data and returns its position; `None` if there is none.
     pub(super) fn visit(&mut self, spelling: Spelling, visitor: &mut impl Visitor) -> Result<Option<PixelsAt>, Fault> {
         self.elements(spelling, Some(self.end), visitor)
     }
 
-    /// Elements up to a place, or to the end of an item.
+    /// Parses elements up to a position, or up to the end of an item.
     fn elements(
         &mut self,
         spelling: Spelling,
         end: Option<u64>,
         visitor: &mut impl Visitor,
     ) -> Result<Option<PixelsAt>, Fault> {
-        // Fewer than the eight bytes of an element are padding.
+        // A rest shorter than the eight bytes of an element is padding.
         while self.at + 8 <= end.unwrap_or(self.end) {
             let element = self.element(spelling)?;
             match element.tag {
@@ -152,14 +152,14 @@ impl<R: Read + Seek> DataSet<R> {
 
     fn value_of(&mut self, element: Element, spelling: Spelling, visitor: &mut impl Visitor) -> Result<(), Fault> {
         let is_wanted = visitor.wants(&self.sequences, element.tag);
-        // Those that are not wanted are passed over by their length, where they have one.
+        // Elements that are not requested are skipped by their length, if they have one.
         let is_sequence = match element.kind {
             _ if element.length.is_none() => true,
             Some(kind) => is_wanted && &kind == b"SQ",
             None => is_wanted && self.is_at_item(spelling)?,
         };
         if is_sequence {
-            // Sequences of an unknown kind are written without kinds.
+            // Sequences of unknown representation are encoded without representations.
             let is_unknown = element.kind.is_some_and(|kind| &kind == b"UN");
             let inside = if is_unknown { Spelling::IMPLICIT } else { spelling };
             return self.sequence(element, inside, visitor);
@@ -227,9 +227,9 @@ impl<R: Read + Seek> DataSet<R> {
         self.element_of(tag, spelling)
     }
 
-    /// The element of a tag that has been read.
+    /// The element whose tag has been read.
     fn element_of(&mut self, tag: u32, spelling: Spelling) -> Result<Element, Fault> {
-        // Delimiters have a length and no kind, whatever the spelling.
+        // Delimiters have a length and no representation in every encoding.
         if !spelling.is_explicit || tag >> 16 == 0xfffe {
             let length = self.u32(spelling.endian)?;
             return Ok(Element { tag, kind: None, length: defined(length) });
@@ -278,7 +278,7 @@ impl<R: Read + Seek> DataSet<R> {
         Ok(())
     }
 
-    /// Places and lengths of the fragments of pixels that begin here, the table of offsets first.
+    /// Positions and lengths of the pixel fragments that begin here, the offset table first.
     pub(super) fn fragments(&mut self, most: usize) -> Result<Vec<(u64, u32)>, Fault> {
         let mut found = Vec::new();
         loop {
@@ -291,7 +291,7 @@ impl<R: Read + Seek> DataSet<R> {
                 }
                 _ => return Err(Fault::Wrong(self.at - 8, "no fragment of pixels")),
             }
-            // Some writers leave the last delimiter out.
+            // Some writers omit the last delimiter.
             if self.at == self.end {
                 return Ok(found);
             }
@@ -306,7 +306,7 @@ fn defined(length: u32) -> Option<u32> {
     (length != u32::MAX).then_some(length)
 }
 
-/// Bytes in either order as a number.
+/// Converts bytes of either order to a number.
 pub(super) fn in_order<const N: usize, T>(mut bytes: [u8; N], endian: Endian, of_little: impl Fn([u8; N]) -> T) -> T {
     if endian == Endian::Big {
         bytes.reverse();

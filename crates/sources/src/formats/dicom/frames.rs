@@ -1,8 +1,9 @@
-//! The pixels of one frame: as they are in the file, or decompressed (RLE, JPEG, JPEG 2000).
+//! The pixels of one frame, uncompressed or decompressed (RLE, JPEG, JPEG 2000).
 //!
-//! Frames come out as numbers in little endian, those of a pixel one after the other. A frame is decoded whole, and only if its
-//! header says that it has the size that the file announces. JPEG and JPEG 2000 are the crates' `jpeg-decoder` and
-//! `hayro-jpeg2000`; RLE is written by hand, because the decoder of `dicom-transfer-syntax-registry` ends with a panic on damage.
+//! Frames are returned as little-endian numbers, those of a pixel adjacent. A frame is decoded as a whole, and only if
+//! its own header has the size that the file announces. JPEG and JPEG 2000 use the crates `jpeg-decoder` and
+//! `hayro-jpeg2000`. RLE is written by hand, because the decoder of `dicom-transfer-syntax-registry` panics on damaged
+//! data.
 
 use std::fs::File;
 use std::path::Path;
@@ -19,19 +20,19 @@ use crate::grid::dense::swap_bytes;
 use crate::input::spool::SpoolFolder;
 use crate::{Endian, SourceError};
 
-/// First bytes of a JPEG 2000 codestream, and how far into the data they are looked for.
+/// First bytes of a JPEG 2000 codestream, and the number of bytes in which they are searched.
 const CODESTREAM: &[u8] = b"\xff\x4f\xff\x51";
 const CODESTREAM_WITHIN: usize = 4096;
-/// Bytes of a codestream's header up to the first component's description.
+/// Bytes of a codestream's header before the first component's description.
 const SIZE_BYTES: usize = 45;
-/// What a compressed frame may take beside twice its pixels: headers, profiles.
+/// Largest size in bytes of a compressed frame beyond twice its pixels: headers, profiles.
 const ENCODED_OVERHEAD_BYTES: u64 = 1 << 20;
-/// Bytes that hold the places of the segments of an RLE frame, and how many these are at most.
+/// Bytes of an RLE frame's header with the segment offsets, and their largest number.
 const RLE_HEADER_BYTES: usize = 64;
 const RLE_SEGMENTS: usize = 15;
 
 impl Image {
-    /// Bytes of a frame, decoded.
+    /// Size of a decoded frame in bytes.
     pub(super) fn frame_bytes(&self) -> u64 {
         u64::from(self.rows) * u64::from(self.columns) * u64::from(self.samples) * u64::from(self.allocated / 8)
     }
@@ -45,7 +46,7 @@ pub(super) struct Frames<'a> {
     pixels: PixelsAt,
     compression: Compression,
     endian: Endian,
-    /// Places and lengths, the table of offsets first; none where pixels are not compressed.
+    /// Positions and lengths of the fragments, the offset table first; empty for uncompressed pixels.
     fragments: Vec<(u64, u32)>,
     count: u64,
 }
@@ -91,14 +92,14 @@ impl<'a> Frames<'a> {
             let expected = format!("{columns} x {rows} pixels of {samples} numbers of {allocated} bits");
             SourceError::invalid(self.path, format!("compressed frame {frame}"), expected, found)
         })?;
-        // Decoders hand out the numbers of a pixel one after the other.
+        // Decoders return the numbers of a pixel adjacent to each other.
         if self.image.is_planar && self.image.samples > 1 && matches!(self.compression, Compression::None) {
             decoded = interleaved(&decoded, self.image);
         }
         Ok(decoded)
     }
 
-    /// The fragments of a frame, one behind the other.
+    /// The fragments of a frame, concatenated.
     fn encoded(&self, frame: u64) -> Result<Vec<u8>, SourceError> {
         let (Some(&(table_at, table_bytes)), data) = (self.fragments.first(), self.fragments.get(1..).unwrap_or(&[]))
         else {
@@ -131,7 +132,7 @@ impl<'a> Frames<'a> {
         Ok(out)
     }
 
-    /// Where frames begin, by the table of offsets.
+    /// Offsets of the frames, from the offset table.
     fn starts(&self, at: u64, bytes: u32) -> Result<Vec<u64>, SourceError> {
         if u64::from(bytes) != 4 * self.count {
             let expected = format!("one fragment for each of {} frames, or a table of their places", self.count);
@@ -144,7 +145,7 @@ impl<'a> Frames<'a> {
     }
 }
 
-/// Planes of numbers as pixels of numbers.
+/// Converts planes to pixels with adjacent numbers.
 fn interleaved(planes: &[u8], image: &Image) -> Vec<u8> {
     let (samples, size) = (image.samples as usize, image.allocated as usize / 8);
     let pixels = planes.len() / samples / size;
@@ -156,7 +157,7 @@ fn interleaved(planes: &[u8], image: &Image) -> Vec<u8> {
     out
 }
 
-/// PS3.5, annex G: for each number of a pixel, for each of its bytes from the highest on, a segment of PackBits.
+/// PS3.5, annex G: one PackBits segment for each byte of each number of a pixel, highest byte first.
 fn rle(encoded: &[u8], image: &Image) -> Result<Vec<u8>, String> {
     let size = image.allocated as usize / 8;
     let wanted = image.samples as usize * size;
@@ -166,7 +167,7 @@ fn rle(encoded: &[u8], image: &Image) -> Result<Vec<u8>, String> {
         return Err(format!("{} segments", word(0)));
     }
     let pixels = image.rows as usize * image.columns as usize;
-    // No segment expands by more than 64.
+    // PackBits expands by at most 64.
     if pixels > 64 * encoded.len() {
         return Err(format!("{} bytes", encoded.len()));
     }
@@ -184,7 +185,7 @@ fn rle(encoded: &[u8], image: &Image) -> Result<Vec<u8>, String> {
     Ok(out)
 }
 
-/// Hands out the bytes of a PackBits stream until it ends or nobody takes any more.
+/// Passes the bytes of a PackBits stream to `put` until the stream ends or `put` returns false.
 fn unpack_bits(mut packed: &[u8], mut put: impl FnMut(u8) -> bool) {
     while let Some((&control, rest)) = packed.split_first() {
         packed = rest;
@@ -210,7 +211,7 @@ fn unpack_bits(mut packed: &[u8], mut put: impl FnMut(u8) -> bool) {
     }
 }
 
-/// What is wrong with an image by JPEG; where it is only of a kind that is not read, with what converts it.
+/// Describes a JPEG error. For a kind that is not supported, the text names a conversion.
 fn jpeg_words(error: jpeg_decoder::Error) -> String {
     let kind = match error {
         jpeg_decoder::Error::Unsupported(UnsupportedFeature::SamplePrecision(bits)) => {
@@ -225,7 +226,7 @@ fn jpeg_words(error: jpeg_decoder::Error) -> String {
 fn jpeg(encoded: &[u8], image: &Image) -> Result<Vec<u8>, String> {
     let words = jpeg_words;
     let mut decoder = jpeg_decoder::Decoder::new(encoded);
-    // Not `None`, by which the rows of each colour follow one another.
+    // Not `None`: with it the decoder returns the rows of each colour one after another.
     if image.photometric == "RGB" && image.samples == 3 {
         decoder.set_color_transform(ColorTransform::RGB);
     }
@@ -272,13 +273,13 @@ fn jpeg_2000(encoded: &[u8], image: &Image) -> Result<Vec<u8>, String> {
     if planes.len() != components as usize || planes.iter().any(|plane| plane.samples().len() != pixels) {
         return Err(format!("{} components", planes.len()));
     }
-    // The decoder adds half the range to numbers with a sign, too.
+    // The decoder adds half the range to signed numbers, too.
     let shift = if is_signed { 1i64 << (planes[0].bit_depth().clamp(1, 32) - 1) } else { 0 };
     let number = |i: usize| (planes[i % planes.len()].samples()[i / planes.len()].round() as i64 - shift) as u32;
     Ok(widened((0..pixels * planes.len()).map(number), image))
 }
 
-/// Numbers in as many bits as the file announces.
+/// Converts numbers to the width that the file announces.
 fn widened(numbers: impl Iterator<Item = u32>, image: &Image) -> Vec<u8> {
     let size = image.allocated as usize / 8;
     let mut out = Vec::with_capacity(image.frame_bytes() as usize);

@@ -1,4 +1,4 @@
-//! What a DICOM file says of its image: size, numbers, place, series.
+//! Header of a DICOM file: image size, numbers, placement, series.
 
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
@@ -12,19 +12,19 @@ use crate::input::spool::{Spool, SpoolFolder};
 use crate::input::text::shortened;
 use crate::{Endian, SourceError};
 
-/// Where the mark `DICM` stands.
+/// Offset of the mark `DICM`.
 const MARK_AT: u64 = 128;
-/// Most frames of a file.
+/// Largest number of frames of a file.
 pub(super) const FRAMES_LIMIT: u64 = 1 << 16;
-/// Most bytes of a deflated data set once it is inflated.
+/// Largest size of an inflated data set in bytes.
 const INFLATED_LIMIT_BYTES: u64 = 4 << 30;
 
 const SHARED: u32 = 0x5200_9229;
 const PER_FRAME: u32 = 0x5200_9230;
-/// Sequences inside those that hold what is wanted: place, orientation, distances, values, number of a frame.
+/// Nested sequences with requested elements: position, orientation, spacing, values, number of a frame.
 const MACROS: [u32; 5] = [0x0020_9113, 0x0020_9116, 0x0028_9110, 0x0028_9145, 0x0020_9111];
 
-/// Elements that are read, with the kind of their value where the file does not say it.
+/// Elements that are read, with their value representations for files that do not state them.
 const WANTED: [(u32, &[u8; 2]); 41] = [
     (0x0002_0010, b"UI"),
     (0x0008_0060, b"CS"),
@@ -69,18 +69,18 @@ const WANTED: [(u32, &[u8; 2]); 41] = [
     (MACROS[4], b"SQ"),
 ];
 
-/// Where a frame lies, what its numbers mean, and which of several at the same place it is; each as far as it is said.
+/// Placement of a frame, meaning of its numbers, and its order among frames at the same place; each `None` if unstated.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Place {
-    /// World position of the first pixel, mm, left-posterior-superior.
+    /// World position of the first pixel in mm, left-posterior-superior.
     pub(super) position: Option<[f64; 3]>,
-    /// Directions in which columns and rows are counted.
+    /// Directions of increasing column and row indices.
     pub(super) orientation: Option<[f64; 6]>,
-    /// Distance of rows, and of columns, mm.
+    /// Distance between rows, and between columns, in mm.
     pub(super) pixel_spacing: Option<[f64; 2]>,
-    /// Between slices, mm.
+    /// Distance between slices in mm.
     pub(super) between: Option<f64>,
-    /// Of a slice, mm.
+    /// Thickness of a slice in mm.
     pub(super) thickness: Option<f64>,
     pub(super) slope: Option<f64>,
     pub(super) intercept: Option<f64>,
@@ -89,7 +89,7 @@ pub(super) struct Place {
 }
 
 impl Place {
-    /// What is not said here is said there.
+    /// Fills the unstated values from `other`.
     pub(super) fn or(self, other: &Self) -> Self {
         Self {
             position: self.position.or(other.position),
@@ -125,16 +125,16 @@ impl Place {
     }
 }
 
-/// Size and numbers of an image.
+/// Size and number format of an image.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub(super) struct Image {
     pub(super) rows: u32,
     pub(super) columns: u32,
     /// Numbers per pixel.
     pub(super) samples: u32,
-    /// Whether these lie in planes of their own.
+    /// Whether the numbers of a pixel are in separate planes.
     pub(super) is_planar: bool,
-    /// Bits of a number, and which of them count: how many, and the highest.
+    /// Bits per number; of these, the number of significant bits and the highest significant bit.
     pub(super) allocated: u32,
     pub(super) stored: u32,
     pub(super) high: u32,
@@ -153,13 +153,13 @@ pub(super) struct Header {
     pub(super) description: String,
     pub(super) instance: i64,
     pub(super) padding: Option<f64>,
-    /// What values are, as far as one of three elements says it.
+    /// Unit of the values, from whichever of three elements states it.
     pub(super) unit: String,
     pub(super) frame_count: u64,
     place: Place,
     shared: Place,
     frames: Vec<Place>,
-    /// Distances of frames from the first along the normal, for dose grids.
+    /// Distances of the frames from the first along the normal, for dose grids.
     offsets: Vec<f64>,
     pub(super) pixels: Option<PixelsAt>,
 }
@@ -185,7 +185,7 @@ impl Header {
         }
     }
 
-    /// The place of a frame.
+    /// Placement of a frame.
     pub(super) fn frame(&self, number: u64) -> Place {
         let own = self.frames.get(number as usize).copied().unwrap_or_default();
         let mut place = own.or(&self.shared).or(&self.place);
@@ -193,13 +193,13 @@ impl Header {
         if let (Some((offset, first)), Some(position), Some(normal)) = (along, place.position, normal(&place)) {
             place.position = Some(std::array::from_fn(|i| position[i] + normal[i] * (offset - first)));
         } else if self.frame_count > 1 && own.position.is_none() {
-            // What is said once for many frames is the place of none but the first.
+            // A single position for many frames applies only to the first.
             place.position = None;
         }
         place
     }
 
-    /// Reads the header of a file; `None` where it is no DICOM. A deflated one is inflated into `spool`.
+    /// Reads the header of a file; `None` if the file is not DICOM. A deflated data set is inflated into `spool`.
     pub(super) fn read(path: &Path, spool: &SpoolFolder) -> Result<Option<Self>, SourceError> {
         let Some((mut file, start, syntax)) = open(path, spool)? else { return Ok(None) };
         let end = file.len().map_err(|e| SourceError::io(path, e))?;
@@ -215,7 +215,7 @@ impl Header {
     }
 }
 
-/// The direction in which slices follow one another: right-handed with columns and rows.
+/// Unit normal of the slices: right-handed with columns and rows.
 pub(super) fn normal(place: &Place) -> Option<[f64; 3]> {
     let [ax, ay, az, bx, by, bz] = place.orientation?;
     let normal = [ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx];
@@ -230,7 +230,8 @@ pub(super) fn of_fault(path: &Path, fault: Fault) -> SourceError {
     }
 }
 
-/// The data set of a file, where it begins, and how it is written; inflated, where it is deflated. `None`: no DICOM.
+/// Data set of a file (inflated if necessary), its first byte, and its transfer syntax. `None` if the file is not
+/// DICOM.
 pub(super) fn open(path: &Path, spool: &SpoolFolder) -> Result<Option<(File, u64, Syntax)>, SourceError> {
     let io = |e| SourceError::io(path, e);
     let mut file = File::open(path).map_err(io)?;
@@ -253,7 +254,7 @@ pub(super) fn open(path: &Path, spool: &SpoolFolder) -> Result<Option<(File, u64
     Ok(Some((inflated.finish()?, 0, syntax)))
 }
 
-/// How old files without a mark are written: they begin with group 8.
+/// Encoding of old files without the mark, which begin with group 8.
 fn without_mark(head: &[u8]) -> Option<Spelling> {
     let [0x08, 0x00, _, 0x00, a, b, ..] = *head else { return None };
     let is_explicit = a.is_ascii_uppercase() && b.is_ascii_uppercase();
@@ -317,7 +318,7 @@ impl Visitor for Header {
 impl Header {
     fn take(&mut self, tag: u32, bytes: &[u8], numbers: &[f64]) {
         let first = numbers.first().copied();
-        // Whole numbers of 16 bits, or none.
+        // A 16-bit unsigned integer, or 0.
         let word = first.filter(|n| (0.0..=65_535.0).contains(n)).unwrap_or_default() as u32;
         let image = &mut self.image;
         match tag {
@@ -329,7 +330,7 @@ impl Header {
             0x0028_0002 => image.samples = word,
             0x0028_0004 => image.photometric = text(bytes),
             0x0028_0006 => image.is_planar = word == 1,
-            // An empty number of frames is one.
+            // An empty number of frames means one.
             0x0028_0008 => self.frame_count = first.map_or(1, |n| n.max(0.0) as u64),
             0x0028_0010 => image.rows = word,
             0x0028_0011 => image.columns = word,
@@ -344,20 +345,20 @@ impl Header {
         }
     }
 
-    /// The padding value of a word, whose sign is that of the pixels whatever kind the file says it has. 0 is stated by scanners
-    /// whose images have air of that value: a patient would end in holes.
+    /// The padding value of a word, with the sign of the pixels, whatever representation the file states. 0 is ignored:
+    /// some scanners state it although their images have air of that value, so a patient would get holes.
     fn padding_of(&self, word: u16) -> Option<f64> {
         let padding = if self.image.is_signed { f64::from(word as i16) } else { f64::from(word) };
         Some(padding).filter(|padding| *padding != 0.0)
     }
 }
 
-/// Text without what fills it up.
+/// Text without its padding.
 fn text(bytes: &[u8]) -> String {
     shortened(String::from_utf8_lossy(bytes).trim_matches(['\0', ' ']))
 }
 
-/// The numbers of a value; what is no number is NaN.
+/// The numbers of a value; a text that is not a number becomes NaN.
 fn numbers(kind: [u8; 2], endian: Endian, bytes: &[u8]) -> Vec<f64> {
     fn all<const N: usize>(bytes: &[u8], endian: Endian, number: impl Fn([u8; N]) -> f64) -> Vec<f64> {
         bytes.as_chunks::<N>().0.iter().map(|&word| in_order(word, endian, &number)).collect()

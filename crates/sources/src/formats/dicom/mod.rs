@@ -1,12 +1,14 @@
-//! DICOM: a folder with the files of a series, or one file, of one frame or of many.
+//! DICOM: a folder with the files of a series, or one file, with one or many frames.
 //!
-//! A series is the files with the same series UID; where a folder holds several, they are listed, and `--series` chooses. Slices
-//! are sorted by their place along the normal of the image, z in that direction; the world is the patient's, left-posterior-superior,
-//! mm. Slices that are missing are refused, a tilted gantry is kept as a sheared grid. Rescale slope and intercept become scale and
-//! offset where they are the same for all slices (voxels stay as stored), else the values are computed slice by slice, as f32. The
-//! padding value is nodata, unless it is 0. Of several volumes at the same place (time points, echoes) `--frame` chooses; of colours, `--channel`.
-//! Uncompressed pixels are read in place; compressed ones (RLE, JPEG, JPEG 2000) are decoded once into a spool file, a frame at a
-//! time. Single bits, JPEG-LS, JPEG XL and video are refused by name.
+//! A series is the set of files with the same series UID. If a folder holds several, they are listed, and `--series`
+//! chooses one. Slices are sorted by their position along the normal of the image, which is the z direction. The world
+//! space is the patient's: left-posterior-superior, in mm. Missing slices are refused; a tilted gantry gives a sheared
+//! grid.
+//! Rescale slope and intercept become scale and offset if they are equal for all slices; voxels stay as stored.
+//! Otherwise the values are computed slice by slice, as f32. The padding value is nodata, unless it is 0. `--frame`
+//! chooses one of several volumes at the same place (time points, echoes), `--channel` a colour.
+//! Uncompressed pixels are read in place. Compressed ones (RLE, JPEG, JPEG 2000) are decoded once into a spool file,
+//! one frame at a time. Single bits, JPEG-LS, JPEG XL and video are refused by name.
 
 mod data_set;
 mod frames;
@@ -35,14 +37,14 @@ use header::{FRAMES_LIMIT, Header, Image};
 use series::{Member, Slice};
 use syntax::Compression;
 
-/// What is held of a frame while it is decoded, beside its pixels: as encoded, as floats, as written.
+/// Copies of a frame in memory while it is decoded: encoded, decoded, as floats, as written.
 const FRAME_COPIES: u64 = 6;
 
 /// A DICOM volume.
 #[derive(Debug)]
 pub struct DicomSource(GridSource);
 
-/// Whether a file is DICOM, by its first bytes.
+/// Whether a file is DICOM, judged by its first bytes.
 pub(crate) fn is_dicom(head: &[u8]) -> bool {
     head.get(128..132) == Some(b"DICM")
 }
@@ -51,15 +53,15 @@ impl DicomSource {
     /// Opens a folder or a file.
     ///
     /// # Errors
-    /// If a file cannot be read or breaks the format's rules; if there are several series and none is chosen; if slices are
-    /// missing; if the pixels are of a kind that is not read.
+    /// If a file cannot be read or breaks the format's rules. If there are several series and none is chosen. If slices
+    /// are missing, or the kind of pixels is not supported.
     pub fn open(path: &Path, options: &FolderOptions<'_>) -> Result<Self, SourceError> {
         options.selection.refuse_array(path)?;
         let mut notes = Vec::new();
         let (members, damaged) = members(path, options, &mut notes)?;
         let (members, is_only) = series::choose_series(path, members, options.selection)?;
         if let Some((error, count)) = damaged {
-            // It may belong to the only series that there is.
+            // The damaged file may belong to the only series.
             if is_only {
                 return Err(error);
             }
@@ -110,12 +112,13 @@ impl VolumeSource for DicomSource {
     }
 }
 
-/// The first error of the files that were left out, and how many there are.
+/// First error of the skipped files, and their number.
 type Damaged = Option<(SourceError, u64)>;
 
 /// The files that hold an image, with their headers.
 ///
-/// Of a folder, files that break the format's rules are left out, and counted beside the first of their errors.
+/// In a folder, files that break the format's rules are skipped and counted; the first error is returned with the
+/// count.
 fn members(
     path: &Path,
     options: &FolderOptions<'_>,
@@ -128,7 +131,7 @@ fn members(
     listing.note(notes);
     let (mut members, mut others, mut without_image, mut damaged) = (Vec::new(), 0, 0, None);
     for path in listing.files {
-        // A folder holds other files, too: an index, texts; and DICOM without pixels.
+        // A folder may hold other files, too: an index, texts, DICOM without pixels.
         let header = match Header::read(&path, options.spool) {
             Err(error @ SourceError::Invalid { .. }) => {
                 damaged = damaged.map_or(Some((error, 1)), |(first, count)| Some((first, count + 1)));
@@ -161,7 +164,7 @@ fn members(
     Ok((members, damaged))
 }
 
-/// What the values are in.
+/// Unit of the values.
 fn unit(header: &Header) -> String {
     match header.unit.as_str() {
         "" if header.modality == "CT" => "HU".into(),
@@ -171,12 +174,12 @@ fn unit(header: &Header) -> String {
     }
 }
 
-/// How stored numbers become values.
+/// Scaling of stored numbers to values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Scaling {
-    /// In one way for all slices.
+    /// Equal for all slices.
     Same,
-    /// In another way for each slice: values are computed.
+    /// Different between slices: the values are computed.
     BySlice,
 }
 
@@ -184,7 +187,7 @@ fn scaling(slice: &Slice) -> (f64, f64) {
     (slice.place.slope.unwrap_or(1.0), slice.place.intercept.unwrap_or(0.0))
 }
 
-/// What is needed to find the voxels.
+/// Data needed to find the voxels.
 struct Volume<'a> {
     path: &'a Path,
     members: &'a [Member],
@@ -227,7 +230,7 @@ impl<'a> Volume<'a> {
         Ok(volume)
     }
 
-    /// Whether all files say the same padding value.
+    /// Whether all files state the same padding value.
     fn padding_is_one(&self) -> bool {
         self.members.iter().all(|member| member.header.padding == self.members[0].header.padding)
     }
@@ -257,7 +260,7 @@ impl<'a> Volume<'a> {
         Ok(())
     }
 
-    /// The numbers, in place or decoded, and what becomes of them.
+    /// The numbers, in place or decoded, and their conversion to voxels.
     fn grid(&self) -> Result<(GridFile, Elements), SourceError> {
         let endian = self.members[0].header.syntax.spelling.endian;
         let is_in_place = self.scaling == Scaling::Same
@@ -289,7 +292,7 @@ impl<'a> Volume<'a> {
         let bytes = self.image.frame_bytes();
         let part = |slice: &Slice| Part {
             path: self.members[slice.file].path.clone(),
-            // Cannot overflow: the length of the pixels has been checked.
+            // Cannot overflow: the length of the pixel data has been checked.
             offset: self.pixels[slice.file].offset + slice.frame * bytes,
         };
         let parts: Vec<Part> = self.slices.iter().map(part).collect();
@@ -329,7 +332,7 @@ impl<'a> Volume<'a> {
         spool.finish()
     }
 
-    /// Values of a slice, as f32; padding is absent.
+    /// Values of a slice as f32; padding becomes absent.
     fn scaled(&self, slice: &Slice, numbers: &[u8]) -> Vec<u8> {
         let pixels = self.image.rows as usize * self.image.columns as usize;
         let mut voxels = vec![0; pixels * self.stored.bytes()];
@@ -363,7 +366,7 @@ fn voxel_type(path: &Path, image: &Image, tag: u32) -> Result<VoxelType, SourceE
     }
 }
 
-/// What becomes of the words of an image: those bits count that are said to.
+/// Conversion of the words of an image: keeps the significant bits.
 fn numbers(path: &Path, image: &Image, tag: u32, is_raw: bool) -> Result<Numbers, SourceError> {
     let Image { allocated, stored, high, is_signed, photometric, .. } = image;
     if is_raw && (photometric == "YBR_FULL_422" || photometric == "YBR_PARTIAL_422") {

@@ -1,5 +1,5 @@
-//! From the headers of many files to the slices of one volume: which series, which of several volumes at the same place, in which
-//! order, and whether any is missing.
+//! Selection of the slices of one volume from the headers of many files. It chooses the series and one of several
+//! volumes at the same place, sorts the slices, and checks that none is missing.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -11,16 +11,17 @@ use super::header::{Header, Place, normal};
 use crate::SourceError;
 use crate::input::selection::Selection;
 
-/// Orientations that differ less in each component are one.
+/// Largest difference per component of two orientations that count as equal.
 const SAME_DIRECTION: f64 = 1e-3;
-/// Slices closer together than this, mm, are at the same place.
+/// Slices closer together than this, in mm, are at the same place.
 const SAME_PLACE_MM: f64 = 1e-3;
-/// A gap of so many usual ones has room for a slice that is missing.
+/// A gap larger than the usual one by this factor means that a slice is missing.
 const GAP_LIMIT: f64 = 1.5;
-/// How far a slice may be from its place in an even stack, in distances of slices; and from where on that is noted.
+/// Largest distance of a slice from its place in an even stack, in slice distances; and the distance from which on it
+/// is noted.
 const UNEVEN_LIMIT: f64 = 0.25;
 const UNEVEN_NOTED: f64 = 0.005;
-/// Most series that are listed.
+/// Largest number of series that are listed.
 const LISTED_LIMIT: usize = 20;
 
 /// One file with its header.
@@ -29,20 +30,20 @@ pub(super) struct Member {
     pub(super) header: Header,
 }
 
-/// A frame of a file as a slice of the volume.
+/// A frame of a file, as a slice of the volume.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Slice {
-    /// Number of its file.
+    /// Index of the file.
     pub(super) file: usize,
-    /// Number of the frame in it.
+    /// Number of the frame in the file.
     pub(super) frame: u64,
     pub(super) place: Place,
     instance: i64,
-    /// Distance along the normal, mm; 0 where nothing is known.
+    /// Position along the normal in mm; 0 if unknown.
     along: f64,
 }
 
-/// The members of the one series that there is, or that is wanted, and whether there is no other.
+/// The members of the chosen series, or of the only one, and whether it is the only one.
 pub(super) fn choose_series(
     path: &Path,
     members: Vec<Member>,
@@ -90,7 +91,7 @@ pub(super) fn choose_series(
     })
 }
 
-/// Keeps the files whose images are alike in size, numbers and orientation, the most there are; the notes say what is left out.
+/// Keeps the largest group of files whose images agree in size, number format and orientation, and notes the others.
 pub(super) fn keep_alike(members: Vec<Member>, notes: &mut Vec<String>) -> Vec<Member> {
     let is_alike = |a: &Header, b: &Header| {
         let turned = |(a, b): (&f64, &f64)| (a - b).abs() > SAME_DIRECTION;
@@ -116,7 +117,7 @@ pub(super) fn keep_alike(members: Vec<Member>, notes: &mut Vec<String>) -> Vec<M
     groups.into_iter().next().unwrap_or_default()
 }
 
-/// The slices of one volume, in their order, and how many volumes there are at their places.
+/// The slices of one volume, in order.
 pub(super) fn slices(
     path: &Path,
     members: &[Member],
@@ -148,7 +149,7 @@ pub(super) fn slices(
     one_volume(path, all, selection, notes)
 }
 
-/// Of slices sorted by place, as many at each, those of the volume that is wanted.
+/// The slices of the chosen volume. `all` is sorted by position, and each position must have equally many slices.
 fn one_volume(
     path: &Path,
     all: Vec<Slice>,
@@ -182,11 +183,11 @@ fn one_volume(
             by_time.unwrap_or(by_number)
         });
     }
-    // A number below the count that fits the address space.
+    // The index is below the count, so it fits the address space.
     Ok(places.into_iter().map(|place| place[wanted as usize]).collect())
 }
 
-/// Where the volume lies: x along columns, y along rows, z from slice to slice, sheared where the gantry was tilted.
+/// Geometry of the volume: x along columns, y along rows, z from slice to slice, sheared if the gantry was tilted.
 pub(super) fn geometry(path: &Path, slices: &[Slice], notes: &mut Vec<String>) -> Result<Geometry, SourceError> {
     let first = &slices[0].place;
     let [spacing_y, spacing_x] = first.pixel_spacing.unwrap_or_else(|| {
@@ -222,7 +223,7 @@ pub(super) fn geometry(path: &Path, slices: &[Slice], notes: &mut Vec<String>) -
     Ok(Geometry { direction: Geometry::IDENTITY.direction, ..geometry })
 }
 
-/// Refuses stacks with a slice missing, or so uneven that slices would be drawn elsewhere than they are.
+/// Refuses a stack with a missing slice, or one so uneven that slices would be drawn at wrong places.
 fn check_even(path: &Path, slices: &[Slice], step: DVec3, notes: &mut Vec<String>) -> Result<(), SourceError> {
     let mut gaps: Vec<f64> = slices.windows(2).map(|pair| pair[1].along - pair[0].along).collect();
     let ordered = gaps.clone();

@@ -1,22 +1,22 @@
-//! Transfer syntaxes: how data sets are written, and how pixels are compressed.
+//! Transfer syntaxes: encoding of data sets, and compression of pixels.
 
 use std::path::Path;
 
 use super::data_set::Spelling;
 use crate::{Endian, SourceError};
 
-/// How pixels are compressed.
+/// Compression of the pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Compression {
     None,
     Rle,
     Jpeg,
     Jpeg2000,
-    /// Known, or not even that, and not read: its name.
+    /// Not supported, known or not; its name.
     NotRead(&'static str),
 }
 
-/// How a file is written.
+/// Encoding of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Syntax {
     pub(super) spelling: Spelling,
@@ -24,7 +24,7 @@ pub(super) struct Syntax {
     pub(super) compression: Compression,
 }
 
-/// Syntaxes that are known and not read, by the ends of their names.
+/// Known but unsupported syntaxes, by the ends of their UIDs.
 const REFUSED: [(&str, &str); 13] = [
     ("4.80", "JPEG-LS"),
     ("4.81", "JPEG-LS"),
@@ -42,7 +42,7 @@ const REFUSED: [(&str, &str); 13] = [
 ];
 
 impl Syntax {
-    /// Pixels as they are.
+    /// Syntax of uncompressed pixels.
     pub(super) fn plain(spelling: Spelling) -> Self {
         Self { spelling, is_deflated: false, compression: Compression::None }
     }
@@ -51,14 +51,14 @@ impl Syntax {
         Self { compression, ..Self::plain(Spelling::EXPLICIT) }
     }
 
-    /// Refuses what no decoder is there for.
+    /// Refuses a compression without a decoder.
     pub(super) fn check(&self, path: &Path) -> Result<(), SourceError> {
         let Compression::NotRead(name) = self.compression else { return Ok(()) };
         let advice = "decompress the series first, for example with `dcmdjpls` or `gdcmconv --raw IN OUT`";
         Err(SourceError::unsupported(path, format!("its pixels are compressed by {name}, which is not read"), advice))
     }
 
-    /// The syntax of a name (PS3.6, annex A).
+    /// The syntax of a UID (PS3.6, annex A).
     pub(super) fn of(path: &Path, uid: &str) -> Result<Self, SourceError> {
         let Some(end) = uid.strip_prefix("1.2.840.10008.1.2") else {
             let found = format!("`{uid}`");
@@ -76,7 +76,7 @@ impl Syntax {
             end => {
                 let name =
                     REFUSED.iter().find(|(known, _)| *known == end).map_or("an unknown compression", |known| known.1);
-                // Its header can be read: of a folder, other series may be meant.
+                // Its header can be read: in a folder the user may want another series.
                 Self::compressed(Compression::NotRead(name))
             }
         })

@@ -1,17 +1,17 @@
-//! LZF, which h5py compresses by where it is told `compression="lzf"`: runs of bytes as they are, and copies of what came before.
+//! LZF, the compression of h5py's `compression="lzf"`: literal runs, and copies of earlier bytes.
 //!
-//! Format: Marc Lehmann, `LibLZF`. Undone to a stated length and no further; 30 lines, for which no crate is kept.
+//! Format: Marc Lehmann, `LibLZF`. The decoder stops at the stated length. It has 30 lines; no maintained crate exists.
 
-/// Greatest first byte of a run of bytes as they are, which is one longer than this byte.
+/// Greatest first byte of a literal run; the run is one byte longer than this number.
 const LITERAL_LIMIT: u8 = 31;
-/// Bits of the first byte of a copy that belong to its distance; above them lies its length.
+/// Bits of a copy's first byte that belong to its distance; its length is in the higher bits.
 const DISTANCE_BITS: u8 = 5;
-/// Length of a copy from which on a byte more of it follows.
+/// Coded length of a copy from which on another byte of the length follows.
 const LONG: usize = 7;
-/// What is never written of a copy's length.
+/// Added to the coded length of a copy.
 const LENGTH_BASE: usize = 2;
 
-/// Bytes behind `stream`, which must be `length`; `None` where it is no such stream.
+/// Decodes `stream` to exactly `length` bytes; `None` if it is not such a stream.
 pub(super) fn decoded(stream: &[u8], length: usize) -> Option<Vec<u8>> {
     let mut out = Vec::with_capacity(length);
     let mut bytes = stream.iter();
@@ -34,7 +34,7 @@ pub(super) fn decoded(stream: &[u8], length: usize) -> Option<Vec<u8>> {
         if out.len() + count + LENGTH_BASE > length {
             return None;
         }
-        // What is copied may reach into what it makes.
+        // A copy may overlap its own output.
         for at in from..from + count + LENGTH_BASE {
             out.push(out[at]);
         }
@@ -48,7 +48,7 @@ mod tests {
 
     use super::*;
 
-    /// By hand: four bytes as they are, then 3 + 2 of them again, then a long copy that overlaps itself.
+    /// Made by hand: four literal bytes, then 3 + 2 of them copied, then a long copy that overlaps itself.
     const STREAM: &[u8] = &[3, 1, 2, 3, 4, 0x60, 3, 0xe0, 4, 0];
 
     #[test]

@@ -1,12 +1,14 @@
-//! HDF5: a dataset of a file (`FILE.h5:/PATH`), or the only one; also BigDataViewer, Imaris, NetCDF 4 and MINC 2, which are HDF5.
+//! HDF5: a dataset of a file (`FILE.h5:/PATH`), or the only one. Also BigDataViewer, Imaris, NetCDF 4 and MINC 2, which
+//! are HDF5.
 //!
-//! The last three axes of a dataset are z, y, x; of more axes, those before are `--frame` and `--channel`. Chunks are decoded one by
-//! one (deflate, shuffle, Fletcher, szip, LZ4, LZF, n-bit, scale-offset; others are refused); contiguous datasets are read in runs, from
-//! where their headers say that they lie.
-//! Spacings are read where they are written beside the voxels: `element_size_um` (Fiji, ilastik), `resolutions` (BigDataViewer, whose voxel
-//! sizes are in an XML file of its own, which can be opened instead: [`crate::formats::bigdataviewer`]). Floats of 16 bits are refused: the crate does not tell
-//! halves from others.
-//! Files are read by the crate `hdf5-reader` through positional reads. Links to other files, and data in other files, are not followed.
+//! The last three axes of a dataset are z, y, x; further axes are `--frame` and `--channel`. Chunks are decoded one by
+//! one (deflate, shuffle, Fletcher, szip, LZ4, LZF, n-bit, scale-offset; other filters are refused). Contiguous
+//! datasets are read in runs at the offsets in their headers.
+//! Spacings come from the attributes `element_size_um` (Fiji, ilastik) and `resolutions` (BigDataViewer). BigDataViewer
+//! stores its voxel sizes in a separate XML file, which can be opened instead: [`crate::formats::bigdataviewer`].
+//! 16-bit floats are refused: the crate does not distinguish half precision from other formats.
+//! The crate `hdf5-reader` reads the files through positional reads. Links to other files, and data in other files, are
+//! not followed.
 
 mod lzf;
 
@@ -40,26 +42,27 @@ use crate::input::folder::FolderOptions;
 use crate::input::text::shortened;
 use crate::{Axis, Endian, SourceError, SourceInfo};
 
-/// What a file begins with; a user's block may stand before it, of 512 bytes or twice that, and so on.
+/// First bytes of a file. A user block may precede them, of 512 bytes times a power of two.
 pub(crate) const MAGIC: &[u8] = b"\x89HDF\r\n\x1a\n";
-/// Number of LZF among filters.
+/// Filter number of LZF.
 const LZF: u16 = 32_000;
-/// Layout of datasets that are parts of others.
+/// Layout class of datasets that refer to other datasets.
 const VIRTUAL: u8 = 3;
-/// Most datasets that are looked at, groups inside groups, and those that a message lists.
+/// Largest number of datasets that are examined, largest depth of groups, and largest number of datasets that a message
+/// lists.
 const DATASETS_LIMIT: usize = 4096;
 const DEPTH_LIMIT: usize = 12;
 const LISTED_LIMIT: usize = 20;
-/// Bytes that a contiguous dataset is read in.
+/// Bytes per read of a contiguous dataset.
 const RUN_BYTES: u64 = 1 << 20;
-/// Most bytes of tables of one object: its attributes, its chunks' places.
+/// Largest size in bytes of an object's tables: its attributes, the positions of its chunks.
 const HEADER_LIMIT_BYTES: usize = 16 << 20;
 
 /// Opens a dataset of a file.
 ///
 /// # Errors
-/// If the file breaks its rules, a filter or a type is not read, a chunk does not fit the memory, or nothing says which of several
-/// datasets is meant.
+/// If the file breaks its rules. If a filter or type is not supported, or a chunk does not fit the memory. If there are
+/// several datasets and none is named.
 pub fn open(path: &Path, options: &FolderOptions<'_>) -> Result<ChunkedSource, SourceError> {
     options.selection.refuse_series(path)?;
     let source_file = SourceFile::of(path)?;
@@ -81,11 +84,11 @@ pub fn open(path: &Path, options: &FolderOptions<'_>) -> Result<ChunkedSource, S
     source(path, (&file, bytes), (&name, dataset), options, source_file)
 }
 
-/// The crate's filters and LZF, which decodes to at most so many bytes.
+/// The crate's filters, and LZF with at most `limit_bytes` decoded bytes.
 fn filters(limit_bytes: usize) -> FilterRegistry {
     let mut filters = FilterRegistry::new();
     let decode = move |filter: &FilterDescription, stream: &[u8], _: usize| {
-        // h5py writes its revision, the library's version, and how many bytes a chunk has.
+        // h5py writes its revision, the library's version, and the bytes of a chunk.
         let length = filter.client_data.get(2).map_or(0, |n| *n as usize);
         let decoded = (1..=limit_bytes).contains(&length).then(|| lzf::decoded(stream, length)).flatten();
         decoded.ok_or_else(|| Error::Other(format!("a chunk of LZF that holds no {length} bytes")))
@@ -96,7 +99,7 @@ fn filters(limit_bytes: usize) -> FilterRegistry {
 
 fn of_hdf5(path: &Path, error: Error) -> SourceError {
     match error {
-        // Which object it is, is said by who asks.
+        // The caller's message names the object.
         Error::Context { source, .. } if matches!(*source, Error::UnsupportedLayoutClass(VIRTUAL)) => {
             let advice = "give one of the files that it is made of, or write it whole first: `h5repack -l v:CHUNK=64x64x64 IN OUT`, \
                           with v its name";
@@ -115,7 +118,7 @@ fn of_hdf5(path: &Path, error: Error) -> SourceError {
     }
 }
 
-/// An error of the crate, which is a sentence, fit for a message.
+/// An error text of the crate, safe to print in a message.
 fn sentence(text: &str) -> String {
     text.chars().take(160).map(|c| if c.is_control() { '?' } else { c }).collect()
 }
@@ -124,11 +127,11 @@ fn sentence(text: &str) -> String {
 struct Candidate {
     name: String,
     shape: Vec<u64>,
-    /// What it holds instead of numbers.
+    /// Description of its elements, if they are not numbers.
     other: Option<&'static str>,
 }
 
-/// The dataset that is meant.
+/// The dataset that is named, or the only one.
 fn choose(path: &Path, file: &Hdf5File, wanted: Option<&str>) -> Result<String, SourceError> {
     let wrong = |e| of_hdf5(path, e);
     let mut found = Vec::new();
@@ -150,7 +153,7 @@ fn choose(path: &Path, file: &Hdf5File, wanted: Option<&str>) -> Result<String, 
         others.extend(other.clone());
         other.is_none()
     });
-    // Tables and lines are seldom what is meant, where there is a volume.
+    // If there is a volume, tables and lines are rarely meant.
     let volumes = found.iter().filter(|c| c.shape.iter().filter(|n| **n > 1).count() >= 3).count();
     if volumes > 0 {
         found.retain(|c| c.shape.iter().filter(|n| **n > 1).count() >= 3);
@@ -210,7 +213,7 @@ fn list(group: &Group, name: &str, depth: usize, found: &mut Vec<Candidate>) -> 
     Ok(())
 }
 
-/// What a dataset holds that is no number.
+/// Description of elements that are not numbers.
 fn kind_of(datatype: &Datatype) -> &'static str {
     match datatype {
         Datatype::Compound { .. } => "compound or complex",
@@ -235,7 +238,8 @@ fn number_of(datatype: &Datatype) -> Option<Number> {
     }))
 }
 
-/// Floats of 16 bits, of which the crate does not tell how many are the exponent's: halves have 5, bfloat16 8.
+/// Whether the elements are 16-bit floats. The crate does not tell the exponent's width: half precision has 5 bits,
+/// bfloat16 has 8.
 fn is_of_16_bits(datatype: &Datatype) -> bool {
     matches!(datatype, Datatype::FloatingPoint { size: 2, .. })
 }
@@ -299,7 +303,7 @@ fn source(
     Ok(ChunkedSource::new(info, grid, elements))
 }
 
-/// The shape of a dataset, with chunks of its own or runs of about a MiB.
+/// Shape of a dataset, with its own chunks or with runs of about 1 MiB.
 fn array_shape(path: &Path, dataset: &Dataset, stored: VoxelType) -> Result<ArrayShape, SourceError> {
     let shape = dataset.shape().to_vec();
     let rank = shape.len();
@@ -326,8 +330,8 @@ fn array_shape(path: &Path, dataset: &Dataset, stored: VoxelType) -> Result<Arra
     Ok(ArrayShape { stored: (0..rank).collect(), shape, chunk, endian: Endian::Little, fill: [0; 8] })
 }
 
-/// Byte of the file at which the voxels of a dataset begin that lie one after another, in C order and without gaps. `None` where
-/// they do not, or not here, or not so many bytes of them: the crate reads those, or says what is wrong.
+/// Offset in the file of a contiguous dataset's voxels, in C order without gaps. `None` if they are not contiguous, not
+/// in this file, or not `wanted` bytes; then the crate reads them or reports the defect.
 fn contiguous_at(file: &Hdf5File, dataset: &Dataset, wanted: Option<u64>) -> Result<Option<u64>, Error> {
     let header = file.get_or_parse_header(dataset.address())?;
     let mut found = None;
@@ -339,7 +343,7 @@ fn contiguous_at(file: &Hdf5File, dataset: &Dataset, wanted: Option<u64>) -> Res
         }
     }
     let Some(DataLayout::Contiguous { address, size }) = found else { return Ok(None) };
-    // Addresses of what was never written lie beyond every file.
+    // Addresses of datasets that were never written lie beyond every file.
     let is_inside = address.checked_add(*size).is_some_and(|end| end <= file.storage().len());
     let is_whole = is_inside && Some(*size) == wanted;
     Ok(is_whole.then(|| file.superblock().base_address + address))
@@ -353,11 +357,11 @@ fn byte_order(datatype: &Datatype) -> Endian {
     }
 }
 
-/// The axes of a dataset, with what is written of their spacings.
+/// The axes of a dataset, with the spacings that its attributes state.
 fn axes_of(file: &Hdf5File, name: &str, dataset: &Dataset, notes: &mut Vec<String>) -> Vec<ArrayAxis> {
     let rank = dataset.shape().len();
     let mut axes = vec![ArrayAxis::named(""); rank];
-    // Time and channel before the three of space; vectors have their components behind them.
+    // Time and channel precede the three spatial axes; vector components follow them.
     if rank > 3 && dataset.shape()[rank - 1] <= 4 && dataset.shape()[..rank - 1].iter().filter(|n| **n > 4).count() >= 3
     {
         axes[rank - 1].role = Role::Channel;
@@ -389,7 +393,7 @@ fn floats(attribute: &hdf5_reader::Attribute) -> Result<Vec<f64>, Error> {
     Ok(attribute.read_1d::<f32>()?.into_iter().map(f64::from).collect())
 }
 
-/// How much coarser a level of `BigDataViewer` is (`tTTTTT/sSS/LEVEL/cells`), along z, y and x.
+/// Factors along z, y and x by which a level of `BigDataViewer` is coarser (`tTTTTT/sSS/LEVEL/cells`).
 fn level_of_viewer(file: &Hdf5File, name: &str) -> Option<Vec<f64>> {
     let parts: Vec<&str> = name.split('/').collect();
     let [time, setup, level, "cells"] = parts[..] else { return None };
@@ -411,9 +415,9 @@ struct DatasetChunks {
     dataset: Dataset,
     array: ArrayShape,
     number: Number,
-    /// Of a decoded chunk.
+    /// Size of a decoded chunk in bytes.
     bytes: usize,
-    /// The file, and where in it the voxels begin, if they lie one after another.
+    /// The file, and the offset of the voxels in it, if they are contiguous.
     contiguous: Option<(File, u64)>,
 }
 
@@ -433,7 +437,7 @@ impl Chunks for DatasetChunks {
         let wanted = sizes.iter().product::<u64>() as usize * element;
         let data = match &self.contiguous {
             Some((file, first)) => {
-                // A chunk is a run: the axes behind the one that it has a part of are whole.
+                // A chunk is one run: on all axes behind the one that it divides it spans the whole array.
                 let at = number_in_c_order(&starts, shape) * element as u64;
                 let mut data = vec![0; wanted];
                 file.read_exact_at(first + at, &mut data).map_err(|e| SourceError::io(&self.path, e))?;
@@ -450,7 +454,7 @@ impl Chunks for DatasetChunks {
 }
 
 impl DatasetChunks {
-    /// Little-endian bytes of the voxels between two places, by the crate.
+    /// Little-endian bytes of the voxels between two positions, read by the crate.
     fn selected(&self, starts: &[u64], ends: &[u64]) -> Result<Vec<u8>, SourceError> {
         let range = |(start, end): (&u64, &u64)| SliceInfoElem::Slice { start: *start, end: *end, step: 1 };
         let selection = SliceInfo { selections: starts.iter().zip(ends).map(range).collect() };
@@ -475,7 +479,7 @@ impl DatasetChunks {
             let (found, _) = self.dataset.read_slice::<Member<V>>(selection)?.into_raw_vec_and_offset();
             return Ok(little_endian(found.into_iter().map(|member| member.0)));
         }
-        // In C order already; as a plain list, since iterating over an array of any number of axes is slow.
+        // Already in C order. A plain list, because iterating over an array of dynamic rank is slow.
         let (found, _) = self.dataset.read_slice::<V>(selection)?.into_raw_vec_and_offset();
         Ok(little_endian(found.into_iter()))
     }
@@ -493,7 +497,7 @@ fn little_endian<V: Voxel>(values: impl ExactSizeIterator<Item = V>) -> Vec<u8> 
     out
 }
 
-/// A member of an enumeration, by its number: h5py writes truth values so.
+/// Value of an enumeration as a number: h5py stores booleans as enumerations.
 #[derive(Clone)]
 struct Member<V>(V);
 
@@ -511,7 +515,7 @@ impl<V: H5Type> H5Type for Member<V> {
     }
 }
 
-/// The type of an enumeration's numbers.
+/// The number type of an enumeration.
 fn base_of(datatype: &Datatype) -> &Datatype {
     match datatype {
         Datatype::Enum { base, .. } => base,

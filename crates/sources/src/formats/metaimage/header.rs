@@ -1,6 +1,6 @@
-//! The text header of a MetaImage: lines `Key = Value`, of which `ElementDataFile` is the last.
+//! The text header of a MetaImage: lines `Key = Value`; `ElementDataFile` is the last.
 //!
-//! Format: <https://itk.org/Wiki/MetaIO/Documentation>, and what MetaIO itself reads and writes.
+//! Format: <https://itk.org/Wiki/MetaIO/Documentation>, and the behaviour of MetaIO itself.
 
 use std::collections::HashMap;
 use std::io::BufRead;
@@ -10,27 +10,27 @@ use crate::SourceError;
 use crate::input::data_files::{FILES_LIMIT, pattern_names};
 use crate::input::text::{Lines, shortened};
 
-/// Longest header read; lists of tens of thousands of slices fit.
+/// Longest header that is read, in bytes; lists of tens of thousands of slices fit.
 const HEADER_LIMIT_BYTES: u64 = 4 << 20;
-/// Most lines before `ElementDataFile`.
+/// Largest number of lines before `ElementDataFile`.
 const FIELDS_LIMIT: usize = 1024;
-/// Most axes; MetaIO allows 10.
+/// Largest number of axes; MetaIO allows 10.
 const AXES_LIMIT: usize = 10;
 
-/// Where the voxels are.
+/// Location of the voxels.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum DataFiles {
     /// In the header's own file, behind the last line.
     Local,
-    /// In the files named, relative to the header.
+    /// In these files, relative to the header.
     Named(Vec<String>),
 }
 
-/// The fields, and where the header ends.
+/// The fields, and the end of the header.
 #[derive(Debug)]
 pub(super) struct Header {
     fields: HashMap<String, String>,
-    /// Names that follow `ElementDataFile = LIST`.
+    /// File names that follow `ElementDataFile = LIST`.
     list: Vec<String>,
     /// Offset of the first byte behind the header.
     pub(super) end: u64,
@@ -82,7 +82,7 @@ impl Header {
         Ok(())
     }
 
-    /// The value of the first of these fields that is there; MetaIO has several names for most.
+    /// The value of the first of these fields that exists; MetaIO has several names for most fields.
     pub(super) fn field(&self, names: &[&str]) -> Option<&str> {
         names.iter().find_map(|name| self.fields.get(*name)).map(String::as_str)
     }
@@ -92,7 +92,7 @@ impl Header {
         self.field(&[name]).ok_or_else(missing)
     }
 
-    /// Whether a field says yes; `otherwise` where it is not there.
+    /// Whether a field is true; `otherwise` if it is missing.
     pub(super) fn flag(&self, path: &Path, names: &[&str], otherwise: bool) -> Result<bool, SourceError> {
         let Some(text) = self.field(names) else { return Ok(otherwise) };
         match text.chars().next().map(|c| c.to_ascii_lowercase()) {
@@ -102,14 +102,14 @@ impl Header {
         }
     }
 
-    /// A whole number, 0 where the field is not there.
+    /// An integer; 0 if the field is missing.
     pub(super) fn whole_number(&self, path: &Path, name: &str) -> Result<i64, SourceError> {
         let Some(text) = self.field(&[name]) else { return Ok(0) };
         let wrong = |_| SourceError::invalid(path, name, "a whole number", format!("`{}`", shortened(text)));
         text.parse().map_err(wrong)
     }
 
-    /// So many numbers, or `None` where none of these fields is there.
+    /// Exactly `count` numbers, or `None` if all these fields are missing.
     pub(super) fn numbers(&self, path: &Path, names: &[&str], count: usize) -> Result<Option<Vec<f64>>, SourceError> {
         let Some(text) = self.field(names) else { return Ok(None) };
         let parsed: Option<Vec<f64>> = text.split_whitespace().map(|s| s.parse().ok()).collect();
@@ -118,7 +118,7 @@ impl Header {
         parsed.filter(|numbers| numbers.len() == count).map(Some).ok_or_else(wrong)
     }
 
-    /// Voxels along each axis, fastest first; as many as `NDims` says.
+    /// Number of voxels along each axis, fastest first; `NDims` of them.
     pub(super) fn sizes(&self, path: &Path) -> Result<Vec<u64>, SourceError> {
         let text = self.required(path, "NDims")?;
         let count = text.parse().ok().filter(|n| (1..=AXES_LIMIT).contains(n)).ok_or_else(|| {
@@ -132,7 +132,8 @@ impl Header {
         })
     }
 
-    /// Where the voxels are; `axes` is the number of axes of the grid, of which each of several files must be a slab.
+    /// Location of the voxels. `axes` is the number of axes of the grid; if there are several files, each must be a
+    /// slab of it.
     pub(super) fn data_files(&self, path: &Path, axes: usize) -> Result<DataFiles, SourceError> {
         const FIELD: &str = "ElementDataFile";
         let text = self.required(path, FIELD)?;

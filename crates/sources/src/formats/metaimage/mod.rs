@@ -1,11 +1,13 @@
-//! MetaImage volumes, as ITK and its kin write them: `.mha` (header and voxels in one file), `.mhd` (voxels in files of their
-//! own, each compressed or not).
+//! MetaImage volumes, as written by ITK and related programs: `.mha` (header and voxels in one file), and `.mhd`
+//! (voxels in separate files, compressed or not).
 //!
-//! Raw voxels are read in place; zlib, gzip and text are decoded once into a spool file ([`crate::input::spool`]). Spacing, offset and
-//! direction are the header's own. ITK means left-posterior-superior millimetres, and says so of every image, a patient's or not
-//! (`AnatomicalOrientation`): nothing is made of it, unless `Comment` names a patient's space, as in what we write. `ElementToIntensityFunction` becomes scale
-//! and offset; voxels stay as stored. Of several numbers per voxel one is chosen (of colours, the luminance is used), of several
-//! volumes along the fourth axis, too; 64-bit integers are kept in the smallest type that holds all of them. More axes are refused.
+//! Raw voxels are read in place. Zlib, gzip and text are decoded once into a spool file ([`crate::input::spool`]).
+//! Spacing, offset and direction are taken from the header. ITK declares left-posterior-superior millimetres for every
+//! image, medical or not (`AnatomicalOrientation`). This is ignored unless `Comment` names a patient space, as our own
+//! exports do.
+//! `ElementToIntensityFunction` becomes scale and offset; voxels stay as stored. One of several numbers per voxel is
+//! chosen (for colours the default is the luminance), and one of several volumes along the fourth axis. 64-bit integers
+//! are kept in the smallest type that holds all of them. More than four axes are refused.
 //! Written by hand: no crate for MetaImage was found.
 
 mod header;
@@ -30,24 +32,24 @@ use crate::input::text::shortened;
 use crate::{Axis, Endian, SourceError, SourceInfo, VolumeSource};
 use header::{DataFiles, Header};
 
-/// First byte of a gzip stream; that of a zlib stream is another.
+/// First byte of a gzip stream; a zlib stream begins with another byte.
 const GZIP_START: u8 = 0x1f;
 
-/// A MetaImage.
+/// A MetaImage volume.
 #[derive(Debug)]
 pub struct MetaImageSource(GridSource);
 
 impl MetaImageSource {
-    /// Opens a MetaImage, or the header (`.mhd`) of one in several files; compressed voxels are decoded into `spool`.
+    /// Opens a MetaImage, or the header (`.mhd`) of several files. Compressed voxels are decoded into `spool`.
     ///
     /// # Errors
-    /// If a file cannot be read, breaks the format's rules, or holds what a volume of ours cannot; or if a data file lies
-    /// outside the header's folder and must not.
+    /// If a file cannot be read, breaks the format's rules, or does not hold a supported volume. If a data file lies
+    /// outside the header's folder and `outside` forbids that.
     pub fn open(path: &Path, spool: &SpoolFolder, outside: Outside) -> Result<Self, SourceError> {
         Self::open_with(path, spool, outside, &Selection::default())
     }
 
-    /// The same, where a person has said which volume or channel.
+    /// As [`Self::open`], with the user's choice of volume and channel.
     ///
     /// # Errors
     /// As [`Self::open`]; also if there is no such volume or channel.
@@ -61,7 +63,7 @@ impl MetaImageSource {
         let header = Header::read(path, BufReader::new(open_data(path)?))?;
         let sizes = header.sizes(path)?;
         let number = number(path, header.required(path, "ElementType")?)?;
-        // The fourth axis is time, where there is one.
+        // A fourth axis is time.
         let split = split_axes(&sizes, &vec![true; sizes.len()], false).map_err(|axes| {
             let axis = axes.first().copied().unwrap_or_default();
             let what = format!("a volume has three axes, but there is also axis {axis} of {} values", sizes[axis]);
@@ -119,7 +121,7 @@ impl VolumeSource for MetaImageSource {
     }
 }
 
-/// The numbers behind the format's name for them; `LONG` has four bytes there.
+/// Number type of an element type name; `LONG` has four bytes.
 fn number(path: &Path, name: &str) -> Result<Number, SourceError> {
     Ok(match name {
         "MET_UCHAR" => Number::Voxel(VoxelType::U8),
@@ -139,7 +141,7 @@ fn number(path: &Path, name: &str) -> Result<Number, SourceError> {
     })
 }
 
-/// Scale and offset of values; the identity where they make no sense.
+/// Scale and offset of the values; 1 and 0 if the file's are unusable.
 fn scaling(path: &Path, header: &Header, notes: &mut Vec<String>) -> Result<(f64, f64), SourceError> {
     let one = |name: &str| header.numbers(path, &[name], 1).map(|numbers| numbers.map(|n| n[0]));
     let scale = one("ElementToIntensityFunctionSlope")?.unwrap_or(1.0);
@@ -151,7 +153,7 @@ fn scaling(path: &Path, header: &Header, notes: &mut Vec<String>) -> Result<(f64
     Ok((1.0, 0.0))
 }
 
-/// Spacing, origin and direction of the chosen axes; the matrix of the header has an axis of the grid in each row.
+/// Spacing, origin and direction of the chosen axes. Each row of the header's matrix belongs to one axis of the grid.
 fn geometry(
     path: &Path,
     header: &Header,
@@ -172,7 +174,7 @@ fn geometry(
             notes.push(format!("spacing {stated} of axis {i} is impossible: replaced by 1"));
         }
     }
-    // What the file has no axis for keeps the world's.
+    // Axes that the file does not have keep the world's direction.
     let component = |column: usize, row: usize| {
         let place = (chosen.axes.get(column), chosen.axes.get(row), matrix.as_ref());
         let (Some(column_axis), Some(row_axis), Some(matrix)) = place else {
@@ -189,7 +191,7 @@ fn geometry(
     Ok(Geometry { spacing, ..Geometry::IDENTITY })
 }
 
-/// How the voxels are written.
+/// Encoding of the voxels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Encoding {
     Raw,
@@ -210,7 +212,7 @@ impl Encoding {
 }
 
 impl Encoding {
-    /// The byte order of the voxels once they are decoded.
+    /// Byte order of the decoded voxels.
     fn endian(self, path: &Path, header: &Header) -> Result<Endian, SourceError> {
         // Text is decoded to little endian.
         let names = ["BinaryDataByteOrderMSB", "ElementByteOrderMSB"];
@@ -219,7 +221,7 @@ impl Encoding {
     }
 }
 
-/// What is needed to find the voxels.
+/// Data needed to find the voxels.
 struct Data<'a> {
     path: &'a Path,
     header: &'a Header,
@@ -249,21 +251,22 @@ impl DataLayout for Data<'_> {
         self.encoding == Encoding::Raw
     }
 
-    /// First byte of the voxels in a raw data file: behind the header, at `HeaderSize`, or so that they end with the file.
+    /// Offset of the voxels in a raw data file: behind the header, at `HeaderSize`, or such that they end with the
+    /// file.
     fn offset(&self, path: &Path, start: u64, share_bytes: u64, notes: &mut Vec<String>) -> Result<u64, SourceError> {
         let length = open_data(path)?.len().map_err(|e| SourceError::io(path, e))?;
         let stated = self.header.whole_number(self.path, "HeaderSize")?;
         let offset = match u64::try_from(stated) {
             Ok(0) => Some(start),
             Ok(stated) => Some(stated),
-            // -1: the voxels are the end of the file, whatever is before them.
+            // -1: the voxels are at the end of the file.
             Err(_) => length.checked_sub(share_bytes),
         };
         let offset = offset.filter(|offset| (start..=length).contains(offset)).ok_or_else(|| {
             let expected = format!("{share_bytes} bytes of voxels in it, behind byte {start}");
             SourceError::invalid(path, "length of the file", expected, format!("{length} bytes, HeaderSize {stated}"))
         })?;
-        // A shortage is found when the grid is opened.
+        // Opening the grid finds a file that is too short.
         let excess = (length - offset).saturating_sub(share_bytes);
         note_excess(path, excess, notes);
         Ok(offset)
@@ -294,7 +297,7 @@ impl DataLayout for Data<'_> {
                 continue;
             }
             let voxels = share_bytes / self.voxel_type.bytes() as u64;
-            // A number takes a digit and, unless it is the last, a separator.
+            // A number takes at least a digit and, unless it is the last, a separator.
             if left.saturating_add(1) / 2 < voxels {
                 let found = format!("{left} bytes of text");
                 return Err(SourceError::invalid(path, "text data", format!("{voxels} numbers"), found));

@@ -1,15 +1,15 @@
-//! Where a NIfTI volume lies in the world: sform, else qform, else the spacings alone.
+//! Geometry of a NIfTI volume: sform, else qform, else the spacings alone.
 //!
-//! World coordinates are the file's own, right-anterior-superior. Columns of the affine become spacing (their lengths)
-//! and direction (their unit vectors), so that a sheared sform is kept exactly. What cannot be inverted is passed over
-//! for the next best, with a note.
+//! World coordinates are the file's own, right-anterior-superior. The lengths of the affine's columns become the
+//! spacing, their unit vectors the direction, so that a sheared sform is kept exactly. A matrix without an inverse is
+//! replaced by the next of the three, with a note.
 
 use glam::{DMat3, DQuat, DVec3};
 use supervol_format::Geometry;
 
 use super::header::Header;
 
-/// The geometry and what a person should know about it.
+/// The geometry, and notes for the user.
 pub(super) fn placement(header: &Header) -> (Geometry, Vec<String>) {
     let mut notes = Vec::new();
     if header.sform_code > 0 {
@@ -55,7 +55,7 @@ fn world_note(form: &str, code: i32) -> String {
 fn spacings(header: &Header, notes: &mut Vec<String>) -> [f64; 3] {
     std::array::from_fn(|axis| {
         let stated = header.pixdim[axis + 1].abs();
-        // Axes the file does not have need no spacing.
+        // Axes that the file does not have need no spacing.
         let needed = (axis as i64) < header.dim[0];
         if stated.is_finite() && stated > 0.0 {
             return stated;
@@ -67,20 +67,21 @@ fn spacings(header: &Header, notes: &mut Vec<String>) -> [f64; 3] {
     })
 }
 
-/// Columns of R * diag(spacing) with the third turned round where `pixdim[0]` is negative
-/// (NIfTI-1 specification, method 2: a = sqrt(1 - b^2 - c^2 - d^2)).
+/// Columns of R * diag(spacing). The third is reversed if `pixdim[0]` is negative (NIfTI-1 specification, method 2: a =
+/// sqrt(1 - b^2 - c^2 - d^2)).
 fn qform_columns(header: &Header, spacing: [f64; 3]) -> [DVec3; 3] {
     let vector = DVec3::from_array(header.quaternion);
     let scalar = (1.0 - vector.length_squared()).max(0.0).sqrt();
     let quaternion = DQuat::from_xyzw(vector.x, vector.y, vector.z, scalar);
-    // Rounding to 32 bits leaves half turns slightly too long; NaN stays NaN and is found by the caller.
+    // Rounding to 32 bits makes the quaternions of half turns slightly too long. NaN stays NaN, and the caller finds
+    // it.
     let length = quaternion.length();
     let rotation = if length > 0.0 { DMat3::from_quat(quaternion / length) } else { DMat3::NAN };
     let handedness = if header.pixdim[0] < 0.0 { -1.0 } else { 1.0 };
     [rotation.x_axis * spacing[0], rotation.y_axis * spacing[1], rotation.z_axis * spacing[2] * handedness]
 }
 
-/// Lengths and directions of the columns, or what is wrong with them.
+/// Lengths and directions of the columns, or a description of their defect.
 fn from_columns(columns: [DVec3; 3], origin: [f64; 3]) -> Result<Geometry, String> {
     let spacing = columns.map(DVec3::length);
     let [x, y, z] = [0, 1, 2].map(|axis| columns[axis] / spacing[axis]);

@@ -1,36 +1,38 @@
-//! The binary header of NIfTI-1 (348 bytes), NIfTI-2 (540 bytes) and ANALYZE 7.5 (348 bytes): fields out, in either byte order.
+//! Parser of the binary headers of NIfTI-1 (348 bytes), NIfTI-2 (540 bytes) and ANALYZE 7.5 (348 bytes), in either byte
+//! order.
 //!
-//! Formats: <https://nifti.nimh.nih.gov/nifti-1/> and <https://nifti.nimh.nih.gov/nifti-2/>; byte offsets as there. ANALYZE has no magic
-//! where NIfTI-1 has it, the same sizes, spacings and types, no place in the world, and a scale where SPM writes it.
-//! Written by hand: the crate `nifti` reads whole volumes into memory and rescales them, and the fields needed here are
-//! few. Nothing is judged here but what is needed to know where the fields are.
+//! Formats: <https://nifti.nimh.nih.gov/nifti-1/> and <https://nifti.nimh.nih.gov/nifti-2/>, with their byte offsets.
+//! ANALYZE has no magic at NIfTI-1's position. It has the same sizes, spacings and types, no placement in the world,
+//! and a scale if SPM wrote it.
+//! Written by hand: the crate `nifti` reads whole volumes into memory and rescales them, and few fields are needed
+//! here. This module checks only what it needs to find the fields.
 
 use std::path::Path;
 
 use crate::{Endian, SourceError};
 
-/// Bytes of the longer header.
+/// Size of the longer header in bytes.
 pub(super) const HEADER_BYTES: usize = 540;
 
 const NIFTI1_BYTES: usize = 348;
 
-/// Where the voxels are.
+/// Location of the voxels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Form {
     /// Behind the header, in the same file (`n+1`, `n+2`).
     SingleFile,
     /// In the `.img` of a pair (`ni1`, `ni2`).
     Pair,
-    /// In the `.img` of a pair whose header is one of ANALYZE 7.5.
+    /// In the `.img` of a pair with an ANALYZE 7.5 header.
     Analyze,
 }
 
-/// The fields that matter, version by version alike.
+/// The used fields, in the same form for all versions.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Header {
     pub(super) endian: Endian,
     pub(super) form: Form,
-    /// Bytes of the header itself, which the voxels of a single file must follow.
+    /// Size of the header in bytes; the voxels of a single file follow it.
     pub(super) header_bytes: u64,
     pub(super) datatype: i16,
     pub(super) bits_per_voxel: i16,
@@ -106,9 +108,9 @@ impl Header {
         })
     }
 
-    /// ANALYZE 7.5, as the Mayo Clinic's `dbh.h` has it; the scale is SPM's, in a field that is nobody else's.
+    /// Parses ANALYZE 7.5, as in the Mayo Clinic's `dbh.h`. The scale is SPM's, in a field that no other program uses.
     fn analyze(fields: &Fields<'_>) -> Self {
-        // Sizes of axes that there are not may be zero.
+        // The sizes of missing axes may be zero.
         let dim = std::array::from_fn(|i| {
             let size = i64::from(fields.i16(40 + 2 * i));
             if i > 3 && size == 0 { 1 } else { size }
@@ -175,7 +177,7 @@ fn wrong_magic(path: &Path, found: &[u8]) -> SourceError {
     SourceError::invalid(path, "magic of the header", "n+1, ni1, n+2 or ni2", found)
 }
 
-/// Numbers in a header whose length is known to cover them.
+/// Numbers of a header that is long enough for all of them.
 struct Fields<'a> {
     bytes: &'a [u8],
     endian: Endian,

@@ -1,12 +1,12 @@
-//! NIfTI-1 and NIfTI-2 volumes: `.nii`, pairs of `.hdr` and `.img`, each of them gzipped or not; and ANALYZE 7.5, the pairs that were
-//! before NIfTI.
+//! NIfTI-1 and NIfTI-2 volumes: `.nii`, and pairs of `.hdr` and `.img`, gzipped or not; also ANALYZE 7.5, the
+//! predecessor.
 //!
-//! x runs fastest in the file. Uncompressed voxels are read in place; gzip is decoded once into a spool file
-//! ([`crate::input::spool`]). Whether a file is compressed is told by its first bytes, not by its name. `scl_slope` and
-//! `scl_inter` become scale and offset; voxels stay as stored. Of a series (4-D and more) the first volume is used
-//! unless `--frame` says which; of colours the luminance, or one channel. 64-bit integers are kept in the smallest type that holds
-//! all of them. Complex voxels are refused. ANALYZE does not say which sides of a patient its axes point to: the notes say so, and no
-//! world is claimed.
+//! x is fastest in the file. Uncompressed voxels are read in place. Gzip is decoded once into a spool file
+//! ([`crate::input::spool`]); it is recognized by the first bytes, not by the file name. `scl_slope` and `scl_inter`
+//! become scale and offset; voxels stay as stored.
+//! A series (4-D and more) gives its first volume, or that of `--frame`. Colours give their luminance, or one channel.
+//! 64-bit integers are kept in the smallest type that holds all of them. Complex voxels are refused. ANALYZE does not
+//! state which sides of a patient its axes point to, so its world space is unknown, with a note.
 
 mod geometry;
 mod header;
@@ -32,15 +32,15 @@ use header::{Form, HEADER_BYTES, Header};
 pub struct NiftiSource(GridSource);
 
 impl NiftiSource {
-    /// Opens a NIfTI file, or a pair by either of its names; compressed voxels are decoded into `spool`.
+    /// Opens a NIfTI file, or a pair by either of its names. Compressed voxels are decoded into `spool`.
     ///
     /// # Errors
-    /// If a file cannot be read, breaks the format's rules, or holds what a volume of ours cannot.
+    /// If a file cannot be read, breaks the format's rules, or does not hold a supported volume.
     pub fn open(path: &Path, spool: &SpoolFolder) -> Result<Self, SourceError> {
         Self::open_with(path, spool, &Selection::default())
     }
 
-    /// The same, where a person has said which volume or channel.
+    /// As [`Self::open`], with the user's choice of volume and channel.
     ///
     /// # Errors
     /// As [`Self::open`]; also if there is no such volume or channel.
@@ -107,7 +107,7 @@ impl VolumeSource for NiftiSource {
     }
 }
 
-/// Grid of a volume, how many there are, and which is wanted.
+/// Grid of a volume, the number of volumes, and the chosen one.
 struct Shape {
     dims: Dims,
     volumes: u64,
@@ -154,7 +154,7 @@ impl Shape {
     }
 }
 
-/// The numbers behind a NIfTI datatype code, and how many there are for each voxel.
+/// Number type of a NIfTI datatype code, and numbers per voxel.
 fn numbers(path: &Path, code: i16) -> Result<(Number, u64), SourceError> {
     let refused = |what: &str, advice: &str| {
         Err(SourceError::unsupported(path, format!("voxels are {what} (datatype {code})"), advice))
@@ -183,13 +183,13 @@ fn numbers(path: &Path, code: i16) -> Result<(Number, u64), SourceError> {
     }
 }
 
-/// Those behind a code of ANALYZE 7.5, of which SPM added some.
+/// Number type of an ANALYZE 7.5 code; some codes are SPM's.
 fn numbers_of_analyze(path: &Path, code: i16) -> Result<(Number, u64), SourceError> {
     match code {
         130 => Ok((Number::Voxel(VoxelType::I8), 1)),
         132 => Ok((Number::Voxel(VoxelType::U16), 1)),
         136 => Ok((Number::Voxel(VoxelType::U32), 1)),
-        // Colours lie in planes or together, and nothing says which.
+        // Colours may be in planes or interleaved; the file does not tell.
         128 => {
             let what = "voxels are colours of ANALYZE 7.5, of which nothing says how they lie (datatype 128)";
             let advice = "convert it to NIfTI first, for example with `nib-convert IN.hdr OUT.nii`";
@@ -225,7 +225,7 @@ fn scaling(header: &Header, notes: &mut Vec<String>) -> (f64, f64) {
     (slope, inter)
 }
 
-/// What is needed to find the voxels.
+/// Data needed to find the voxels.
 struct Data<'a> {
     path: &'a Path,
     header: &'a Header,
@@ -241,18 +241,18 @@ impl Data<'_> {
         let file = File::open(self.path).map_err(|e| SourceError::io(self.path, e))?;
         let length = file.len().map_err(|e| SourceError::io(self.path, e))?;
         if !is_gzip(self.path, &file)? {
-            // All volumes must be there, not only the one that is used: a file cut short is not to be trusted.
+            // All volumes must be present, not only the chosen one: a truncated file is not trustworthy.
             let end = volume_bytes.checked_mul(self.shape.volumes).and_then(|b| b.checked_add(offset));
             if end.is_none_or(|end| end > length) {
                 let end = end.map_or_else(|| "2^64 or more".into(), |end| end.to_string());
                 let found = format!("{length} bytes");
                 return Err(SourceError::invalid(self.path, "length of the file", format!("{end} bytes"), found));
             }
-            // Cannot overflow: all volumes are there.
+            // Cannot overflow: all volumes are present.
             return GridFile::single(self.path, file, offset + self.shape.wanted * volume_bytes, layout);
         }
         let excess = if self.shape.wanted + 1 < self.shape.volumes { Excess::Expected } else { Excess::Refused };
-        // What cannot be there is more than any stream holds, and is refused as that.
+        // An impossible offset exceeds every stream and is refused there.
         let skip_bytes = volume_bytes.saturating_mul(self.shape.wanted).saturating_add(offset);
         let share = GzipShare { path: self.path, compressed_bytes: length, skip_bytes, bytes: volume_bytes, excess };
         let mut spool = Spool::create(folder)?;
@@ -260,11 +260,11 @@ impl Data<'_> {
         GridFile::single(self.path, spool.finish()?, 0, layout)
     }
 
-    /// First byte of the voxels: behind header and extensions in a single file, anywhere in the `.img` of a pair.
+    /// Offset of the voxels: behind header and extensions in a single file, anywhere in the `.img` of a pair.
     fn offset(&self) -> Result<u64, SourceError> {
         let stated = self.header.vox_offset;
         let least = if self.header.form == Form::SingleFile { self.header.header_bytes + 4 } else { 0 };
-        // Writers that leave the field empty put the voxels right behind the header.
+        // Writers that leave the field empty put the voxels directly behind the header.
         if stated == 0.0 {
             return Ok(least);
         }
@@ -282,7 +282,7 @@ impl Data<'_> {
     }
 }
 
-/// The first bytes of a header file, decompressed where it is compressed; fewer where the file is shorter.
+/// The first bytes of a header file, decompressed if necessary; fewer if the file is shorter.
 fn first_bytes(path: &Path) -> Result<Vec<u8>, SourceError> {
     let file = File::open(path).map_err(|e| SourceError::io(path, e))?;
     let compressed = is_gzip(path, &file)?;
@@ -306,15 +306,15 @@ fn is_gzip(path: &Path, file: &File) -> Result<bool, SourceError> {
     Ok(magic == [0x1f, 0x8b])
 }
 
-/// The other file of a pair: `from` and `to` are extensions (`hdr`, `img`), to which `.gz` may be added.
+/// The other file of a pair. `from` and `to` are extensions (`hdr`, `img`), with or without `.gz`.
 ///
-/// `None` where the path does not end in `from`, or where neither spelling of the other file exists.
+/// `None` if the path does not end in `from`, or if the other file does not exist in any spelling.
 fn partner(path: &Path, from: &str, to: &str) -> Result<Option<PathBuf>, SourceError> {
     let Some(name) = path.file_name().and_then(|n| n.to_str()) else { return Ok(None) };
     let lower = name.to_ascii_lowercase();
     let plain = lower.strip_suffix(".gz").unwrap_or(&lower);
     let Some(stem) = plain.strip_suffix(from).and_then(|p| p.strip_suffix('.')) else { return Ok(None) };
-    // Lower case changes no lengths of ASCII letters, so the stem's length holds for the name as it is.
+    // Lower case keeps the length of ASCII letters, so the stem has the same length in the original name.
     let stem = &name[..stem.len()];
     let (upper_to, mut found) = (to.to_ascii_uppercase(), None);
     for extension in [to, &format!("{to}.gz"), &upper_to, &format!("{upper_to}.GZ")] {

@@ -1,10 +1,10 @@
-//! Where a NRRD lies in the world: from per-axis fields and space fields to spacing, origin and direction.
+//! Geometry of a NRRD: spacing, origin and direction from the header's per-axis fields and space fields.
 //!
-//! The header's own space is kept, and the note says which one it is; only a left-handed one has a coordinate turned
-//! round, because the world that pictures are taken of is right-handed: a patient's x, else z.
-//! Space direction vectors win over `spacings`; their lengths are the spacings, the unit vectors the columns of the
-//! direction matrix. Axes without a vector get one perpendicular to the others. Whatever would make the transform
-//! singular is replaced by an axis-aligned grid, with a note.
+//! The header's own world space is kept, and a note names it. The world of a picture is right-handed, so in a
+//! left-handed space one coordinate is reversed: x in a patient space, else z.
+//! Space direction vectors have precedence over `spacings`. Their lengths are the spacings, their unit vectors the
+//! columns of the direction matrix. An axis without a vector gets one perpendicular to the others. Values that would
+//! make the transform singular are replaced by an axis-aligned grid, with a note.
 
 use std::path::Path;
 
@@ -17,7 +17,7 @@ use crate::grid::dense::shape::ChosenAxes;
 use crate::input::text::shortened;
 use crate::{Axis, SourceError};
 
-/// Geometry and axes, and what a person should know about them.
+/// Geometry and axes, and notes for the user.
 pub(super) struct Placement {
     pub(super) geometry: Geometry,
     pub(super) space: WorldSpace,
@@ -59,8 +59,8 @@ pub(super) fn placement(
     Ok(Placement { geometry, space, axes, notes })
 }
 
-/// What the field `space` says (NRRD format definition, section 5.3), with or without a time axis, and the coordinate that
-/// is turned round where that space is left-handed.
+/// World space of the field `space` (NRRD format definition, section 5.3), with or without a time axis. The second
+/// value is the coordinate that is reversed if the space is left-handed.
 fn world_space(field: Option<&str>, notes: &mut Vec<String>) -> (WorldSpace, Option<usize>) {
     let Some(name) = field else { return (WorldSpace::Unknown, None) };
     let lower = name.to_lowercase();
@@ -77,7 +77,7 @@ fn world_space(field: Option<&str>, notes: &mut Vec<String>) -> (WorldSpace, Opt
     (space, turned)
 }
 
-/// Dimension of the world space the header speaks of.
+/// Dimension of the header's world space.
 fn space_dimension(path: &Path, header: &Header) -> Result<Option<usize>, SourceError> {
     if let Some(text) = header.field("spacedimension") {
         let wrong = || SourceError::invalid(path, "space dimension", "1 to 8", format!("`{}`", shortened(text)));
@@ -89,8 +89,8 @@ fn space_dimension(path: &Path, header: &Header) -> Result<Option<usize>, Source
     Ok(Some(if with_time { 4 } else { 3 }))
 }
 
-/// One vector per axis of the file; `None` where the header says `none`. Vectors of other than two or three
-/// components are no directions in our world and are left out.
+/// One vector per axis of the file; `None` where the header says `none`. Vectors without exactly two or three
+/// components are ignored.
 fn space_directions(path: &Path, header: &Header, axes: usize) -> Result<Option<Vec<Option<DVec3>>>, SourceError> {
     let Some(text) = header.field("spacedirections") else { return Ok(None) };
     let expected = || match space_dimension(path, header) {
@@ -112,10 +112,10 @@ fn space_directions(path: &Path, header: &Header, axes: usize) -> Result<Option<
     if vectors.len() == axes { Ok(Some(vectors)) } else { Err(wrong()) }
 }
 
-/// Numbers of one vector, `None` where the header says `none`.
+/// Numbers of one vector; `None` if the header says `none`.
 type Components = Option<Vec<f64>>;
 
-/// The next vector and the text behind it; `Some(None)` at the end, `None` where it is no vector.
+/// The next vector and the text behind it; `Some(None)` at the end, `None` if the text is not a vector.
 fn next_vector(text: &str) -> Option<Option<(Components, &str)>> {
     let text = text.trim_start();
     if text.is_empty() {
@@ -139,7 +139,7 @@ fn to_three(components: &[f64]) -> Option<DVec3> {
     (!vector.is_nan()).then_some(vector)
 }
 
-/// Spacings and signs of the chosen axes by `spacings`, else by `axis mins` and `axis maxs`, else 1.
+/// Spacings and signs of the chosen axes from `spacings`, else from `axis mins` and `axis maxs`, else 1.
 fn per_axis_spacing(
     path: &Path,
     header: &Header,
@@ -172,7 +172,8 @@ fn is_cell_centred(header: &Header, axis: usize) -> bool {
     centers.and_then(|text| text.split_whitespace().nth(axis)).is_some_and(|word| word == "cell")
 }
 
-/// Spacing and direction by direction vectors; axes without one get `fallback` spacing and a perpendicular direction.
+/// Spacing and direction from direction vectors. Axes without one get the spacing `fallback` and a perpendicular
+/// direction.
 fn from_vectors(vectors: [Option<DVec3>; 3], fallback: [f64; 3], notes: &mut Vec<String>) -> Geometry {
     let lengths: [f64; 3] = std::array::from_fn(|i| vectors[i].map_or(fallback[i], DVec3::length));
     let units: [Option<DVec3>; 3] = std::array::from_fn(|i| vectors[i].and_then(DVec3::try_normalize));
@@ -193,7 +194,7 @@ fn from_vectors(vectors: [Option<DVec3>; 3], fallback: [f64; 3], notes: &mut Vec
     if geometry.defect().is_some() { aligned(notes) } else { geometry }
 }
 
-/// Fills missing columns so that the frame is right-handed and as perpendicular as the given ones allow.
+/// Fills missing columns so that the frame is right-handed and as perpendicular as the given columns allow.
 fn complete(units: [Option<DVec3>; 3]) -> DMat3 {
     let cross = |a: DVec3, b: DVec3| a.cross(b).try_normalize().unwrap_or(DVec3::ZERO);
     let [x, y, z] = match units {
@@ -217,7 +218,7 @@ fn complete(units: [Option<DVec3>; 3]) -> DMat3 {
     DMat3::from_cols(x, y, z)
 }
 
-/// Two vectors that make a right-handed frame with this first one, chosen near the world's axes.
+/// Two vectors that form a right-handed frame with `first`, near the world's axes.
 fn right_handed(first: DVec3) -> (DVec3, DVec3) {
     let helper = if first.y.abs() < 0.9 { DVec3::Y } else { DVec3::Z };
     let third = first.cross(helper).normalize();
@@ -252,7 +253,7 @@ fn origin(
     Ok(along)
 }
 
-/// Names by `labels`, units by `units`, else by the unit of the world axis each axis mostly follows.
+/// Names from `labels`. Units from `units`, else the unit of the world axis that is closest to each axis.
 fn axes_of(header: &Header, chosen: &ChosenAxes, geometry: &Geometry) -> [Axis; 3] {
     let labels = header.quoted("labels").unwrap_or_default();
     let units = header.quoted("units").unwrap_or_default();

@@ -1,9 +1,9 @@
-//! The text header of a NRRD file: lines to fields, nothing interpreted beyond numbers and names.
+//! The text header of a NRRD file, parsed to fields; only numbers and names are interpreted.
 //!
 //! Format: <https://teem.sourceforge.net/nrrd/format.html>. A header is a magic line, then lines `field: description`,
-//! `key:=value` or `# comment`, and ends at an empty line (the data follows) or at the end of the file (detached).
-//! Field names compare without case and without spaces, so that `datafile` and `data file` are one field.
-//! Promises: reads at most [`HEADER_LIMIT_BYTES`], allocates in proportion to what it read.
+//! `key:=value` or `# comment`. It ends at an empty line (the data follows) or at the end of the file (detached).
+//! Field names are compared without case and spaces: `datafile` and `data file` are the same field.
+//! The parser reads at most [`HEADER_LIMIT_BYTES`] and allocates in proportion to the bytes read.
 
 use std::collections::HashMap;
 use std::io::BufRead;
@@ -13,13 +13,13 @@ use crate::SourceError;
 use crate::input::data_files::{FILES_LIMIT, pattern_names};
 use crate::input::text::{Lines, shortened};
 
-/// Longest header read; lists of tens of thousands of slices fit.
+/// Longest header that is read, in bytes; lists of tens of thousands of slices fit.
 pub(super) const HEADER_LIMIT_BYTES: u64 = 4 << 20;
 
-/// Most axes a NRRD may have (`NRRD_DIM_MAX`).
+/// Largest number of axes of a NRRD (`NRRD_DIM_MAX`).
 const AXES_LIMIT: usize = 16;
 
-/// How the voxels are written.
+/// Encoding of the voxels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Encoding {
     Raw,
@@ -27,26 +27,26 @@ pub(super) enum Encoding {
     Text,
 }
 
-/// Where the voxels are.
+/// Location of the voxels.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum DataFiles {
     /// In the header's own file, behind the empty line.
     Attached,
-    /// In the files named, relative to the header.
+    /// In these files, relative to the header.
     Named(Vec<String>),
 }
 
-/// The fields, as lines: name without spaces and in lower case, description trimmed.
+/// The fields: name without spaces and in lower case, description trimmed.
 #[derive(Debug)]
 pub(super) struct Header {
     fields: Vec<(String, String)>,
-    /// Place of each name in `fields`.
+    /// Index of each name in `fields`.
     places: HashMap<String, usize>,
     /// Offset of the first byte behind the header.
     pub(super) end: u64,
-    /// Whether an empty line ended it.
+    /// Whether the header ended with an empty line.
     pub(super) has_data: bool,
-    /// Names that follow `data file: LIST`.
+    /// File names that follow `data file: LIST`.
     list: Vec<String>,
 }
 
@@ -85,7 +85,7 @@ impl Header {
                 let found = format!("`{}`", shortened(&line));
                 return Err(SourceError::invalid(path, "header", "lines `field: description` or `key:=value`", found));
             };
-            // Key and value pairs are for people; no field of ours is one.
+            // Key and value pairs are for people; we use none of them.
             if description.starts_with('=') {
                 continue;
             }
@@ -112,7 +112,7 @@ impl Header {
         self.places.get(name).map(|&place| self.fields[place].1.as_str())
     }
 
-    /// Names of all fields, as the header has them but without spaces.
+    /// Names of all fields, in lower case and without spaces.
     pub(super) fn names(&self) -> impl Iterator<Item = &str> {
         self.fields.iter().map(|(n, _)| n.as_str())
     }
@@ -122,7 +122,7 @@ impl Header {
         self.field(name).ok_or_else(missing)
     }
 
-    /// Voxels along each axis, fastest first; as many as `dimension` says.
+    /// Number of voxels along each axis, fastest first; `dimension` of them.
     pub(super) fn sizes(&self, path: &Path) -> Result<Vec<u64>, SourceError> {
         let dimension = self.required(path, "dimension")?;
         let count = dimension.parse().ok().filter(|n| (1..=AXES_LIMIT).contains(n)).ok_or_else(|| {
@@ -136,7 +136,7 @@ impl Header {
         })
     }
 
-    /// A field with one number per axis, if it is there; NaN means "not known".
+    /// A field with one number per axis, or `None`; NaN means "unknown".
     pub(super) fn per_axis(&self, path: &Path, name: &str, axes: usize) -> Result<Option<Vec<f64>>, SourceError> {
         let Some(text) = self.field(name) else { return Ok(None) };
         let parsed: Option<Vec<f64>> = text.split_whitespace().map(|s| s.parse().ok()).collect();
@@ -146,7 +146,7 @@ impl Header {
         })
     }
 
-    /// A field with one word per axis, if it is there.
+    /// A field with one word per axis, or `None`.
     pub(super) fn words(&self, path: &Path, name: &str, axes: usize) -> Result<Option<Vec<String>>, SourceError> {
         let Some(text) = self.field(name) else { return Ok(None) };
         let words: Vec<String> = text.split_whitespace().map(str::to_lowercase).collect();
@@ -157,7 +157,7 @@ impl Header {
         Ok(Some(words))
     }
 
-    /// A field with quoted strings; those that are missing are empty.
+    /// A field with quoted strings.
     pub(super) fn quoted(&self, name: &str) -> Option<Vec<String>> {
         let text = self.field(name)?;
         // Every second piece between quotation marks is inside a pair.
@@ -179,14 +179,14 @@ impl Header {
         }
     }
 
-    /// A whole number that may be absent (then 0).
+    /// An integer; 0 if the field is missing.
     pub(super) fn whole_number(&self, path: &Path, name: &str) -> Result<i64, SourceError> {
         let Some(text) = self.field(name) else { return Ok(0) };
         let number = text.parse();
         number.map_err(|_| SourceError::invalid(path, name, "a whole number", format!("`{}`", shortened(text))))
     }
 
-    /// The data files; `axes` is the number of axes of the whole grid, of which each file must be a slab.
+    /// The data files. `axes` is the number of axes of the whole grid; each file must be a slab of it.
     pub(super) fn data_files(&self, path: &Path, axes: usize) -> Result<DataFiles, SourceError> {
         let Some(text) = self.field("datafile") else {
             if self.has_data {
@@ -208,7 +208,7 @@ impl Header {
             [] => return Err(SourceError::invalid(path, "data file", "a file name", "nothing")),
             _ => return Ok(DataFiles::Named(vec![text.into()])),
         };
-        // Whatever its number of axes, a file's slab follows the one before it in the grid's own order.
+        // Whatever its number of axes, a file's slab follows the previous one in the grid's own order.
         let allowed = |s: &&str| s.parse::<usize>().is_ok_and(|s| (1..=axes).contains(&s));
         if let Some(wrong) = sub_dimension.filter(|s| !allowed(s)) {
             let found = format!("`{}`", shortened(wrong));

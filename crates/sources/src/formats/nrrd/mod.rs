@@ -1,11 +1,10 @@
-//! NRRD volumes (versions 1 to 5): a text header, and the voxels behind it or in files of their own.
+//! NRRD volumes (versions 1 to 5): a text header, and the voxels behind it or in separate files.
 //!
-//! Raw voxels are read in place; gzip and text are decoded once into a spool file ([`crate::input::spool`]). The header's
-//! world space is kept as it is. Of channels (the fastest axis) and volumes (the slowest) one is chosen; 64-bit
-//! integers are kept in the smallest type that holds all of them. Hex, bzip2, block types and more axes are refused, each with the
-//! way out. Bytes behind raw voxels are noted, not refused: the format allows
-//! them.
-//! Written by hand: the crates for NRRD at hand read whole volumes into memory, which is what this program must not do.
+//! Raw voxels are read in place. Gzip and text are decoded once into a spool file ([`crate::input::spool`]). The
+//! header's world space is kept. One of several channels (the fastest axis) and volumes (the slowest) is chosen. 64-bit
+//! integers are kept in the smallest type that holds all of them. Hex, bzip2, block types and more axes are refused,
+//! each with advice. Bytes behind raw voxels are noted, not refused: the format allows them.
+//! Written by hand: the available NRRD crates read whole volumes into memory.
 
 mod geometry;
 mod header;
@@ -28,13 +27,13 @@ use crate::input::text::shortened;
 use crate::{Endian, SourceError, SourceInfo, VolumeSource};
 use header::{DataFiles, Encoding, Header};
 
-/// Most bytes that `line skip` may pass over.
+/// Largest number of bytes that `line skip` may skip.
 const LINE_SKIP_LIMIT_BYTES: u64 = 16 << 20;
 
-/// Unknown fields that are noted by name.
+/// Largest number of unknown fields that are noted by name.
 const UNKNOWN_FIELDS_NOTED: usize = 8;
 
-/// Fields that change neither voxels nor their place.
+/// Fields that change neither voxels nor their placement.
 const FIELDS_WITHOUT_EFFECT: [&str; 9] =
     ["content", "number", "min", "max", "oldmin", "oldmax", "thicknesses", "measurementframe", "blocksize"];
 
@@ -64,24 +63,24 @@ const FIELDS_READ: [&str; 22] = [
     "sampleunits",
 ];
 
-/// A NRRD file.
+/// A NRRD volume.
 #[derive(Debug)]
 pub struct NrrdSource(GridSource);
 
 impl NrrdSource {
-    /// Opens a NRRD file, or the header (`.nhdr`) of one in several files; compressed voxels are decoded into `spool`.
+    /// Opens a NRRD file, or the header (`.nhdr`) of several files. Compressed voxels are decoded into `spool`.
     ///
     /// # Errors
-    /// If a file cannot be read, breaks the format's rules, or holds what a volume of ours cannot; or if a data file lies
+    /// If a file cannot be read, breaks the format's rules, or does not hold a supported volume. If a data file lies
     /// outside the header's folder.
     pub fn open(path: &Path, spool: &SpoolFolder) -> Result<Self, SourceError> {
         Self::open_with(path, spool, Outside::Refused, &Selection::default())
     }
 
-    /// The same, where a person has said whether data files may lie anywhere.
+    /// As [`Self::open`], with the user's choice of volume and channel, and of whether data files may lie anywhere.
     ///
     /// # Errors
-    /// As [`Self::open`].
+    /// As [`Self::open`]; also if there is no such volume or channel.
     pub fn open_with(
         path: &Path,
         spool: &SpoolFolder,
@@ -139,7 +138,7 @@ impl VolumeSource for NrrdSource {
     }
 }
 
-/// The numbers behind one of the format's many names for them.
+/// Number type of one of the format's many type names.
 fn number(path: &Path, name: &str) -> Result<Number, SourceError> {
     let voxel = |voxel_type| Ok(Number::Voxel(voxel_type));
     match name.to_lowercase().split_whitespace().collect::<Vec<_>>().join(" ").as_str() {
@@ -172,7 +171,8 @@ fn number(path: &Path, name: &str) -> Result<Number, SourceError> {
     }
 }
 
-/// The axes of the volume, of its channels and its frames, and what the channels are; or a refusal that names the axis in the way.
+/// The axes of the volume, of its channels and its frames, and the meaning of the channels. An error names the axis
+/// that is in the way.
 fn axes_of(
     path: &Path,
     header: &Header,
@@ -216,7 +216,7 @@ fn nth_direction(text: &str, axis: usize) -> Option<&str> {
         .nth(axis)
 }
 
-/// Notes on fields that a person might expect to matter.
+/// Notes on fields that a user might expect to matter.
 fn field_notes(header: &Header) -> Vec<String> {
     let is_unknown = |name: &&str| !FIELDS_READ.contains(name) && !FIELDS_WITHOUT_EFFECT.contains(name);
     let unknown = || header.names().filter(is_unknown);
@@ -233,7 +233,7 @@ fn field_notes(header: &Header) -> Vec<String> {
     notes
 }
 
-/// What is needed to find the voxels.
+/// Data needed to find the voxels.
 struct Data<'a> {
     path: &'a Path,
     header: &'a Header,
@@ -272,7 +272,7 @@ impl Data<'_> {
         open_grid((self.path, "data file"), files, layout, self, (spool, notes))
     }
 
-    /// `byte skip`, where only a number of bytes makes sense.
+    /// `byte skip`, if only a number of bytes is allowed.
     fn byte_skip(&self) -> Result<u64, SourceError> {
         let skip = self.header.whole_number(self.path, "byteskip")?;
         u64::try_from(skip).map_err(|_| {
@@ -281,7 +281,7 @@ impl Data<'_> {
         })
     }
 
-    /// Moves the reader to `start` and past the lines to skip; gives the offset it is at.
+    /// Moves the reader to `start` and past the lines to skip; returns its offset.
     fn skip_lines(&self, path: &Path, reader: &mut BufReader<File>, start: u64) -> Result<u64, SourceError> {
         let lines = self.header.whole_number(self.path, "lineskip")?;
         if lines < 0 {
@@ -305,12 +305,12 @@ impl DataLayout for Data<'_> {
         self.encoding == Encoding::Raw
     }
 
-    /// First byte of the voxels in a raw data file, after the lines and bytes to skip.
+    /// Offset of the voxels in a raw data file, behind the lines and bytes to skip.
     fn offset(&self, path: &Path, start: u64, share_bytes: u64, notes: &mut Vec<String>) -> Result<u64, SourceError> {
         let file = open_data(path)?;
         let length = file.len().map_err(|e| SourceError::io(path, e))?;
         let byte_skip = self.header.whole_number(self.path, "byteskip")?;
-        // -1: the voxels are the end of the file, whatever is before them.
+        // -1: the voxels are at the end of the file.
         if byte_skip == -1 {
             return length.checked_sub(share_bytes).filter(|offset| *offset >= start).ok_or_else(|| {
                 let expected = format!("{share_bytes} bytes of voxels at its end");
@@ -324,7 +324,7 @@ impl DataLayout for Data<'_> {
             let expected = format!("at most the {length} bytes of the file");
             SourceError::invalid(path, "byte skip", expected, format!("{byte_skip} after byte {start}"))
         })?;
-        // A shortage is found when the grid is opened; the sum there is checked for overflow.
+        // Opening the grid finds a file that is too short; the sum there is checked for overflow.
         let excess = (length - offset).saturating_sub(share_bytes);
         note_excess(path, excess, notes);
         Ok(offset)
@@ -353,7 +353,7 @@ impl DataLayout for Data<'_> {
                 continue;
             }
             let voxels = share_bytes / self.voxel_type.bytes() as u64;
-            // A number takes a digit and, unless it is the last, a separator.
+            // A number takes at least a digit and, unless it is the last, a separator.
             if left.saturating_add(1) / 2 < voxels {
                 let found = format!("{left} bytes of text");
                 return Err(SourceError::invalid(path, "text data", format!("{voxels} numbers"), found));

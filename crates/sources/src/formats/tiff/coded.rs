@@ -1,10 +1,10 @@
-//! Compressions of TIFF: which are read, and the chunks of those that are undone here, JPEG and zstd.
+//! TIFF compressions: the list of supported ones, and the decoding of JPEG and zstd chunks.
 //!
-//! The crate `tiff` would decode both only by streams that know nothing of a chunk's size, with another decoder of JPEG. Here a
-//! chunk is read by its stated place and length, and decoded to no more bytes than its pixels take. JPEG has its tables in the
-//! page or in the chunk; luma and chroma become red, green and blue, as in pictures and DICOM. Behind zstd, predictors and the
-//! order of bytes are undone here, too. Chunks come out as little-endian numbers, row by row; what lies beside the page is not
-//! cut off.
+//! The crate `tiff` would decode both only as streams, without knowledge of a chunk's size, and with another JPEG
+//! decoder. This module reads a chunk at its stated offset and length and decodes at most as many bytes as its pixels
+//! need. JPEG tables are in the page or in the chunk. Luma and chroma become red, green and blue, as in pictures and
+//! DICOM. For zstd this module also reverses predictors and byte order. Chunks are returned as little-endian numbers,
+//! row by row, including pixels outside the page.
 
 use std::fs::File;
 use std::io::{Read, Seek};
@@ -20,27 +20,28 @@ use crate::grid::dense::swap_bytes;
 use crate::grid::elements::Number;
 use crate::{Endian, SourceError};
 
-/// A block of zstd takes four bytes at least, and holds 128 KiB at most.
+/// A zstd block takes at least four bytes and holds at most 128 KiB.
 const ZSTD_RATIO_LIMIT: u64 = (128 << 10) / 4;
-/// Bytes of room that a byte by zstd gets at first, beside some, and by how much it grows when that is not enough.
+/// Initial output buffer for zstd per compressed byte, a minimum for it, and the factor by which it grows if it is too
+/// small.
 const ZSTD_RATIO_LIKELY: usize = 64;
 const SMALL_BYTES: usize = 64 << 10;
 const ZSTD_GROWTH: usize = 8;
-/// In zstd's words: the room was not enough (`ZSTD_error_dstSize_tooSmall`).
+/// zstd's error text for an output buffer that is too small (`ZSTD_error_dstSize_tooSmall`).
 const ZSTD_WANTS_MORE: &str = "buffer is too small";
-/// What a chunk may take beside twice its pixels: headers, profiles, what does not compress.
+/// Largest size in bytes of a compressed chunk beyond twice its pixels: headers, profiles, incompressible data.
 const ENCODED_OVERHEAD_BYTES: usize = 1 << 20;
-/// Most bytes of the tables that the chunks of a page share.
+/// Largest size in bytes of the tables that the chunks of a page share.
 const TABLES_LIMIT_BYTES: usize = 1 << 20;
 
 const WHITE_IS_ZERO: u64 = 0;
 const RGB: u64 = 2;
 const YCBCR: u64 = 6;
 
-/// Beginning and end of an image or of tables by JPEG.
+/// First and last bytes of a JPEG image or of JPEG tables.
 const JPEG_START: [u8; 2] = [0xff, 0xd8];
 const JPEG_END: [u8; 2] = [0xff, 0xd9];
-/// Where the mark of JFIF stands, if there is one.
+/// Offset of the JFIF mark, if there is one.
 const JFIF_AT: usize = 6;
 
 const BY_LIBTIFF: &str = "rewrite it first, for example with `tiffcp -c lzw IN OUT`";
@@ -48,17 +49,17 @@ const BY_BIO_FORMATS: &str =
     "rewrite it first, for example with `bfconvert -compression LZW IN OUT.tif` (Bio-Formats) or Fiji";
 const BY_PYTHON: &str = "rewrite it first, for example with Python: `tifffile.imwrite(OUT, tifffile.imread(IN))`";
 
-/// How the chunks of a page are compressed.
+/// Compression of the chunks of a page.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Compression {
-    /// Not at all, or so that the crate `tiff` undoes it.
+    /// None, or one that the crate `tiff` decodes.
     OfDecoder,
     Jpeg,
     Zstd,
 }
 
 impl Compression {
-    /// By the code of the tag; what is not read is refused by its name, with what converts it.
+    /// The compression with this tag value. An unsupported one is refused by name, with a conversion.
     pub(super) fn of(path: &Path, code: u64) -> Result<Self, SourceError> {
         let (name, advice) = match code {
             1 | 5 | 8 | 32_773 | 32_946 => return Ok(Self::OfDecoder),
@@ -81,7 +82,7 @@ impl Compression {
         Err(SourceError::unsupported(path, what, advice))
     }
 
-    /// Most bytes that a byte of the file stands for.
+    /// Largest number of decoded bytes per byte of the file.
     pub(super) fn ratio_limit(self) -> u64 {
         if self == Self::Zstd { ZSTD_RATIO_LIMIT } else { RATIO_LIMIT }
     }
@@ -102,13 +103,13 @@ enum Coding {
         decompressor: zstd::bulk::Decompressor<'static>,
         predictor: Predictor,
     },
-    /// What stands before each chunk's own segments.
+    /// Bytes to put before each chunk's own segments.
     Jpeg {
         tables: Vec<u8>,
     },
 }
 
-/// What was done to rows of numbers before they were compressed.
+/// Transform of the rows before their compression.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Predictor {
     None,
@@ -117,7 +118,7 @@ enum Predictor {
 }
 
 impl CodedChunks {
-    /// Those of the page at hand; none where the decoder undoes its compression itself.
+    /// The chunks of the current page; `None` if the crate decodes its compression.
     pub(super) fn of<R: Read + Seek>(
         path: &Path,
         decoder: &mut Decoder<R>,
@@ -144,7 +145,7 @@ impl CodedChunks {
         Ok(Some(Self { page, endian, offsets, lengths, photometric, coding }))
     }
 
-    /// Pixels along x and y of a chunk of at most `most`, and their numbers.
+    /// Decodes a chunk of at most `most` pixels along x and y; returns its size in pixels and its numbers.
     pub(super) fn decode(
         &mut self,
         path: &Path,
@@ -173,7 +174,7 @@ impl CodedChunks {
         Ok((size.unwrap_or([most[0], numbers.len() / row_bytes.max(1)]), numbers))
     }
 
-    /// Bytes of so many pixels of a row.
+    /// Bytes of `width` pixels of a row.
     fn row_bytes(&self, width: usize) -> usize {
         match self.page.packing {
             Packing::Bits => width.div_ceil(8),
@@ -181,7 +182,7 @@ impl CodedChunks {
         }
     }
 
-    /// A chunk as it lies in the file.
+    /// A chunk as stored in the file.
     fn encoded(&self, path: &Path, file: &File, chunk: u32, most_bytes: usize) -> Result<Vec<u8>, SourceError> {
         let (offset, length) = match (self.offsets.get(chunk as usize), self.lengths.get(chunk as usize)) {
             (Some(offset), Some(length)) => (*offset, *length),
@@ -200,7 +201,8 @@ impl CodedChunks {
     }
 }
 
-/// All that a chunk by zstd holds, at most `most` bytes. More than its length makes likely is reserved only when it has held as much.
+/// Decompresses a zstd chunk to at most `most` bytes. The buffer grows beyond its likely size only when the data have
+/// filled it.
 fn unpacked_zstd(
     decompressor: &mut zstd::bulk::Decompressor<'_>,
     encoded: &[u8],
@@ -218,7 +220,7 @@ fn unpacked_zstd(
     }
 }
 
-/// What all chunks of a page begin with: its tables without their end; where there are none, the beginning of an image.
+/// Bytes that all chunks of a page begin with: its tables without their end mark, or the start mark of an image.
 fn tables<R: Read + Seek>(path: &Path, decoder: &mut Decoder<R>) -> Result<Vec<u8>, SourceError> {
     let Some(value) = decoder.find_tag(Tag::JPEGTables).map_err(|e| refusal(path, e))? else {
         return Ok(JPEG_START.to_vec());
@@ -232,10 +234,10 @@ fn tables<R: Read + Seek>(path: &Path, decoder: &mut Decoder<R>) -> Result<Vec<u
     Ok(tables)
 }
 
-/// Size and numbers of a chunk, or the size of what decodes to something else.
+/// Size in pixels and numbers of a chunk; `None` if the size follows from the bytes. An error describes the found data.
 type Decoded = Result<(Option<[usize; 2]>, Vec<u8>), String>;
 
-/// One image by JPEG; it may have fewer rows than its chunk.
+/// Decodes one JPEG image, which may have fewer rows than its chunk.
 fn jpeg(encoded: &[u8], tables: &[u8], photometric: u64, page: Page, most: [usize; 2]) -> Decoded {
     let words = |e: jpeg_decoder::Error| e.to_string();
     let own = encoded.strip_prefix(&JPEG_START).ok_or("no image by JPEG")?;
@@ -243,7 +245,7 @@ fn jpeg(encoded: &[u8], tables: &[u8], photometric: u64, page: Page, most: [usiz
     let is_jfif = encoded.get(JFIF_AT..).is_some_and(|rest| rest.starts_with(b"JFIF"));
     match photometric {
         YCBCR => decoder.set_color_transform(ColorTransform::YCbCr),
-        // An image that is a JFIF is luma and chroma whatever the page says.
+        // A JFIF image is luma and chroma, whatever the page says.
         RGB if is_jfif => {}
         _ if page.piece_bytes() == 3 => decoder.set_color_transform(ColorTransform::RGB),
         _ => {}
@@ -293,13 +295,13 @@ impl Page {
         self.pixel_bytes() / self.planes() as usize
     }
 
-    /// Whole rows of a chunk as little-endian numbers.
+    /// Reverses predictor and byte order; returns whole rows of little-endian numbers.
     fn unpredicted(self, mut bytes: Vec<u8>, row_bytes: usize, (predictor, endian): (Predictor, Endian)) -> Decoded {
         let (size, samples) = (self.stored().bytes(), (self.samples / self.planes()) as usize);
         if row_bytes == 0 || bytes.is_empty() || !bytes.len().is_multiple_of(row_bytes) {
             return Err(format!("{} bytes, where rows have {row_bytes}", bytes.len()));
         }
-        // Bytes of floats that were predicted are in an order of their own.
+        // The float predictor has its own byte order.
         if endian == Endian::Big && predictor != Predictor::FloatingPoint {
             swap_bytes(&mut bytes, size);
         }
@@ -313,7 +315,7 @@ impl Page {
         Ok((None, bytes))
     }
 
-    /// Makes greater brighter, where zero is white.
+    /// Inverts the numbers of a white-is-zero page, so that greater is brighter.
     fn turn_round(self, path: &Path, numbers: &mut [u8]) -> Result<(), SourceError> {
         let is_unsigned = match self.number {
             Number::Voxel(voxel_type) => matches!(voxel_type, VoxelType::U8 | VoxelType::U16 | VoxelType::U32),
@@ -329,7 +331,7 @@ impl Page {
     }
 }
 
-/// Adds to each number of a row the one before it of the same kind (TIFF 6.0, section 14).
+/// Adds to each number of a row the previous one of the same sample (TIFF 6.0, section 14).
 fn sum_up(row: &mut [u8], samples: usize, size: usize) {
     match size {
         1 => sums::<1>(row, samples, |a, b| [a[0].wrapping_add(b[0])]),
@@ -346,7 +348,8 @@ fn sums<const N: usize>(row: &mut [u8], samples: usize, add: impl Fn([u8; N], [u
     }
 }
 
-/// Undoes the predictor of floats: differences of bytes, the highest of all numbers of a row first (Adobe, TIFF technical note 3).
+/// Reverses the float predictor: byte differences; the highest bytes of all numbers of a row come first (Adobe, TIFF
+/// technical note 3).
 fn put_together(row: &mut [u8], samples: usize, size: usize) {
     sums::<1>(row, samples, |a, b| [a[0].wrapping_add(b[0])]);
     let (planes, count) = (row.to_vec(), row.len() / size);

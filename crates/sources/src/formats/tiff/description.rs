@@ -1,5 +1,5 @@
-//! What programs write into the description of a TIFF's first page: ImageJ its lines `key=value`, others OME-XML. Which pages
-//! are the slices of one volume, and how far apart voxels are.
+//! Description in a TIFF's first page: lines `key=value` by ImageJ, or OME-XML. It states which pages are the slices of
+//! one volume, and the voxel spacing.
 
 use std::collections::{BTreeSet, HashMap};
 use std::path::Path;
@@ -11,35 +11,35 @@ use crate::SourceError;
 use crate::input::selection::Selection;
 use crate::input::text::shortened;
 
-/// Most slices of a volume, pages of a file.
+/// Largest number of slices of a volume, and of pages of a file.
 pub(super) const PAGES_LIMIT: usize = 1 << 16;
 
-/// What a description says.
+/// Contents of a description.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Description {
-    /// Pages that are the slices, from the first on; `None`: all.
+    /// Pages that are the slices, in order; `None`: all pages.
     pub(super) slices: Option<Vec<usize>>,
-    /// World lengths between voxels along x, y, z, where they are known; ImageJ states x and y elsewhere.
+    /// World distances between voxels along x, y, z, if known; ImageJ states x and y elsewhere.
     pub(super) spacing: [Option<f64>; 3],
-    /// Unit of the spacing, empty where unknown.
+    /// Unit of the spacing; empty if unknown.
     pub(super) unit: String,
     /// Whether the page's resolution is in pixels per unit.
     pub(super) has_resolution: bool,
-    /// What a person should know.
+    /// Notes for the user.
     pub(super) notes: Vec<String>,
 }
 
-/// Sizes of a series beside x and y, and how many pages lie between neighbours along each.
+/// Sizes of a series besides x and y, and the number of pages between neighbours along each axis.
 #[derive(Debug, Clone, Copy)]
 struct Series {
-    /// Slices, channels, times.
+    /// Numbers of slices, channels, times.
     sizes: [usize; 3],
-    /// Pages from one to the next.
+    /// Pages from one slice, channel or time to the next.
     strides: [usize; 3],
 }
 
 impl Series {
-    /// From the sizes of slices, channels and times, in the order in which they run, the fastest first.
+    /// From the numbers of slices, channels and times, and the order of these axes, fastest first.
     fn new(sizes: [usize; 3], fastest_first: [usize; 3]) -> Option<Self> {
         let (mut strides, mut product) = ([0; 3], 1usize);
         for axis in fastest_first {
@@ -49,8 +49,9 @@ impl Series {
         (1..=PAGES_LIMIT).contains(&product).then_some(Self { sizes, strides })
     }
 
-    /// Pages of the slices of the channel and time that are wanted, the first where nobody says; a lone series of times is read
-    /// as slices. `samples`: pixels of several numbers are channels of their own. `names` are those of the channels, if it says any.
+    /// Pages of the slices of the selected channel and time; by default the first. A series of times alone is read as
+    /// slices. If `samples` is more than 1, the channels are the numbers of a pixel. `names` are the file's names of
+    /// the channels, if any.
     fn slices(
         &self,
         path: &Path,
@@ -73,10 +74,10 @@ impl Series {
 }
 
 impl Description {
-    /// Reads a description; one of neither kind says nothing.
+    /// Parses a description; one of an unknown kind is empty.
     ///
     /// # Errors
-    /// If it is of either kind and makes no sense, or speaks of several files.
+    /// If a description of a known kind is inconsistent, or refers to several files.
     pub(super) fn read(path: &Path, text: &str, samples: u64, selection: &Selection) -> Result<Self, SourceError> {
         if text.contains("<OME") {
             return Self::of_ome(path, text, samples, selection);
@@ -105,11 +106,11 @@ impl Description {
         };
         let images = count("images")?.unwrap_or(1);
         let (channels, slices, frames) = (count("channels")?, count("slices")?, count("frames")?);
-        // A stack that is no hyperstack says how many images it has, and nothing else.
+        // A stack that is not a hyperstack states only its number of images.
         let is_plain = channels.is_none() && slices.is_none() && frames.is_none();
         let slices = if is_plain { images } else { slices.unwrap_or(1) };
         let sizes = [slices, channels.unwrap_or(1), frames.unwrap_or(1)];
-        // Channels run fastest, then slices, then times.
+        // Channels are fastest, then slices, then times.
         let series = Series::new(sizes, [1, 0, 2]).ok_or_else(|| {
             let expected = format!("at most {PAGES_LIMIT} pages");
             SourceError::invalid(path, "ImageJ description", expected, format!("{sizes:?} slices, channels, times"))
@@ -168,28 +169,28 @@ impl Description {
     }
 }
 
-/// What is read of OME-XML.
+/// The used parts of OME-XML.
 #[derive(Debug, Default)]
 struct Ome {
     /// Numbers per pixel of a page.
     samples: usize,
-    /// Number of the series that is read.
+    /// Number of the selected series.
     wanted: usize,
     images: usize,
     series: Option<Series>,
     spacing: [Option<f64>; 3],
     units: [String; 3],
-    /// What its channels are called, empty where one is not.
+    /// Names of the channels; empty for a channel without a name.
     channels: Vec<String>,
-    /// First plane, first page, planes; where there are none, planes are pages.
+    /// First plane, first page, number of planes; if the list is empty, planes are pages.
     places: Vec<[usize; 3]>,
     files: BTreeSet<String>,
-    /// Whether it only names the file that has the rest.
+    /// Whether the file only names another file with the full description.
     is_elsewhere: bool,
 }
 
 impl Ome {
-    /// Takes an element; only those of the wanted series count.
+    /// Handles an element; only those of the selected series count.
     fn take(&mut self, element: &BytesStart<'_>) -> Result<(), String> {
         let mut attributes = HashMap::new();
         for attribute in element.attributes() {
@@ -217,7 +218,7 @@ impl Ome {
 
     fn pixels(&mut self, attributes: &HashMap<String, String>) -> Result<(), String> {
         let size = |name: &str| number(attributes, name)?.ok_or_else(|| format!("no {name}"));
-        // Colours of one pixel are no planes of their own.
+        // Samples of one pixel are not planes of their own.
         let sizes = [size("SizeZ")?, (size("SizeC")? / self.samples.max(1)).max(1), size("SizeT")?];
         let order = attributes.get("DimensionOrder").map_or("XYZCT", String::as_str);
         let mut axes: Vec<usize> = order.chars().skip(2).filter_map(|c| "ZCT".find(c)).collect();
@@ -253,14 +254,14 @@ impl Ome {
         if self.places.is_empty() {
             return Some(plane);
         }
-        // Mostly they are in order, one for each plane.
+        // Usually the entries are in order, one per plane.
         let holds = |&&[first, _, planes]: &&[usize; 3]| plane.checked_sub(first).is_some_and(|behind| behind < planes);
         let place = self.places.get(plane).filter(holds).or_else(|| self.places.iter().find(holds));
         place.map(|&[first, page, _]| page.saturating_add(plane - first))
     }
 }
 
-/// The series that is wanted of an OME-TIFF, counted from 0 on; the first where nobody says.
+/// Number of the selected series of an OME-TIFF, counted from 0; by default the first.
 fn wanted_series(path: &Path, selection: &Selection) -> Result<usize, SourceError> {
     let Some(text) = &selection.series else { return Ok(0) };
     let number = text.parse().ok().filter(|n| *n < PAGES_LIMIT);
@@ -280,11 +281,11 @@ fn number(attributes: &HashMap<String, String>, name: &str) -> Result<Option<usi
         .ok_or_else(|| format!("{name} {}", shortened(text)))
 }
 
-/// A unit as we write it.
+/// Unit in our spelling.
 fn unit_of(text: &str) -> String {
     match text.trim() {
         "micron" | "microns" | "um" | "µm" | "μm" | "\\u00B5m" | "Â\u{b5}m" => "um".into(),
-        // No unit, but distances of voxels.
+        // Not a unit: distances in voxels.
         "reference frame" => String::new(),
         other => shortened(other),
     }

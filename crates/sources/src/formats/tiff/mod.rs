@@ -1,13 +1,14 @@
-//! TIFF stacks: pages as slices, classic and BigTIFF, strips and tiles, deflate, LZW, PackBits, zstd and predictors, JPEG, integers
-//! of 8 to 64 bits, single bits and floats, numbers of a pixel together or each in a plane of its own, with the spacing that ImageJ
-//! or OME-XML state.
+//! TIFF stacks, with pages as slices, in classic TIFF and BigTIFF. Supported are strips and tiles; deflate, LZW,
+//! PackBits, zstd, predictors and JPEG; integers of 8 to 64 bits, single bits and floats. The numbers of a pixel may be
+//! adjacent or in separate planes. The spacing comes from ImageJ's description or OME-XML.
 //!
-//! Pages that lie in the file as they are, each in one piece, are read in place, also those that ImageJ writes behind the only
-//! page of a stack of more than 4 GiB; all others are decoded once into a spool file ([`crate::input::spool`]), chunk by chunk. Of several channels and times the first is
-//! used, and the notes say so, unless `--channel` and `--frame` say otherwise. Pages that are smaller copies are left out; of pages with a palette its numbers are the voxels.
-//! Of colours the luminance is used, or one channel; of several series of OME the first, or `--series N`. Single bits become the
-//! voxels 0 and 1, 64-bit integers the smallest type that holds all of them. White-is-zero pages are turned round by the decoder, so that greater is brighter.
-//! Decoding is the crate `tiff`'s, but of JPEG and zstd (`coded`); which pages are the volume is told here.
+//! Pages stored without compression and in one piece are read in place. So are the slices that ImageJ writes behind the
+//! only page of a stack of more than 4 GiB. All others are decoded once into a spool file ([`crate::input::spool`]),
+//! chunk by chunk. The first of several channels and times is used, with a note, unless `--channel` and `--frame`
+//! select others. The first of several OME series is used, or `--series N`. Colours give their luminance, or one
+//! channel. Pages that are smaller copies are skipped. Palette indices are the voxels. Single bits become the voxels 0
+//! and 1; 64-bit integers the smallest type that holds all of them. White-is-zero pages are inverted, so that greater
+//! is brighter. The crate `tiff` decodes all but JPEG and zstd (`coded`). This module selects the pages of the volume.
 
 mod coded;
 mod description;
@@ -32,14 +33,14 @@ use crate::input::spool::{Spool, SpoolFolder};
 use crate::{Axis, Endian, SourceError, SourceInfo, VolumeSource};
 use coded::{CodedChunks, Compression};
 
-/// Most bytes of a decoded strip or tile, and of a band of tiles.
+/// Largest size in bytes of a decoded strip or tile, and of a band of tiles.
 const CHUNK_LIMIT_BYTES: usize = 256 << 20;
-/// Most bytes of one field, which may be OME-XML of tens of thousands of planes.
+/// Largest size of a field in bytes; it may be OME-XML of tens of thousands of planes.
 const FIELD_LIMIT_BYTES: usize = 32 << 20;
-/// No codec but zstd expands more than this: deflate 1032 to 1, LZW and JPEG about 1365 to 1.
+/// Largest expansion of all codecs but zstd: deflate 1032 to 1, LZW and JPEG about 1365 to 1.
 pub(crate) const RATIO_LIMIT: u64 = 1400;
 
-/// Photometric interpretation of pixels that are numbers of a palette.
+/// Photometric interpretation of palette indices.
 const PALETTE: u64 = 3;
 
 /// A TIFF stack.
@@ -47,10 +48,10 @@ const PALETTE: u64 = 3;
 pub struct TiffSource(GridSource);
 
 impl TiffSource {
-    /// Opens a TIFF; its pages are decoded into `spool`.
+    /// Opens a TIFF; encoded pages are decoded into `spool`.
     ///
     /// # Errors
-    /// If the file cannot be read, breaks the format's rules, or holds what a volume of ours cannot.
+    /// If the file cannot be read, breaks the format's rules, or does not hold a supported volume.
     pub fn open(path: &Path, spool: &SpoolFolder, selection: &Selection) -> Result<Self, SourceError> {
         let source_file = SourceFile::of(path)?;
         let mut pages = Pages::open(path)?;
@@ -108,29 +109,29 @@ impl VolumeSource for TiffSource {
     }
 }
 
-/// What all pages of a volume have in common.
+/// Properties that all pages of a volume share.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Page {
-    /// Pixels along x and y.
+    /// Size in pixels along x and y.
     pub(crate) size: [u64; 2],
     /// Numbers per pixel.
     pub(crate) samples: u64,
-    /// Their type.
+    /// Type of the numbers.
     pub(crate) number: Number,
-    /// How they lie in the chunks of the page.
+    /// Arrangement of the numbers in the chunks of the page.
     packing: Packing,
-    /// What those of one pixel are.
+    /// Meaning of the numbers of one pixel.
     pub(crate) meaning: Meaning,
 }
 
-/// How the numbers of a page lie in its chunks.
+/// Arrangement of the numbers of a page in its chunks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Packing {
-    /// Those of a pixel together.
+    /// The numbers of a pixel are adjacent.
     Together,
-    /// All of one kind, then all of the next: each chunk has one kind.
+    /// Each chunk holds one number of every pixel; all chunks of the first number precede those of the second.
     InPlanes,
-    /// Single bits, of which a row begins with a byte.
+    /// Single bits; each row begins at a byte boundary.
     Bits,
 }
 
@@ -150,11 +151,11 @@ impl std::fmt::Display for Page {
 
 impl Page {
     pub(crate) fn bytes(self) -> u64 {
-        // Sizes have 32 bits, so that the product of all has less than 128, but may have more than 64.
+        // The sizes have 32 bits, so their product has fewer than 128 bits, but possibly more than 64.
         self.size[0].saturating_mul(self.size[1]).saturating_mul(self.pixel_bytes() as u64)
     }
 
-    /// Grey or colours, those of a pixel together.
+    /// Grey or colour page with the numbers of a pixel adjacent.
     pub(crate) fn plain(size: [u64; 2], samples: u64, number: Number) -> Self {
         Self { size, samples, number, packing: Packing::Together, meaning: Meaning::Colours }
     }
@@ -163,18 +164,18 @@ impl Page {
         self.samples as usize * self.stored().bytes()
     }
 
-    /// Planes that its chunks are of.
+    /// Number of planes of the page.
     fn planes(self) -> u64 {
         if self.packing == Packing::InPlanes { self.samples } else { 1 }
     }
 
-    /// The type in which they lie in a grid.
+    /// Voxel type of the numbers in a grid.
     pub(crate) fn stored(self) -> VoxelType {
         self.number.stored()
     }
 }
 
-/// The pages of a file, one of them at hand.
+/// The pages of a file; one of them is the current page.
 pub(crate) struct Pages<'a> {
     path: &'a Path,
     decoder: Decoder<BufReader<File>>,
@@ -187,7 +188,7 @@ impl<'a> Pages<'a> {
         let file_bytes = file.len().map_err(|e| SourceError::io(path, e))?;
         let mut limits = Limits::default();
         (limits.decoding_buffer_size, limits.intermediate_buffer_size) = (CHUNK_LIMIT_BYTES, CHUNK_LIMIT_BYTES);
-        // The crate makes room for as many values as a field states, several times their bytes, before it looks for them.
+        // The crate allocates as many values as a field states, several times their bytes, before it reads them.
         limits.ifd_value_size = FIELD_LIMIT_BYTES.min(usize::try_from(file_bytes).unwrap_or(usize::MAX));
         let decoder = Decoder::new(BufReader::new(file)).map_err(|e| refusal(path, e))?.with_limits(limits);
         Ok(Self { path, decoder, file_bytes })
@@ -197,30 +198,30 @@ impl<'a> Pages<'a> {
         self.decoder.find_tag_unsigned(tag).map_err(|e| refusal(self.path, e))
     }
 
-    /// How the page at hand is compressed.
+    /// Compression of the current page.
     fn compression(&mut self) -> Result<Compression, SourceError> {
         Compression::of(self.path, self.tag(Tag::Compression)?.unwrap_or(1))
     }
 
-    /// Most bytes that a byte of the file stands for, by the page at hand.
+    /// Largest number of decoded bytes per byte of the file, for the current page.
     pub(crate) fn ratio_limit(&mut self, page: Page) -> Result<u64, SourceError> {
         let voxels_of_a_byte = if page.packing == Packing::Bits { 8 } else { 1 };
         Ok(self.compression()?.ratio_limit() * voxels_of_a_byte)
     }
 
-    /// The page at hand.
+    /// Properties of the current page.
     pub(crate) fn page(&mut self) -> Result<Page, SourceError> {
         let path = self.path;
         let compression = self.compression()?;
         let (width, height) = self.decoder.dimensions().map_err(|e| refusal(path, e))?;
         let is_in_planes = self.tag(Tag::PlanarConfiguration)?.is_some_and(|order| order != 1);
         let color = match self.tag(Tag::PhotometricInterpretation)? {
-            // Numbers of a palette are the voxels; what colours they are shown in is not. The decoder does not know.
+            // Palette indices are the voxels; the palette's colours are ignored. The decoder does not support palettes.
             Some(PALETTE) => {
                 ColorType::Gray(self.tag(Tag::BitsPerSample)?.and_then(|n| n.try_into().ok()).unwrap_or(1))
             }
             _ => match self.decoder.colortype().map_err(|e| refusal(path, e))? {
-                // What it is decoded to.
+                // Colour type after decoding.
                 ColorType::YCbCr(bits) if compression == Compression::Jpeg && !is_in_planes => ColorType::RGB(bits),
                 color => color,
             },
@@ -273,7 +274,7 @@ impl<'a> Pages<'a> {
         Ok(page(number, packing))
     }
 
-    /// The first page of the volume, at hand; it must have as many numbers per pixel as the one with the description.
+    /// Moves to the first page of the volume. It must have as many numbers per pixel as the page with the description.
     fn first_of(&mut self, slices: &[usize], is_behind: bool, described: Page) -> Result<Page, SourceError> {
         let Some(&slice) = slices.first().filter(|_| !is_behind) else { return Ok(described) };
         self.seek(slice)?;
@@ -285,14 +286,14 @@ impl<'a> Pages<'a> {
         Err(SourceError::invalid(self.path, format!("page {slice}"), expected, first.samples.to_string()))
     }
 
-    /// The description of the page at hand.
+    /// Description of the current page.
     fn description(&mut self) -> Result<String, SourceError> {
         let value = self.decoder.find_tag(Tag::ImageDescription).map_err(|e| refusal(self.path, e))?;
-        // One that is no text says nothing.
+        // A field that is not text is ignored.
         Ok(value.and_then(|value| value.into_string().ok()).unwrap_or_default())
     }
 
-    /// Numbers of the pages that are the slices of the volume; or, where these lie behind the only page, where.
+    /// Numbers of the pages that are the slices of the volume. If the slices lie behind the only page, their offset.
     fn slices(
         &mut self,
         description: &Description,
@@ -306,7 +307,7 @@ impl<'a> Pages<'a> {
         }
         let whole = self.whole_pages(notes)?;
         let Some(wanted) = wanted else { return Ok((whole, None)) };
-        // Smaller copies are not counted by who writes descriptions.
+        // Descriptions do not count smaller copies.
         let page = |&slice: &usize| {
             whole.get(slice).copied().ok_or_else(|| {
                 let found = format!("{} pages", whole.len());
@@ -321,7 +322,7 @@ impl<'a> Pages<'a> {
         Ok((wanted.iter().map(page).collect::<Result<_, _>>()?, None))
     }
 
-    /// Numbers of all pages that are not smaller copies; the first page is at hand again afterwards.
+    /// Numbers of all pages that are not smaller copies. Afterwards the first page is the current one.
     pub(crate) fn whole_pages(&mut self, notes: &mut Vec<String>) -> Result<Vec<usize>, SourceError> {
         let (mut whole, mut copies, mut number) = (Vec::new(), 0, 0);
         loop {
@@ -348,7 +349,7 @@ impl<'a> Pages<'a> {
         self.decoder.seek_to_image(page).map_err(|e| refusal(self.path, e))
     }
 
-    /// ImageJ writes stacks of more than 4 GiB with one page, and all slices one after the other: where the first begins.
+    /// Offset of the first slice of an ImageJ stack of more than 4 GiB, which has one page, and all slices behind it.
     fn behind_the_page(&mut self, slices: &[usize]) -> Result<u64, SourceError> {
         let follow_one_another = slices.iter().enumerate().all(|(i, &slice)| i == slice);
         let page = self.page()?;
@@ -361,7 +362,7 @@ impl<'a> Pages<'a> {
         }
     }
 
-    /// Where each slice begins, or all of them, where they follow one another; nothing where they must be decoded.
+    /// Offset of each slice, or a single offset if they are contiguous; empty if the pages must be decoded.
     fn offsets_in_place(&mut self, slices: &[usize], like: Page) -> Result<Vec<u64>, SourceError> {
         let mut offsets = Vec::new();
         for &slice in slices {
@@ -379,11 +380,11 @@ impl<'a> Pages<'a> {
         Ok(offsets)
     }
 
-    /// Where the pixels of the page at hand begin, if they lie in the file as they are, in one piece.
+    /// Offset of the current page's pixels, if they are stored without encoding and in one piece.
     pub(crate) fn place_of_page(&mut self, page: Page) -> Result<Option<u64>, SourceError> {
         let path = self.path;
         let is_plain = self.tag(Tag::Compression)?.is_none_or(|c| c == u64::from(CompressionMethod::None.to_u16()));
-        // What the decoder turns round.
+        // The decoder inverts these.
         let is_inverted = self.tag(Tag::PhotometricInterpretation)? == Some(0);
         let is_other = is_inverted || page.packing != Packing::Together;
         if !is_plain || is_other || self.decoder.get_chunk_type() == ChunkType::Tile {
@@ -407,7 +408,7 @@ impl<'a> Pages<'a> {
         }
     }
 
-    /// Refuses a page at hand that is unlike the first.
+    /// Refuses a current page that differs from the first.
     pub(crate) fn check_page(&mut self, number: usize, like: Page) -> Result<(), SourceError> {
         let page = self.page()?;
         if page == like {
@@ -417,7 +418,7 @@ impl<'a> Pages<'a> {
         Err(SourceError::invalid(self.path, format!("page {number}"), expected, found))
     }
 
-    /// Spacing as described; where nothing is, 1: resolutions in dots per inch are about paper.
+    /// Spacing from the description, else 1. Resolutions in dots per inch concern paper and are ignored.
     fn geometry(&mut self, description: &Description) -> Result<Geometry, SourceError> {
         let mut spacing = description.spacing;
         if description.has_resolution {
@@ -430,7 +431,7 @@ impl<'a> Pages<'a> {
                 spacing[i] = per_unit.map(|n| 1.0 / n).filter(|s| s.is_finite() && *s > 0.0);
             }
         }
-        // ImageJ leaves out the distance of slices where it is 1.
+        // ImageJ omits the distance of slices if it is 1.
         let spacing = spacing.map(|s| s.filter(|s| s.is_finite() && *s > 0.0).unwrap_or(1.0));
         Ok(Geometry { spacing, ..Geometry::IDENTITY })
     }
@@ -452,7 +453,7 @@ impl<'a> Pages<'a> {
         spool.finish()
     }
 
-    /// Appends a page, a band of chunks at a time.
+    /// Appends a page, one band of chunks at a time.
     pub(crate) fn decode_page(&mut self, number: usize, page: Page, spool: &mut Spool) -> Result<(), SourceError> {
         let path = self.path;
         let (chunk_width, chunk_height) = self.decoder.chunk_dimensions();
@@ -468,7 +469,7 @@ impl<'a> Pages<'a> {
         }
         let (compression, endian) = (self.compression()?, self.endian());
         let mut coded = CodedChunks::of(path, &mut self.decoder, (page, endian), compression)?;
-        // Reserved when a chunk has turned out to be there.
+        // Allocated only after a chunk has been found to exist.
         let mut band = Vec::new();
         for band_number in 0..bands {
             let mut rows = 0;
@@ -493,8 +494,8 @@ impl<'a> Pages<'a> {
         Ok(())
     }
 
-    /// A decoded chunk, of which as much counts as of the one of the first plane at its place: of later planes the decoder does
-    /// not cut off what lies below the page.
+    /// A decoded chunk, with the size of the first plane's chunk at its place. For later planes the decoder does not
+    /// cut off rows below the page.
     fn piece(
         &mut self,
         page: Page,
@@ -527,19 +528,20 @@ impl<'a> Pages<'a> {
 
 /// A decoded chunk of a page.
 struct Piece {
-    /// Pixels that count along x and y.
+    /// Size in pixels along x and y of the part inside the page.
     size: [usize; 2],
-    /// Pixels that were decoded.
+    /// Size in pixels of the decoded chunk.
     decoded: [usize; 2],
     voxels: Vec<u8>,
 }
 
 impl Piece {
-    /// Puts its pixels into a band of rows of the page, from pixel `start` of each on; false where they are not as many as they should be.
+    /// Copies the pixels into a band of rows of the page, from pixel `start` of each row on. Returns false if the
+    /// number of pixels is wrong.
     fn put(&self, page: Page, (plane, start): (u64, usize), band: &mut [u8]) -> bool {
         let ([width, height], [decoded_width, decoded_height]) = (self.size, self.decoded);
         let pixel_bytes = page.pixel_bytes();
-        // Of a pixel, those of one plane.
+        // A piece of a plane holds only that plane's numbers of a pixel.
         let piece_bytes = page.piece_bytes();
         let row_bytes = page.size[0] as usize * pixel_bytes;
         let is_whole = Some(self.voxels.len())
@@ -564,7 +566,7 @@ impl Piece {
     }
 }
 
-/// A byte for each bit, the highest of a byte first; rows begin with a byte.
+/// One byte per bit, the highest bit of a byte first; each row begins at a byte boundary.
 fn unpacked(bytes: &[u8], [width, height]: [usize; 2]) -> Vec<u8> {
     let rows = bytes.chunks(width.div_ceil(8).max(1)).take(height);
     rows.flat_map(|row| row.iter().flat_map(|byte| (0..8).rev().map(move |bit| byte >> bit & 1)).take(width)).collect()
@@ -586,7 +588,7 @@ fn little_endian(mut voxels: DecodingResult) -> Vec<u8> {
     bytes
 }
 
-/// What the decoder's errors are for us.
+/// Converts an error of the decoder.
 fn refusal(path: &Path, error: TiffError) -> SourceError {
     match error {
         TiffError::IoError(e) if e.kind() != std::io::ErrorKind::UnexpectedEof => SourceError::io(path, e),

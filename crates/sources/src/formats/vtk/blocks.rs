@@ -1,4 +1,4 @@
-//! Arrays of XML files that are not there as they are: base64, zlib or LZ4 block by block, or both.
+//! Encoded arrays of XML files: base64, blocks of zlib or LZ4, or both.
 
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
@@ -15,19 +15,19 @@ use crate::{Endian, SourceError};
 
 /// Bytes that are decoded at once.
 const BUFFER_BYTES: usize = 1 << 16;
-/// Most bytes of a block by LZ4, which is decoded whole; VTK's own have 32 KiB.
+/// Largest size in bytes of an LZ4 block, which is decoded as a whole; VTK's own blocks have 32 KiB.
 const BLOCK_LIMIT_BYTES: u64 = 64 << 20;
-/// No byte of LZ4 stands for more than so many.
+/// Largest expansion of a byte by LZ4.
 const LZ4_RATIO_LIMIT: u64 = 255;
 
-/// What stands between two tags.
+/// Reader of the bytes up to the next tag.
 pub(super) struct UpTo {
     reader: BufReader<File>,
     is_over: bool,
 }
 
 impl UpTo {
-    /// From a byte on.
+    /// Reader from byte `at` on.
     pub(super) fn new(path: &Path, mut file: File, at: u64) -> Result<Self, SourceError> {
         file.seek(SeekFrom::Start(at)).map_err(|e| SourceError::io(path, e))?;
         Ok(Self { reader: BufReader::with_capacity(BUFFER_BYTES, file), is_over: false })
@@ -46,7 +46,7 @@ impl Read for UpTo {
     }
 }
 
-/// Characters without the white space between them.
+/// Reader that skips white space.
 struct Dense<R>(R);
 
 impl<R: Read> Read for Dense<R> {
@@ -67,7 +67,7 @@ impl<R: Read> Read for Dense<R> {
     }
 }
 
-/// Characters of base64 for so many bytes.
+/// Number of base64 characters for this many bytes.
 fn characters(bytes: u64) -> u64 {
     bytes.div_ceil(3).saturating_mul(4)
 }
@@ -120,14 +120,14 @@ fn decoded(path: &Path, characters: &[u8]) -> Result<Vec<u8>, SourceError> {
     STANDARD.decode(characters).map_err(|e| SourceError::invalid(path, "table of blocks", "base64", e.to_string()))
 }
 
-/// What is known of an array.
+/// Properties of an array.
 struct Data<'a> {
     path: &'a Path,
     /// Bytes of the file from the array on.
     left: u64,
     endian: Endian,
     word_bytes: usize,
-    /// Bytes of the array once it is decoded.
+    /// Size of the decoded array in bytes.
     bytes: u64,
 }
 
@@ -140,7 +140,7 @@ impl Data<'_> {
         reader.read_exact(out).map_err(|e| self.failed(e))
     }
 
-    /// What a reader's failure means: wrong data, or the machine's.
+    /// Converts a reader's error to a data error or an I/O error.
     fn failed(&self, error: io::Error) -> SourceError {
         match error.kind() {
             io::ErrorKind::UnexpectedEof | io::ErrorKind::InvalidData | io::ErrorKind::InvalidInput => {
@@ -150,7 +150,7 @@ impl Data<'_> {
         }
     }
 
-    /// `count` characters behind those that are there.
+    /// Appends the next `count` characters to `there`.
     fn base64(&self, text: &mut impl Read, count: u64, mut there: Vec<u8>) -> Result<Vec<u8>, SourceError> {
         let begun = there.len();
         text.take(count).read_to_end(&mut there).map_err(|e| self.failed(e))?;
@@ -160,7 +160,7 @@ impl Data<'_> {
         Err(self.wrong(format!("{count} characters of base64"), format!("{}", there.len() - begun)))
     }
 
-    /// Bytes of the table of blocks, by its first word.
+    /// Size in bytes of the table of blocks, from its first word.
     fn table_bytes(&self, head: &[u8]) -> Result<usize, SourceError> {
         let blocks = number(&head[..self.word_bytes], self.endian);
         let bytes = blocks.checked_add(3).and_then(|words| words.checked_mul(self.word_bytes as u64));
@@ -168,14 +168,14 @@ impl Data<'_> {
         bytes.ok_or_else(|| self.wrong("a table of blocks inside the file", format!("one of {blocks} blocks")))
     }
 
-    /// Compressed and decoded bytes of each block.
+    /// Compressed and decoded size of each block in bytes.
     fn table(&self, table: &[u8]) -> Result<Vec<(u64, u64)>, SourceError> {
         let words: Vec<u64> = table.chunks_exact(self.word_bytes).map(|word| number(word, self.endian)).collect();
         let [count, size, last, compressed @ ..] = &words[..] else { return Err(self.wrong("a table", "none")) };
         if compressed.len() as u64 != *count {
             return Err(self.wrong(format!("{count} blocks"), format!("{}", compressed.len())));
         }
-        // A last block of 0 is as long as the others.
+        // A last block of size 0 is as long as the others.
         let whole = if *last > 0 { count.saturating_sub(1) } else { *count };
         let all = whole.checked_mul(*size).and_then(|bytes| bytes.checked_add(*last));
         self.check(all.unwrap_or(u64::MAX), self.left)?;
@@ -204,7 +204,7 @@ impl Data<'_> {
         }
     }
 
-    /// Blocks of bare LZ4, each decoded whole.
+    /// Decodes bare LZ4 blocks, each as a whole.
     fn expand_lz4(&self, sizes: &[(u64, u64)], mut reader: impl Read, spool: &mut Spool) -> Result<(), SourceError> {
         let (mut compressed, mut block) = (Vec::new(), Vec::new());
         for (number, &(compressed_bytes, bytes)) in sizes.iter().enumerate() {
@@ -232,7 +232,7 @@ impl Data<'_> {
             let share = GzipShare { path: self.path, compressed_bytes, skip_bytes: 0, bytes, excess: Excess::Refused };
             let mut block = BufReader::new(reader.by_ref().take(compressed_bytes));
             spool.append_zlib(&mut block, &share)?;
-            // What is behind the stream belongs to the block, too.
+            // The bytes behind the stream belong to the block, too.
             io::copy(&mut block, &mut io::sink()).map_err(|e| self.failed(e))?;
         }
         Ok(())

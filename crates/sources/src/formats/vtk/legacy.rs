@@ -9,12 +9,12 @@ use super::{ARRAYS_LIMIT, Array, Encoding, Header, Number};
 use crate::input::text::shortened;
 use crate::{Endian, SourceError};
 
-/// Longest line.
+/// Longest line in bytes.
 const LINE_LIMIT_BYTES: u64 = 4096;
-/// Most lines of a header.
+/// Largest number of lines of a header.
 const LINES_LIMIT: usize = 65_536;
 
-/// Lines, and where they begin.
+/// Lines of the file, with the current offset.
 struct Lines<'a, R> {
     path: &'a Path,
     reader: R,
@@ -23,7 +23,7 @@ struct Lines<'a, R> {
 }
 
 impl<R: BufRead + Seek> Lines<'_, R> {
-    /// Words of the next line that has any; none at the end.
+    /// Words of the next non-empty line; empty at the end of the file.
     fn words(&mut self) -> Result<Vec<String>, SourceError> {
         loop {
             let line = self.line()?;
@@ -58,7 +58,7 @@ impl<R: BufRead + Seek> Lines<'_, R> {
 
 pub(super) fn read(path: &Path, reader: impl BufRead + Seek) -> Result<Header, SourceError> {
     let mut lines = Lines { path, reader, at: 0, count: 0 };
-    // Mark and title say nothing.
+    // The first two lines, mark and title, are not needed.
     lines.line()?;
     lines.line()?;
     let encoding = match lines.words()?.first().map(|word| word.to_uppercase()).as_deref() {
@@ -78,7 +78,7 @@ pub(super) fn read(path: &Path, reader: impl BufRead + Seek) -> Result<Header, S
         points: [0; 3],
         first: [0; 3],
         geometry: Geometry::IDENTITY,
-        // Whatever the machine.
+        // On every machine.
         endian: Endian::Big,
         arrays: Vec::new(),
         blocks: None,
@@ -101,12 +101,12 @@ struct Reading<'a> {
     header: Header,
     encoding: Encoding,
     is_of_cells: bool,
-    /// Points or cells.
+    /// Number of points or cells.
     tuples: u64,
 }
 
 impl Reading<'_> {
-    /// Takes a line; false where nothing behind it can be found.
+    /// Handles a line; false if nothing behind it can be found.
     fn take(&mut self, words: &[String], lines: &mut Lines<'_, impl BufRead + Seek>) -> Result<bool, SourceError> {
         let word = |i: usize| words.get(i).map(String::as_str).unwrap_or_default();
         match word(0).to_uppercase().as_str() {
@@ -125,7 +125,7 @@ impl Reading<'_> {
             }
             "SCALARS" => {
                 let components = word(3).parse().unwrap_or(1);
-                // A table of colours may be named, and defined elsewhere.
+                // The name of a colour table may follow; the table itself is defined elsewhere.
                 let begun = lines.at;
                 let next = lines.words()?;
                 let is_table = next.first().is_some_and(|first| first.eq_ignore_ascii_case("LOOKUP_TABLE"));
@@ -136,7 +136,7 @@ impl Reading<'_> {
             }
             "VECTORS" | "NORMALS" => return self.array(words, word(1), word(2), 3, lines),
             "TENSORS" => return self.array(words, word(1), word(2), 9, lines),
-            // VTK's own writer makes these of all voxels of u8.
+            // VTK's own writer uses this for all u8 volumes.
             "COLOR_SCALARS" => {
                 let components = word(2).parse().unwrap_or(1);
                 let is_followed = self.array(words, word(1), "unsigned_char", components, lines)?;
@@ -160,13 +160,13 @@ impl Reading<'_> {
                 }
             }
             "METADATA" => while lines.line()?.is_some_and(|line| !line.trim().is_empty()) {},
-            // Something that has data of its own.
+            // An unknown entry with its own data.
             _ => return Ok(false),
         }
         Ok(true)
     }
 
-    /// An array that begins here; false where it cannot be passed over.
+    /// Handles an array that begins here; false if its end is unknown.
     fn array(
         &mut self,
         words: &[String],
@@ -225,7 +225,7 @@ fn number(name: &str) -> Option<Number> {
         "unsigned_short" => Number::Voxel(VoxelType::U16),
         "int" => Number::Voxel(VoxelType::I32),
         "unsigned_int" => Number::Voxel(VoxelType::U32),
-        // Of eight bytes, on every machine that writes such files today.
+        // Eight bytes on every machine that writes such files today.
         "long" | "vtktypeint64" => Number::Whole { signed: true },
         "unsigned_long" | "vtktypeuint64" => Number::Whole { signed: false },
         "float" => Number::Voxel(VoxelType::F32),

@@ -1,11 +1,12 @@
-//! VTK images: `.vti` (XML; raw, base64 or text, inline or appended, by zlib, LZ4 or neither) and legacy `.vtk` of structured points (binary or
-//! text).
+//! VTK images: `.vti` and legacy `.vtk` of structured points. A `.vti` is XML; its arrays are raw, base64 or text,
+//! inline or appended, uncompressed or compressed by zlib or LZ4. Legacy files are binary or text.
 //!
-//! Raw arrays are read in place; all else is decoded once into a spool file ([`crate::input::spool`]), block by block. Of several arrays
-//! the active scalars are used, or the one that is named (`FILE.vti:/NAME`); of components, the one that is chosen. Cell data are
-//! voxels between the points. Origin, spacing and direction are the file's. 64-bit integers are kept in the smallest type that holds
-//! all of them. Several pieces and LZMA are refused by name, as are meshes and grids with uneven distances.
-//! Written by hand: `vtkio` reads whole files into memory and depends on parsers that are not kept any more.
+//! Raw arrays are read in place. All else is decoded once into a spool file ([`crate::input::spool`]), block by block.
+//! If there are several arrays, the active scalars are used, or the named array (`FILE.vti:/NAME`). `--channel` selects
+//! one of several components. Cell data are voxels between the points. Origin, spacing and direction are the file's.
+//! 64-bit integers are kept in the smallest type that holds all of them. Several pieces, LZMA, meshes and grids with
+//! uneven distances are refused by name. Written by hand: `vtkio` reads whole files into memory and depends on
+//! unmaintained parsers.
 
 mod blocks;
 mod legacy;
@@ -27,25 +28,25 @@ use crate::input::text::shortened;
 use crate::{Endian, SourceError, SourceInfo, VolumeSource};
 use blocks::{UpTo, decode};
 
-/// Most arrays of a file.
+/// Largest number of arrays of a file.
 const ARRAYS_LIMIT: usize = 1024;
-/// Most arrays that a message lists.
+/// Largest number of arrays that a message lists.
 const LISTED_LIMIT: usize = 20;
 
 /// A VTK image.
 #[derive(Debug)]
 pub struct VtkSource(GridSource);
 
-/// How the bytes of an array are written.
+/// Encoding of an array's bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Encoding {
-    /// As they are; in XML, behind their number.
+    /// Unencoded; in XML, behind a word with their number.
     Raw,
     /// Numbers as text.
     Text,
-    /// Colours as text: shares of the greatest number of a byte.
+    /// Colours as text: fractions of 255.
     Shares,
-    /// Base64, which holds what would be there raw.
+    /// Base64 of the bytes that `Raw` would have.
     Base64,
 }
 
@@ -55,51 +56,51 @@ struct Array {
     name: String,
     number: Number,
     components: u64,
-    /// Whether it belongs to the cells, not to the points.
+    /// Whether the array belongs to the cells, not to the points.
     is_of_cells: bool,
-    /// Whether it is what the file is shown by.
+    /// Whether the array is the active one of the file.
     is_active: bool,
-    /// Whether its components are colours.
+    /// Whether the components are colours.
     is_colour: bool,
     encoding: Encoding,
-    /// First byte.
+    /// Offset of the array in bytes.
     offset: u64,
 }
 
-/// How XML files write their arrays.
+/// Block format of the arrays of an XML file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Blocks {
-    /// Bytes of a number that counts bytes.
+    /// Size in bytes of a word that counts bytes.
     word_bytes: usize,
     compressor: Option<Compressor>,
 }
 
-/// What compresses blocks of arrays.
+/// Compression of the blocks of an array.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Compressor {
     Zlib,
     Lz4,
 }
 
-/// What a header says.
+/// Contents of a header.
 #[derive(Debug)]
 struct Header {
-    /// Points along the axes.
+    /// Number of points along the axes.
     points: [u64; 3],
-    /// Index of the first.
+    /// Index of the first point.
     first: [i64; 3],
     geometry: Geometry,
     endian: Endian,
     arrays: Vec<Array>,
-    /// `None`: a legacy file, whose arrays have no headers.
+    /// `None` for a legacy file, whose arrays have no headers.
     blocks: Option<Blocks>,
 }
 
 impl VtkSource {
-    /// Opens a VTK image; what is not raw is decoded into `spool`.
+    /// Opens a VTK image; encoded arrays are decoded into `spool`.
     ///
     /// # Errors
-    /// If the file cannot be read, breaks the format's rules, or holds what a volume of ours cannot.
+    /// If the file cannot be read, breaks the format's rules, or does not hold a supported volume.
     pub fn open(path: &Path, spool: &SpoolFolder, selection: &Selection) -> Result<Self, SourceError> {
         let source_file = SourceFile::of(path)?;
         let is_legacy = crate::open::head(path)?.starts_with(b"# vtk DataFile");
@@ -145,7 +146,7 @@ impl VolumeSource for VtkSource {
 }
 
 impl Header {
-    /// The array that is named, else the active one, else the first, of points before those of cells.
+    /// The named array, else the active one, else the first; arrays of points before those of cells.
     fn choose(&self, path: &Path, selection: &Selection, notes: &mut Vec<String>) -> Result<&Array, SourceError> {
         let names: Vec<&str> = self.arrays.iter().take(LISTED_LIMIT).map(|array| array.name.as_str()).collect();
         let list = names.join(", ");
@@ -163,12 +164,12 @@ impl Header {
         Ok(best)
     }
 
-    /// Voxels along the axes: points, or the cells between them.
+    /// Number of voxels along the axes: points, or the cells between them.
     fn dims(&self, array: &Array) -> Dims {
         Dims(self.points.map(|points| if array.is_of_cells { (points - 1).max(1) } else { points }))
     }
 
-    /// Where the first voxel lies; the directions as they are, or the world's where they make no sense.
+    /// Geometry with the origin at the first voxel.
     fn placed(&self, path: &Path, array: &Array) -> Result<Geometry, SourceError> {
         if let Some(defect) = self.geometry.defect() {
             return Err(SourceError::invalid(path, "place", "origin, spacing and direction of a grid", defect));
@@ -205,13 +206,13 @@ impl Header {
         if let Encoding::Text | Encoding::Shares = array.encoding {
             let left = file.len().map_err(|e| SourceError::io(path, e))?.saturating_sub(array.offset);
             let numbers = bytes / layout.voxel_type.bytes() as u64;
-            // A number takes a digit and a separator.
+            // A number takes at least a digit and a separator.
             if left.saturating_add(1) / 2 < numbers {
                 let found = format!("{left} bytes of text");
                 return Err(SourceError::invalid(path, "text data", format!("{numbers} numbers"), found));
             }
             let text = UpTo::new(path, file, array.offset)?;
-            // In a legacy file other arrays follow, with nothing between that is no word.
+            // In a legacy file other arrays may follow directly.
             let excess = if self.blocks.is_some() { Excess::Refused } else { Excess::Expected };
             let how = (Words::Shown, excess);
             let read = if array.encoding == Encoding::Shares { share } else { parse_voxel };
@@ -225,14 +226,14 @@ impl Header {
     }
 }
 
-/// A share of 0 to 1, of the greatest number of a byte.
+/// Parses a fraction between 0 and 1 and writes it as a fraction of 255.
 fn share(word: &str, _: VoxelType, out: &mut [u8]) -> bool {
     let share = word.parse::<f64>().ok().filter(|share| (0.0..=1.0).contains(share));
-    // Rounded, it is at most 255.
+    // The rounded result is at most 255.
     share.map(|share| out[0] = (share * f64::from(u8::MAX)).round() as u8).is_some()
 }
 
-/// A number of bytes in a file.
+/// Reads a word of `bytes` bytes at offset `at` of a file.
 fn word(path: &Path, file: &File, at: u64, bytes: usize, endian: Endian) -> Result<u64, SourceError> {
     let mut word = [0; 8];
     file.read_exact_at(at, &mut word[..bytes]).map_err(|e| match e.kind() {
@@ -242,7 +243,7 @@ fn word(path: &Path, file: &File, at: u64, bytes: usize, endian: Endian) -> Resu
     Ok(number(&word[..bytes], endian))
 }
 
-/// A number of four or eight bytes.
+/// A word of four or eight bytes.
 fn number(bytes: &[u8], endian: Endian) -> u64 {
     let mut word = [0; 8];
     word[..bytes.len()].copy_from_slice(bytes);

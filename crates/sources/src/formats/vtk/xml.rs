@@ -1,4 +1,4 @@
-//! The header of a `.vti`: tags up to the appended data. What stands between tags is passed over and never held.
+//! The header of a `.vti`: tags up to the appended data. Text between tags is skipped and never held in memory.
 
 use std::collections::HashMap;
 use std::io::BufRead;
@@ -12,18 +12,18 @@ use super::{ARRAYS_LIMIT, Array, Blocks, Compressor, Encoding, Header, Number};
 use crate::input::text::shortened;
 use crate::{Endian, SourceError};
 
-/// Longest tag.
+/// Longest tag in bytes.
 const TAG_LIMIT_BYTES: usize = 64 << 10;
 
 /// Tags of a text, one after the other.
 struct Tags<'a, R> {
     path: &'a Path,
     reader: R,
-    /// Bytes read so far.
+    /// Number of bytes read so far.
     at: u64,
 }
 
-/// A tag that begins or stands alone.
+/// An opening or self-closing tag.
 struct Tag {
     name: String,
     attributes: HashMap<String, String>,
@@ -39,7 +39,7 @@ impl Tag {
         SourceError::invalid(path, format!("attribute {name} of {}", self.name), expected, found)
     }
 
-    /// Numbers of an attribute, as many as there must be.
+    /// Numbers of an attribute, exactly `N` of them.
     fn numbers<T: std::str::FromStr, const N: usize>(&self, path: &Path, name: &str) -> Result<[T; N], SourceError> {
         let parsed = self.get(name).map(|text| text.split_whitespace().map(|word| word.parse().ok()).collect());
         let numbers: Option<Vec<T>> = parsed.flatten();
@@ -49,21 +49,21 @@ impl Tag {
 }
 
 impl<R: BufRead> Tags<'_, R> {
-    /// The next tag that begins something, or `None` at the end.
+    /// The next opening or self-closing tag, or `None` at the end.
     fn next(&mut self) -> Result<Option<Tag>, SourceError> {
         loop {
             if !self.pass_over(b'<')? {
                 return Ok(None);
             }
             let mut text = Vec::new();
-            // A comment ends with two strokes, everything else at once.
+            // A comment ends with `-->`, every other tag at the first `>`.
             loop {
                 let begun = text.len();
                 let limit = (TAG_LIMIT_BYTES - begun) as u64;
                 let read = std::io::Read::take(&mut self.reader, limit).read_until(b'>', &mut text);
                 let read = read.map_err(|e| SourceError::io(self.path, e))?;
                 self.at += read as u64;
-                // Comments may be left open.
+                // A comment may be unterminated.
                 if read == 0 || text.last() != Some(&b'>') {
                     let found = format!("`{}`", shortened(&String::from_utf8_lossy(&text)));
                     return Err(SourceError::invalid(self.path, "XML", "tags of at most 64 KiB", found));
@@ -90,7 +90,7 @@ impl<R: BufRead> Tags<'_, R> {
         }
     }
 
-    /// Passes over everything up to a byte, and that byte; false where it does not come.
+    /// Skips everything up to and including a byte; false if it does not occur.
     fn pass_over(&mut self, wanted: u8) -> Result<bool, SourceError> {
         loop {
             let available = self.reader.fill_buf().map_err(|e| SourceError::io(self.path, e))?;
@@ -108,21 +108,21 @@ impl<R: BufRead> Tags<'_, R> {
     }
 }
 
-/// Where in the file we are.
+/// Current section of the file.
 #[derive(Debug, Clone, PartialEq)]
 enum Section {
-    /// Arrays here are of no grid.
+    /// Outside the grid; arrays here are ignored.
     Elsewhere,
-    /// Arrays of points or of cells; the name of those that are active.
+    /// Arrays of points or of cells, and the name of the active one.
     Data { is_of_cells: bool, active: Option<String> },
 }
 
-/// What has been read so far.
+/// State of the parser.
 struct Reading {
     header: Header,
     section: Section,
     pieces: usize,
-    /// Numbers of arrays in the appended data.
+    /// Indices of the arrays in the appended data.
     appended: Vec<usize>,
 }
 
@@ -158,7 +158,7 @@ pub(super) fn read(path: &Path, reader: impl BufRead) -> Result<Header, SourceEr
     reading.finish(path)
 }
 
-/// What the first element says.
+/// Handles the first element.
 fn begin(path: &Path, tag: &Tag) -> Result<Header, SourceError> {
     let unsupported = |what: String, advice: &str| Err(SourceError::unsupported(path, what, advice));
     match tag.get("type") {
@@ -243,7 +243,7 @@ impl Reading {
         if tag.get("Direction").is_some() {
             header.geometry.direction = tag.numbers(path, "Direction")?;
         }
-        // A negative spacing turns the axis round.
+        // A negative spacing reverses the axis.
         for axis in 0..3 {
             let sign = if header.geometry.spacing[axis] < 0.0 { -1.0 } else { 1.0 };
             header.geometry.spacing[axis] *= sign;
@@ -270,7 +270,7 @@ impl Reading {
             return Err(SourceError::invalid(path, "arrays", format!("at most {ARRAYS_LIMIT}"), "more"));
         }
         let name = tag.get("Name").unwrap_or_default().to_owned();
-        // Texts and whatever else is no number are no volumes.
+        // Text and other arrays that are not numbers are ignored.
         let Some(number) = tag.get("type").and_then(number) else { return Ok(()) };
         let components: [u64; 1] = match tag.get("NumberOfComponents") {
             None | Some("") => [1],

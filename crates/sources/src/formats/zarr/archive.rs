@@ -1,8 +1,8 @@
-//! A Zarr or N5 in a ZIP file (`zarr.storage.ZipStore`, `.zarr.zip`, `.ozx`): what stands where in it.
+//! A Zarr or N5 in a ZIP file (`zarr.storage.ZipStore`, `.zarr.zip`, `.ozx`): positions of its entries.
 //!
-//! Entries that are stored as they are, as libraries write them, are read in place; deflated ones are inflated each time they are
-//! read, to the length that the archive states and no further; deflated shards, of which chunks are read one by one, once into nameless
-//! files in the spool folder, of which some are kept. The list of entries is read by the crate `zip`.
+//! Stored entries, the usual case, are read in place. Deflated entries are inflated on each read, at most to the length
+//! that the archive states. Deflated shards, whose chunks are read one by one, are inflated once into nameless files in
+//! the spool folder; a few of these are kept. The crate `zip` reads the list of entries.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::fs::File;
@@ -20,35 +20,35 @@ use crate::input::data_files::open_data;
 use crate::input::spool::{DEFLATE_RATIO_LIMIT, Spool, SpoolFolder};
 use crate::input::text::shortened;
 
-/// Most entries of an archive.
+/// Largest number of entries of an archive.
 const ENTRIES_LIMIT: usize = 1 << 20;
-/// Inflated shards that are kept, and bytes that are inflated at once.
+/// Number of inflated shards that are kept, and the buffer size for inflating in bytes.
 const SHARDS_KEPT: usize = 8;
 const BUFFER_BYTES: usize = 1 << 18;
 
-/// An archive that is open.
+/// An open archive.
 #[derive(Debug)]
 pub(super) struct Archive {
     file: File,
     entries: BTreeMap<String, Entry>,
     spool: SpoolFolder,
-    /// Inflated shards by where they begin in the archive, the last inflated last.
+    /// Inflated shards by their offset in the archive; the most recently inflated is the last.
     shards: Mutex<VecDeque<(u64, Arc<File>)>>,
 }
 
-/// Where the bytes of an entry are.
+/// Position of an entry's bytes.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Entry {
     start: u64,
-    /// In the archive.
+    /// Size in the archive in bytes.
     stored: u64,
-    /// Once they are inflated.
+    /// Size after inflating in bytes.
     length: u64,
     is_deflated: bool,
 }
 
 impl Archive {
-    /// Reads the list of entries; shards that are deflated will be inflated into `spool`.
+    /// Reads the list of entries. Deflated shards will be inflated into `spool`.
     pub(super) fn open(path: &Path, spool: &SpoolFolder) -> Result<Self, SourceError> {
         let file = open_data(path)?;
         let bytes = file.len().map_err(|e| SourceError::io(path, e))?;
@@ -87,18 +87,18 @@ impl Archive {
         Ok(Self { file, entries, spool: spool.clone(), shards: Mutex::default() })
     }
 
-    /// An entry by its name, with `/` between folders.
+    /// The entry with this name; `/` separates folders.
     pub(super) fn entry(&self, name: &str) -> Option<Entry> {
         self.entries.get(name).copied()
     }
 
-    /// Names of all entries below a folder (empty, or with `/` at its end), without the folder's.
+    /// Names of all entries below a folder, relative to it. `folder` is empty or ends with `/`.
     pub(super) fn below<'a>(&'a self, folder: &'a str) -> impl Iterator<Item = &'a str> {
         let from = self.entries.range(folder.to_owned()..);
         from.map_while(move |(name, _)| name.strip_prefix(folder))
     }
 
-    /// The bytes of an entry.
+    /// The bytes of an entry, inflated if necessary.
     pub(super) fn read(&self, path: &Path, entry: Entry, limit: u64) -> Result<Vec<u8>, SourceError> {
         if entry.length > limit || entry.stored > limit {
             let expected = format!("at most {limit} bytes");
@@ -123,9 +123,9 @@ impl Archive {
         Ok(inflated)
     }
 
-    /// A deflated shard, inflated; whoever wants it meanwhile waits.
+    /// A deflated shard as an inflated file. Other threads that need it wait.
     fn shard(&self, path: &Path, entry: Entry) -> Result<Arc<File>, SourceError> {
-        // Whoever panicked has changed the list whole.
+        // The list is consistent even after a panic, so a poisoned lock is safe to use.
         let mut shards = self.shards.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((_, file)) = shards.iter().find(|(start, _)| *start == entry.start) {
             return Ok(Arc::clone(file));
@@ -158,13 +158,13 @@ impl Archive {
         Ok(file)
     }
 
-    /// Bytes of an entry in the archive, from `at` on.
+    /// Reads bytes of an entry as stored in the archive, from `at` on.
     fn read_at(&self, path: &Path, entry: Entry, at: u64, out: &mut [u8]) -> Result<(), SourceError> {
         self.file.read_exact_at(entry.start + at, out).map_err(|e| SourceError::io(path, e))
     }
 }
 
-/// Bytes of an archive, one after the other.
+/// Sequential reader of a part of an archive.
 struct Part<'a> {
     archive: &'a Archive,
     at: u64,
@@ -183,16 +183,16 @@ impl Read for Part<'_> {
 /// A file of a store that is read in parts.
 #[derive(Debug)]
 pub(super) enum Member<'a> {
-    /// In a folder.
+    /// A file in a folder, with its length in bytes.
     File(File, u64),
-    /// In an archive, as it is.
+    /// A stored entry of an archive.
     Entry(&'a Archive, Entry),
-    /// Of an archive, inflated.
+    /// A deflated entry of an archive, inflated, with its length in bytes.
     Inflated(Arc<File>, u64),
 }
 
 impl<'a> Member<'a> {
-    /// An entry, inflated where it is deflated.
+    /// The entry as a file, inflated if it is deflated.
     pub(super) fn of(archive: &'a Archive, path: &Path, entry: Entry) -> Result<Self, SourceError> {
         if entry.is_deflated {
             return Ok(Self::Inflated(archive.shard(path, entry)?, entry.length));
@@ -207,7 +207,7 @@ impl<'a> Member<'a> {
         }
     }
 
-    /// Fills `out` from byte `at` on; whoever asks has compared with the length.
+    /// Fills `out` from byte `at` on. The caller has checked the length.
     pub(super) fn read_at(&self, path: &Path, at: u64, out: &mut [u8]) -> Result<(), SourceError> {
         match self {
             Self::Inflated(file, _) => file.read_exact_at(at, out).map_err(|e| SourceError::io(path, e)),

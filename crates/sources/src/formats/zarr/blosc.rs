@@ -1,16 +1,17 @@
-//! Blosc 1: blocks of a chunk, each shuffled and compressed by itself. What Zarr and N5 are usually compressed with.
+//! Blosc 1: blocks of a chunk, each shuffled and compressed alone. It is the usual compression of Zarr and N5.
 //!
-//! Layout (c-blosc's `README_CHUNK_FORMAT`): a header of 16 bytes (version, version of the compressor, flags, bytes of an element,
-//! then as u32: bytes of the chunk, of a block, of all of it compressed), the places of the blocks as u32, and the blocks. A block is
-//! one stream, or one for each byte of the elements; before each stand its bytes as i32. By hand, because the one crate in Rust is
-//! young, and the C library's own allocates what a header says; the compressors beneath are crates, BloscLZ alone is not.
-//! Promises: decodes to the length that the caller expects, and allocates nothing else.
+//! Layout (c-blosc's `README_CHUNK_FORMAT`): a header of 16 bytes, the offsets of the blocks as u32, and the blocks.
+//! The header holds the version, the compressor's version, flags and the bytes per element. Then follow, as u32, the
+//! bytes of the chunk, of a block, and of the whole compressed chunk. A block is one stream, or one stream for each
+//! byte of the elements; before each stream stands its length as i32.
+//! Written by hand: the only Rust crate is young, and the C library allocates what a header claims. The compressors are
+//! crates, except BloscLZ. The decoder produces exactly the length that the caller expects and allocates nothing else.
 
 use std::io::Read;
 
-/// Bytes before the places of the blocks.
+/// Bytes before the offsets of the blocks.
 const HEADER_BYTES: usize = 16;
-/// Elements of more bytes are not split, nor streams of fewer bytes made.
+/// Largest element size in bytes that is split into streams, and smallest size of such a stream in bytes.
 const SPLITS_LIMIT: usize = 16;
 const STREAM_BYTES: usize = 128;
 
@@ -19,7 +20,7 @@ const STORED: u8 = 2;
 const BIT_SHUFFLED: u8 = 4;
 const NOT_SPLIT: u8 = 16;
 
-/// The farthest that BloscLZ looks back without two more bytes.
+/// Largest distance of a BloscLZ match that needs no two extra bytes.
 const BLOSCLZ_NEAR: usize = 8191;
 
 #[derive(Debug, Clone, Copy)]
@@ -38,10 +39,10 @@ struct Header {
     compressor: Compressor,
 }
 
-/// The bytes of a chunk, which must be `wanted`.
+/// Decodes a chunk to exactly `wanted` bytes.
 ///
 /// # Errors
-/// With what is wrong, in words.
+/// A description of the defect.
 pub(super) fn decode(data: &[u8], wanted: usize) -> Result<Vec<u8>, String> {
     let header = Header::of(data)?;
     if header.bytes != wanted {
@@ -145,12 +146,12 @@ fn u32_at(data: &[u8], at: usize) -> Option<usize> {
     usize::try_from(u32::from_le_bytes(*bytes)).ok()
 }
 
-/// Fills `out` from a decoder; `None` where that fails.
+/// Fills `out` from a decoder; `None` if that fails.
 fn exactly(mut decoder: impl Read, out: &mut [u8]) -> Option<usize> {
     decoder.read_exact(out).ok().map(|()| out.len())
 }
 
-/// First bytes of all elements, then their second bytes, ...: back to elements.
+/// Reverses the byte shuffle: first bytes of all elements, then their second bytes, and so on.
 pub(super) fn unshuffle_bytes(from: &[u8], element: usize, to: &mut [u8]) {
     let count = from.len() / element;
     if count == 0 {
@@ -163,7 +164,8 @@ pub(super) fn unshuffle_bytes(from: &[u8], element: usize, to: &mut [u8]) {
     }
 }
 
-/// First bits of all elements, then their second bits, ...: back to elements, of which there are a multiple of eight.
+/// Reverses the bit shuffle: first bits of all elements, then their second bits, and so on. The number of elements is a
+/// multiple of eight.
 fn unshuffle_bits(from: &[u8], element: usize, to: &mut [u8]) {
     let row = from.len() / element / 8;
     for byte in 0..element {
@@ -177,7 +179,7 @@ fn unshuffle_bits(from: &[u8], element: usize, to: &mut [u8]) {
     }
 }
 
-/// A matrix of 8 x 8 bits, its rows and columns exchanged (Warren, Hacker's Delight, 2nd edition, 7-3).
+/// Transposes a matrix of 8 x 8 bits (Warren, Hacker's Delight, 2nd edition, 7-3).
 fn transposed(mut x: u64) -> u64 {
     for (mask, shift) in [(0x00aa_00aa_00aa_00aa, 7), (0x0000_cccc_0000_cccc, 14), (0x0000_0000_f0f0_f0f0, 28)] {
         let t = (x ^ (x >> shift)) & mask;
@@ -186,7 +188,8 @@ fn transposed(mut x: u64) -> u64 {
     x
 }
 
-/// BloscLZ, Blosc's variant of FastLZ: literals, and matches of what has been decoded. Returns the bytes decoded.
+/// Decodes BloscLZ, Blosc's variant of FastLZ: literals, and matches of decoded bytes. Returns the number of decoded
+/// bytes.
 fn blosclz(input: &[u8], out: &mut [u8]) -> Option<usize> {
     let mut rest = input;
     let next = |rest: &mut &[u8]| rest.split_off_first().map(|byte| usize::from(*byte));
@@ -219,7 +222,7 @@ fn blosclz(input: &[u8], out: &mut [u8]) -> Option<usize> {
             if length > out.len() - done {
                 return None;
             }
-            // Byte by byte: a match may reach into itself.
+            // Byte by byte: a match may overlap its own output.
             for at in 0..length {
                 out[done + at] = out[start + at];
             }

@@ -1,4 +1,4 @@
-//! How the bytes of a chunk are compressed: one stage after the other, each to a length that is known, or bounded, before.
+//! Compression of a chunk: a list of stages, each decoded to a length that is known or bounded beforehand.
 
 use std::io::Read;
 
@@ -6,41 +6,42 @@ use flate2::bufread::{MultiGzDecoder, ZlibDecoder};
 
 use super::blosc;
 
-/// One stage, as it is undone.
+/// One stage of the decoder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Codec {
     Gzip,
     Zlib,
     Zstd,
     Blosc,
-    /// LZ4 behind the length of what it holds (`numcodecs.lz4`).
+    /// LZ4 behind the decoded length (`numcodecs.lz4`).
     Lz4,
-    /// LZ4 in blocks, as Java's `LZ4BlockOutputStream` writes them (N5).
+    /// LZ4 in blocks, as written by Java's `LZ4BlockOutputStream` (N5).
     Lz4Blocks,
-    /// Four bytes at the end: CRC-32C of what stands before them.
+    /// Four bytes at the end: CRC-32C of the bytes before them.
     Crc32c,
-    /// Bytes of elements, of so many bytes, put together by their place.
+    /// Byte shuffle of elements with this many bytes.
     Shuffle(usize),
 }
 
-/// Bytes beyond those of the voxels that a stage between may have: checksums, headers, what does not compress.
+/// Largest size of an intermediate result in bytes, for `bytes` bytes of voxels: adds checksums, headers,
+/// incompressible data.
 fn with_overhead(bytes: usize) -> usize {
     bytes + bytes / 8 + 65_536
 }
 
-/// Most bytes of a chunk of so many bytes when it is encoded.
+/// Largest encoded size in bytes of a chunk of `bytes` bytes.
 pub(super) fn encoded_limit(bytes: usize) -> usize {
     with_overhead(bytes)
 }
 
-/// Undoes stages, the one that was done last first; the result has `wanted` bytes.
+/// Reverses the stages, last stage first; the result has exactly `wanted` bytes.
 ///
 /// # Errors
-/// With what is wrong, in words.
+/// A description of the defect.
 pub(super) fn decode(stages: &[Codec], data: Vec<u8>, wanted: usize) -> Result<Vec<u8>, String> {
     let mut data = data;
     for (left, stage) in stages.iter().enumerate().rev() {
-        // Only the first stage's input has a length that is known; those between may add something.
+        // Only the first stage's input has a known length; intermediate results may be longer.
         let exact = stages[..left].iter().all(|s| matches!(s, Codec::Shuffle(_)));
         let wanted = if exact { Length::Exactly(wanted) } else { Length::AtMost(with_overhead(wanted)) };
         data = stage.undo(data, wanted).map_err(|what| format!("{stage:?}: {what}"))?;
@@ -48,7 +49,7 @@ pub(super) fn decode(stages: &[Codec], data: Vec<u8>, wanted: usize) -> Result<V
     if data.len() == wanted { Ok(data) } else { Err(format!("{} bytes, where {wanted} were expected", data.len())) }
 }
 
-/// How many bytes a stage may make.
+/// Output length of a stage in bytes.
 #[derive(Debug, Clone, Copy)]
 enum Length {
     Exactly(usize),
@@ -90,7 +91,7 @@ impl Codec {
     }
 }
 
-/// A length that a header states, where it may be.
+/// A length from a header, checked against the expected one.
 fn stated_within(stated: Option<usize>, wanted: Length) -> Result<usize, String> {
     let stated = stated.ok_or("no length")?;
     match wanted {
@@ -100,7 +101,7 @@ fn stated_within(stated: Option<usize>, wanted: Length) -> Result<usize, String>
     }
 }
 
-/// All that a decoder yields, and never more than is wanted and one byte.
+/// Reads a decoder to its end, but never more than one byte beyond the expected length.
 fn inflated(decoder: impl Read, wanted: Length) -> Result<Vec<u8>, String> {
     let (room, most) = match wanted {
         Length::Exactly(n) => (n, n),
@@ -117,7 +118,8 @@ fn lz4(data: &[u8], length: usize) -> Result<Vec<u8>, String> {
     if done == length { Ok(out) } else { Err(format!("{done} bytes, where {length} were expected")) }
 }
 
-/// `LZ4Block`, a token (16: stored, 32: LZ4, and the level), compressed length, length, checksum; an empty block ends it.
+/// `LZ4Block`, a token (16: stored, 32: LZ4, plus the level), compressed length, length, checksum; an empty block ends
+/// the stream.
 fn lz4_blocks(mut data: &[u8], wanted: Length) -> Result<Vec<u8>, String> {
     const STORED: u8 = 0x10;
     const COMPRESSED: u8 = 0x20;

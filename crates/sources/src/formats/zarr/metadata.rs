@@ -1,5 +1,5 @@
-//! What `.zarray` (version 2) and `zarr.json` (version 3) say of an array: its shape, its elements, where chunks lie and how they
-//! are encoded.
+//! Metadata of an array, `.zarray` (version 2) or `zarr.json` (version 3): shape, element type, names and encoding of
+//! the chunks.
 
 use std::path::Path;
 
@@ -16,7 +16,7 @@ use crate::grid::elements::Number;
 use crate::input::text::shortened;
 use crate::{Endian, SourceError};
 
-/// `.zarray`.
+/// Contents of `.zarray`.
 #[derive(Debug, Deserialize)]
 pub(super) struct Version2 {
     shape: Vec<u64>,
@@ -34,7 +34,7 @@ pub(super) struct Version2 {
     dimension_separator: Option<String>,
 }
 
-/// `zarr.json`, of an array or of a group.
+/// Contents of `zarr.json`, of an array or a group.
 #[derive(Debug, Deserialize)]
 pub(super) struct Version3 {
     pub(super) node_type: String,
@@ -56,7 +56,7 @@ pub(super) struct Version3 {
     storage_transformers: Vec<Value>,
 }
 
-/// A name and what goes with it; or the name alone.
+/// A name with or without its options.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(untagged)]
 pub(super) enum Named {
@@ -77,13 +77,13 @@ impl Named {
     }
 }
 
-/// How the numbers of a chunk make its name.
+/// Naming scheme of the chunks, from their numbers along the axes.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Keys {
-    /// `c` before the numbers (version 3).
+    /// Whether `c` precedes the numbers (version 3).
     pub(super) prefix: bool,
     pub(super) separator: char,
-    /// The last axis first (N5).
+    /// Whether the last axis comes first (N5).
     pub(super) is_reversed: bool,
 }
 
@@ -101,23 +101,23 @@ impl Keys {
     }
 }
 
-/// Chunks inside files of several.
+/// Files that hold several chunks each.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Sharding {
-    /// Inner chunks of a file along each axis.
+    /// Chunks of a file along each axis.
     pub(super) count: Vec<u64>,
-    /// Whether the index has a checksum, and stands at the end.
+    /// Format of the chunk index of a file.
     pub(super) index: Index,
 }
 
-/// The table of a shard's chunks.
+/// Format of a shard's index: whether it has a checksum, and whether it is at the end of the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Index {
     pub(super) has_checksum: bool,
     pub(super) at_end: bool,
 }
 
-/// An array as its metadata describe it.
+/// An array as described by its metadata.
 #[derive(Debug, Clone)]
 pub(super) struct Array {
     pub(super) number: Number,
@@ -125,11 +125,11 @@ pub(super) struct Array {
     pub(super) keys: Keys,
     pub(super) stages: Vec<Codec>,
     pub(super) sharding: Option<Sharding>,
-    /// Blocks of N5, which have headers.
+    /// Whether chunks are N5 blocks, which have headers.
     pub(super) has_block_headers: bool,
 }
 
-/// Metadata of one file, and what may be wrong with them.
+/// Path of the metadata, for errors.
 #[derive(Clone, Copy)]
 struct At<'a>(&'a Path);
 
@@ -143,7 +143,7 @@ impl At<'_> {
     }
 }
 
-/// Checks what all versions have in common.
+/// Checks the rules that all versions share.
 pub(super) fn check_shape(path: &Path, shape: &[u64], chunk: &[u64]) -> Result<(), SourceError> {
     let at = At(path);
     let found = || format!("shape {shape:?}, chunks {chunk:?}");
@@ -214,7 +214,7 @@ impl Version3 {
 }
 
 impl Array {
-    /// Takes the codecs of version 3, in the order in which they encode.
+    /// Applies the codecs of version 3, given in encoding order.
     fn decode_by(&mut self, at: At<'_>, codecs: &[Named]) -> Result<(), SourceError> {
         let mut has_bytes = false;
         for codec in codecs {
@@ -255,7 +255,7 @@ impl Array {
         Ok(())
     }
 
-    /// The chunks inside shards become the array's chunks.
+    /// Makes the chunks inside shards the array's chunks.
     fn shard(&mut self, at: At<'_>, options: &Value) -> Result<(), SourceError> {
         let inner = sizes(at, "chunk_shape of shards", &options["chunk_shape"])?;
         check_shape(at.0, &self.shape.shape, &inner)?;
@@ -331,7 +331,7 @@ pub(super) fn number_named(name: &str) -> Option<Number> {
     })
 }
 
-/// NumPy's names: byte order, kind, bytes.
+/// NumPy's type names: byte order, kind, bytes.
 fn type_of_version_2(at: At<'_>, dtype: &Value) -> Result<(Number, Endian), SourceError> {
     let text = dtype.as_str().unwrap_or_default();
     let name = match text.get(1..) {
@@ -384,7 +384,7 @@ fn element_bytes(at: At<'_>, value: &Value) -> Result<usize, SourceError> {
     bytes.map(|n| n as usize).ok_or_else(|| at.invalid("shuffle", "elements of 1 to 256 bytes", value))
 }
 
-/// The bytes of the fill value, little endian; nothing said is 0.
+/// Little-endian bytes of the fill value; 0 if there is none.
 fn fill_of(at: At<'_>, value: &Value, number: Number) -> Result<[u8; 8], SourceError> {
     let wrong = || at.invalid("fill_value", "a number of the array's type", value);
     let mut bytes = [0; 8];

@@ -1,12 +1,12 @@
-//! Zarr (versions 2 and 3), OME-Zarr and N5: folders of chunks, or ZIP files of what such a folder holds, read chunk by chunk.
+//! Zarr (versions 2 and 3), OME-Zarr and N5: folders of chunks, or ZIP files of such folders, read chunk by chunk.
 //!
-//! A folder is an array, or a group: of an OME-Zarr image or an N5 pyramid the finest level is read, or `--source-level N`; of other
-//! groups the one array, or the one that is named (`FOLDER:/PATH`). Axes that are neither x, y nor z are `--frame` (time) and
-//! `--channel`. Chunks that do not exist hold the fill value. Codecs: gzip, zlib, zstd, Blosc (without Snappy), LZ4, CRC-32C, byte
-//! shuffle, transposition, shards; others are refused by name.
-//! By hand: `zarrs` is 58 packages more, and inflates a chunk as far as its stream goes (decision 020). What decodes is crates'.
-//! Promises: chunk sizes are checked against the memory before anything is read; nothing is decoded beyond its chunk; nothing
-//! outside the folder is read.
+//! A folder is an array or a group. An OME-Zarr image or an N5 pyramid gives its finest level, or that of
+//! `--source-level N`. Other groups give their only array, or the named one (`FOLDER:/PATH`). Axes other than x, y and
+//! z are `--frame` (time) and `--channel`. Missing chunks have the fill value. Codecs: gzip, zlib, zstd, Blosc (without
+//! Snappy), LZ4, CRC-32C, byte shuffle, transposition, shards; others are refused by name. Written by hand: `zarrs`
+//! adds 58 packages, and inflates a chunk without a limit (decision 020). Crates do the decompression. Chunk sizes are
+//! checked against the memory before reading, no chunk is decoded beyond its size, and no file outside the folder is
+//! read.
 
 mod archive;
 mod blosc;
@@ -40,12 +40,12 @@ use ome::{ArrayAxis, Attributes};
 use placement::place;
 use store::Store;
 
-/// Files that make a folder Zarr or N5.
+/// Files that identify a folder as Zarr or N5.
 const ZARR_FILES: [&str; 3] = ["zarr.json", ".zarray", ".zgroup"];
 const N5_FILE: &str = "attributes.json";
-/// Most entries of a list in a message.
+/// Largest number of entries that a message lists.
 const LISTED_LIMIT: usize = 20;
-/// Tables of shards that are kept, and the longest of them, chunks.
+/// Number of shard indices that are kept, and the largest number of chunks of one.
 const TABLES_KEPT: usize = 8;
 const TABLE_LIMIT: u64 = 1 << 18;
 
@@ -54,13 +54,13 @@ pub fn is_zarr(folder: &Path) -> bool {
     descriptions().any(|name| folder.join(name).is_file())
 }
 
-/// Whether a ZIP file holds Zarr or N5; not where it cannot be read.
+/// Whether a ZIP file holds Zarr or N5; false if it cannot be read.
 pub(crate) fn is_zarr_archive(path: &Path) -> bool {
     let is_of_zarr = |name: &str| name.rsplit('/').next().is_some_and(|file| descriptions().any(|known| known == file));
     archive::Archive::open(path, &SpoolFolder::system()).is_ok_and(|archive| archive.below("").any(is_of_zarr))
 }
 
-/// Whether a file of this name describes the Zarr or N5 that it lies in.
+/// Whether a file of this name describes the Zarr or N5 that contains it.
 pub(crate) fn is_description(name: &OsStr) -> bool {
     descriptions().any(|known| name == known)
 }
@@ -69,7 +69,8 @@ fn descriptions() -> impl Iterator<Item = &'static str> {
     ZARR_FILES.into_iter().chain([".zattrs", N5_FILE])
 }
 
-/// How many voxels of the finest a voxel of a level of `BigDataViewer` in N5 is along x, y and z: the setup lists it, or the level says it.
+/// Number of finest voxels per voxel of a `BigDataViewer` N5 level along x, y and z, listed by the setup or stated by
+/// the level.
 pub(crate) fn factors_of_viewer(
     path: &Path,
     outside: crate::input::data_files::Outside,
@@ -88,11 +89,11 @@ pub(crate) fn factors_of_viewer(
     Ok(attributes(dataset)?.and_then(|found| numbers(&found["downsamplingFactors"])))
 }
 
-/// Opens a folder of Zarr or N5.
+/// Opens a folder of Zarr or N5, or a ZIP file of one.
 ///
 /// # Errors
-/// If metadata or chunks break their rules, an encoding is not read, a chunk does not fit the memory, or nothing says which of
-/// several arrays is meant.
+/// If metadata or chunks break their rules. If an encoding is not supported, or a chunk does not fit the memory. If
+/// there are several arrays and none is named.
 pub fn open(path: &Path, options: &FolderOptions<'_>) -> Result<ChunkedSource, SourceError> {
     options.selection.refuse_series(path)?;
     let store = Store::new(path, options.outside, options.spool)?;
@@ -104,17 +105,17 @@ pub fn open(path: &Path, options: &FolderOptions<'_>) -> Result<ChunkedSource, S
     source(&store, found, options, notes)
 }
 
-/// An array that was chosen.
+/// The selected array.
 struct Found {
     folder: PathBuf,
     array: Array,
     axes: Vec<ArrayAxis>,
-    /// What the channels are called, as far as the image says it.
+    /// Names of the channels, as far as the image states them.
     channels: Vec<String>,
     format: &'static str,
 }
 
-/// What a folder is.
+/// Contents of a folder.
 enum Node {
     Array(Array, Option<Vec<Option<String>>>),
     Group(Attributes),
@@ -142,7 +143,7 @@ fn node(store: &Store, folder: &Path) -> Result<Option<Node>, SourceError> {
     Ok(store.metadata::<n5::Attributes>(&folder.join(N5_FILE))?.map(Node::N5))
 }
 
-/// The array that is meant.
+/// Finds the selected array.
 fn find(store: &Store, folder: &Path, selection: &Selection, notes: &mut Vec<String>) -> Result<Found, SourceError> {
     match node(store, folder)? {
         None => {
@@ -172,7 +173,7 @@ fn find(store: &Store, folder: &Path, selection: &Selection, notes: &mut Vec<Str
     }
 }
 
-/// An array of which nothing is known but, maybe, the names of its axes.
+/// An array about which only the names of its axes may be known.
 fn plain(folder: PathBuf, array: Array, names: Option<Vec<Option<String>>>) -> Found {
     let rank = array.shape.shape.len();
     let names = names.filter(|names| names.len() == rank).unwrap_or_else(|| vec![None; rank]);
@@ -180,7 +181,7 @@ fn plain(folder: PathBuf, array: Array, names: Option<Vec<Option<String>>>) -> F
     Found { folder, array, axes, channels: Vec::new(), format: "zarr" }
 }
 
-/// The one array below a group that says nothing of images.
+/// The only array below a group without image metadata.
 fn one_below(
     store: &Store,
     folder: &Path,
@@ -197,7 +198,7 @@ fn one_below(
     Err(several(store, folder, attributes.collection().unwrap_or("group of Zarr"), &names))
 }
 
-/// Asks for a name.
+/// Error that asks for the name of one of several arrays.
 fn several(store: &Store, folder: &Path, what: &str, names: &[String]) -> SourceError {
     let mut listed: Vec<String> = names.iter().take(LISTED_LIMIT).map(|name| shortened(name)).collect();
     if names.len() > LISTED_LIMIT {
@@ -232,7 +233,7 @@ fn image_level(
     Ok(Found { folder: at, array, axes, channels: Vec::new(), format: "ome-zarr" })
 }
 
-/// The level that is wanted of an image.
+/// The selected level of an image.
 fn level_of(folder: &Path, levels: usize, selection: &Selection, notes: &mut Vec<String>) -> Result<u64, SourceError> {
     if levels > 1 && selection.level.is_none() {
         notes.push(format!("{levels} levels; the finest is used; --source-level 0 to {} takes another", levels - 1));
@@ -240,7 +241,7 @@ fn level_of(folder: &Path, levels: usize, selection: &Selection, notes: &mut Vec
     selection.level_of(folder, levels as u64)
 }
 
-/// A dataset of N5, or a level of a pyramid whose levels are called s0, s1, ...
+/// A dataset of N5, or a level of a pyramid with levels s0, s1, ...
 fn n5_level(
     store: &Store,
     folder: &Path,
@@ -325,7 +326,7 @@ fn source(
     Ok(ChunkedSource::new(info, grid, elements))
 }
 
-/// Where each chunk of a shard begins, and how long it is.
+/// Offset and length in bytes of each chunk of a shard.
 type Table = Arc<Vec<[u64; 2]>>;
 
 /// The chunks of an array.
@@ -334,9 +335,9 @@ struct ArrayChunks {
     store: Store,
     folder: PathBuf,
     array: Array,
-    /// Of a decoded chunk.
+    /// Size of a decoded chunk in bytes.
     bytes: usize,
-    /// Where the chunks of some shards lie, the last used last.
+    /// Indices of some shards, least recently used dropped first.
     tables: Mutex<Recent<PathBuf, Table>>,
 }
 
@@ -352,7 +353,7 @@ impl Chunks for ArrayChunks {
                 let shard: Vec<u64> = number.iter().zip(&sharding.count).map(|(n, count)| n / count).collect();
                 let path = self.folder.join(self.array.keys.name(&shard));
                 let inside = number.iter().zip(&sharding.count);
-                // Fits: the table has been counted.
+                // Fits: the number of chunks has been checked.
                 let at = inside.fold(0, |at, (n, count)| at * count + n % count) as usize;
                 let data = self.read_of_shard(&path, at, (&sharding.count, sharding.index))?;
                 (path, data)
@@ -371,7 +372,7 @@ impl ArrayChunks {
         codecs::decode(&self.array.stages, data, wanted)
     }
 
-    /// A block of N5, which may be smaller than a chunk.
+    /// Decodes an N5 block, which may be smaller than a chunk.
     fn block(&self, mut data: Vec<u8>) -> Result<Vec<u8>, String> {
         let shape = &self.array.shape;
         let (sizes, header) = n5::split_block(&data, shape.chunk.len())?;
@@ -392,7 +393,7 @@ impl ArrayChunks {
         Ok(widened(&data, &sizes, &shape.chunk, element, self.bytes))
     }
 
-    /// A chunk of a shard; `None` where it has none.
+    /// Reads a chunk of a shard; `None` if the shard does not have it.
     fn read_of_shard(
         &self,
         path: &Path,
@@ -416,11 +417,11 @@ impl ArrayChunks {
         Ok(Some(data))
     }
 
-    /// Place and length of each chunk of a shard.
+    /// Index of a shard: offset and length of each chunk.
     fn table(&self, path: &Path, file: &Member<'_>, (count, index): (&[u64], Index)) -> Result<Table, SourceError> {
         let length = file.length();
         {
-            // Whoever panicked has changed the list whole.
+            // The list is consistent even after a panic, so a poisoned lock is safe to use.
             let mut tables = self.tables.lock().unwrap_or_else(PoisonError::into_inner);
             if let Some(table) = tables.get(path) {
                 return Ok(Arc::clone(table));

@@ -1,8 +1,9 @@
-//! N5: folders with `attributes.json`, blocks with headers, axes from the fastest on, numbers big endian.
+//! N5: folders with `attributes.json`, blocks with headers, axes with the fastest first, big-endian numbers.
 //! <https://github.com/saalfeldlab/n5>
 //!
-//! Places are read as N5-viewer, COSEM and `BigDataViewer` write them: `pixelResolution`, or `resolution` and `units`, of an array or of
-//! the group above it, times `downsamplingFactors`; or `transform` of an array, whose axes are in C order.
+//! Spacing and origin are read as written by N5-viewer, COSEM and `BigDataViewer`. Either `pixelResolution`, or
+//! `resolution` and `units`, of an array or of the group above it, times `downsamplingFactors`. Or `transform` of an
+//! array, whose axes are in C order.
 
 use std::path::Path;
 
@@ -16,7 +17,7 @@ use crate::grid::chunked::ArrayShape;
 use crate::input::text::shortened;
 use crate::{Endian, SourceError};
 
-/// `attributes.json`, of a dataset or of a group.
+/// Contents of `attributes.json`, of a dataset or a group.
 #[derive(Debug, Default, Deserialize)]
 #[serde(rename_all = "camelCase", default)]
 pub(super) struct Attributes {
@@ -79,7 +80,7 @@ impl Attributes {
         Ok(Array { number, shape, keys, stages, sharding: None, has_block_headers: true })
     }
 
-    /// The axes of a dataset, in C order; `group` is what stands above it.
+    /// The axes of a dataset in C order; `group` has the attributes of the folder above.
     pub(super) fn axes(&self, group: &Self) -> Vec<ArrayAxis> {
         let rank = self.dimensions.as_ref().map_or(0, Vec::len);
         if let Some(Transform { axes, scale, translate, units }) = &self.transform {
@@ -105,7 +106,7 @@ impl Attributes {
             let spacing = resolution.get(i).copied().unwrap_or(1.0);
             let unit = pixels.map(|p| &p.unit).or(units.get(i)).map_or_else(String::new, |unit| unit_of(unit));
             let name = names.get(i).map_or(*usual.get(i).unwrap_or(&""), String::as_str);
-            // A coarse voxel stands for the fine ones around its centre.
+            // A coarse voxel lies at the centre of its fine ones.
             let origin = spacing * (factor - 1.0) / 2.0;
             ArrayAxis { unit, spacing: spacing * factor, origin, ..ArrayAxis::named(name) }
         };
@@ -113,10 +114,10 @@ impl Attributes {
     }
 }
 
-/// The header of a block: elements along each axis, the fastest first, and the bytes behind it.
+/// Header of a block: elements along each axis, fastest first, and the offset of the data behind it.
 ///
 /// # Errors
-/// With what is wrong, in words.
+/// A description of the defect.
 pub(super) fn split_block(block: &[u8], rank: usize) -> Result<(Vec<u64>, usize), String> {
     let u16_at = |at: usize| block.get(at..)?.first_chunk().map(|b| u16::from_be_bytes(*b));
     let u32_at = |at: usize| block.get(at..)?.first_chunk().map(|b| u32::from_be_bytes(*b));

@@ -1,23 +1,23 @@
-//! What OME-Zarr (0.1 to 0.5, and the drafts of 0.6 as far as they scale and move) says of an image: its levels, its axes, its
-//! place. <https://ngff.openmicroscopy.org>
+//! OME-Zarr metadata of an image (0.1 to 0.5, and scales and translations of the drafts of 0.6): levels, axes,
+//! placement. <https://ngff.openmicroscopy.org>
 
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 use supervol_format::Geometry;
 
-/// What a group or an array says beside its shape.
+/// Attributes of a group or an array.
 #[derive(Debug, Default, Deserialize)]
 pub(crate) struct Attributes {
-    /// Where 0.5 keeps what 0.4 has at the top.
+    /// Version 0.5 stores here what 0.4 stores at the top level.
     pub(crate) ome: Option<Box<Self>>,
     multiscales: Option<Vec<Multiscale>>,
-    /// How an image is to be shown; what is wrong in it is no reason to refuse the image.
+    /// Display settings. Errors in them are no reason to refuse the image.
     omero: Option<serde_json::Value>,
     pub(crate) plate: Option<IgnoredAny>,
     pub(crate) well: Option<IgnoredAny>,
     #[serde(rename = "bioformats2raw.layout")]
     pub(crate) series: Option<IgnoredAny>,
-    /// Names of axes, as xarray writes them.
+    /// Names of the axes, as written by xarray.
     #[serde(rename = "_ARRAY_DIMENSIONS")]
     pub(crate) dimensions: Option<Vec<Option<String>>>,
 }
@@ -29,7 +29,7 @@ impl Attributes {
         self.multiscales.as_deref().or_else(nested).unwrap_or_default()
     }
 
-    /// What the channels are called, empty where one is not.
+    /// Names of the channels; empty for a channel without a name.
     pub(crate) fn channels(&self) -> Vec<String> {
         let nested = || self.ome.as_ref().and_then(|ome| ome.omero.as_ref());
         let listed = self.omero.as_ref().or_else(nested).and_then(|omero| omero["channels"].as_array());
@@ -37,7 +37,7 @@ impl Attributes {
         listed.map_or_else(Vec::new, |channels| channels.iter().map(name).collect())
     }
 
-    /// Whether there are several images below, and what they are.
+    /// Kind of a collection of several images below this group, if it is one.
     pub(crate) fn collection(&self) -> Option<&'static str> {
         let ome = self.ome.as_deref();
         let any = |has: fn(&Self) -> bool| has(self) || ome.is_some_and(has);
@@ -55,7 +55,7 @@ impl Attributes {
 pub(crate) struct Multiscale {
     #[serde(default)]
     axes: Vec<OmeAxis>,
-    /// 0.6.
+    /// Version 0.6.
     #[serde(rename = "coordinateSystems", default)]
     systems: Vec<System>,
     pub(crate) datasets: Vec<Dataset>,
@@ -69,7 +69,7 @@ struct System {
     axes: Vec<OmeAxis>,
 }
 
-/// An axis: by its name alone in 0.3.
+/// An axis; in 0.3 only its name.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(untagged)]
 enum OmeAxis {
@@ -83,7 +83,7 @@ enum OmeAxis {
     },
 }
 
-/// A level.
+/// A level of an image.
 #[derive(Debug, Deserialize)]
 pub(crate) struct Dataset {
     pub(crate) path: String,
@@ -103,7 +103,7 @@ struct Transform {
     transformations: Vec<Transform>,
 }
 
-/// What an axis counts.
+/// Meaning of an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Role {
     Space,
@@ -117,13 +117,13 @@ pub(crate) struct ArrayAxis {
     pub(crate) name: String,
     pub(crate) role: Role,
     pub(crate) unit: String,
-    /// Distance of neighbours, and place of the first.
+    /// Distance between neighbours, and position of the first element.
     pub(crate) spacing: f64,
     pub(crate) origin: f64,
 }
 
 impl ArrayAxis {
-    /// An axis of which nothing is known but, maybe, its name.
+    /// An axis about which only its name may be known.
     pub(crate) fn named(name: &str) -> Self {
         let role = match name.to_lowercase().as_str() {
             "t" | "time" => Role::Time,
@@ -135,10 +135,10 @@ impl ArrayAxis {
 }
 
 impl Multiscale {
-    /// The axes of a level of so many axes, with what is noticed.
+    /// The axes of a level with `rank` axes; notes go to `notes`.
     pub(crate) fn axes(&self, level: &Dataset, rank: usize, notes: &mut Vec<String>) -> Vec<ArrayAxis> {
         let stated = if self.axes.is_empty() { self.systems.last().map_or(&[][..], |s| &s.axes) } else { &self.axes };
-        // Until 0.3 images had these five.
+        // Before version 0.3 images had these five axes.
         let usual =
             || ["t", "c", "z", "y", "x"][5 - rank.min(5)..].iter().map(|n| OmeAxis::Name((*n).into())).collect();
         let stated: Vec<OmeAxis> = if stated.is_empty() { usual() } else { stated.to_vec() };
@@ -192,7 +192,7 @@ impl Transform {
     }
 }
 
-/// Units as we write them.
+/// Unit in our spelling.
 pub(crate) fn unit_of(text: &str) -> String {
     match text {
         "angstrom" => "A",
@@ -214,8 +214,8 @@ pub(crate) fn unit_of(text: &str) -> String {
     .into()
 }
 
-/// The place of three axes in the world, each along one of its axes. Spacings are positive; one that is not is refused by whoever
-/// checks the geometry, since nothing else could be meant by it.
+/// Geometry of three axes, each along one world axis. Spacings must be positive; the check of the geometry refuses
+/// others.
 pub(crate) fn geometry_of(axes: [Option<&ArrayAxis>; 3]) -> Geometry {
     let spacing = axes.map(|axis| axis.map_or(1.0, |axis| axis.spacing));
     let origin = axes.map(|axis| axis.map_or(0.0, |axis| axis.origin));

@@ -1,4 +1,4 @@
-//! From the axes of an array to the three of a volume, a time and a channel.
+//! Reduction of an array's axes to three spatial axes, a time and a channel.
 
 use std::path::Path;
 
@@ -7,7 +7,8 @@ use crate::SourceError;
 use crate::grid::chunked::Placement;
 use crate::input::selection::Selection;
 
-/// Which axes are x, y, z, and what is chosen on the others. `names` are those of the channels, as far as the file says them.
+/// Chooses the axes that are x, y, z, and the positions on the others. `names` are the file's names of the channels, as
+/// far as known.
 pub(crate) fn place(
     path: &Path,
     (shape, axes, names): (&[u64], &[ArrayAxis], &[String]),
@@ -16,7 +17,7 @@ pub(crate) fn place(
 ) -> Result<Placement, SourceError> {
     let of = |role: Role| (0..shape.len()).filter(|i| axes[*i].role == role).collect::<Vec<_>>();
     let (mut space, mut times, mut channels) = (of(Role::Space), of(Role::Time), of(Role::Channel));
-    // Beyond three, the slowest have other meanings, which nobody has named.
+    // Beyond three spatial axes, the slowest ones have other, unnamed meanings.
     while space.len() > 3 {
         let axis = space.iter().position(|i| shape[*i] == 1).unwrap_or(0);
         let axis = space.remove(axis);
@@ -25,7 +26,7 @@ pub(crate) fn place(
         }
     }
     if space.is_empty() {
-        // Times or channels alone: a line of them.
+        // Only times or channels: they become a line of voxels.
         space.extend(times.pop().or_else(|| channels.pop()));
     }
     if times.len() > 1 || channels.len() > 1 {
@@ -42,7 +43,7 @@ pub(crate) fn place(
     Ok(Placement { axes: named_xyz(&space, axes), fixed })
 }
 
-/// x, y and z: by the names of the axes where all have one of these, else the fastest first.
+/// The axes x, y and z: by name if all axes have one of these names, else the fastest is x.
 fn named_xyz(space: &[usize], axes: &[ArrayAxis]) -> [Option<usize>; 3] {
     let called = |name: &str| {
         let mut found = space.iter().filter(|i| axes[**i].name.eq_ignore_ascii_case(name));

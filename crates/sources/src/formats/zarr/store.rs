@@ -1,6 +1,6 @@
-//! The folder or the archive of a Zarr or N5: its metadata and its chunks, none of which lies outside it.
+//! The folder or archive of a Zarr or N5, with its metadata and chunks; all must lie inside it.
 //!
-//! What lies in an archive has the path of the archive with its own behind it, as if that were a folder.
+//! A file in an archive has the path of the archive followed by its own, as if the archive were a folder.
 
 use std::collections::BTreeSet;
 use std::fs::File;
@@ -18,17 +18,17 @@ use crate::input::file::SourceFile;
 use crate::input::spool::SpoolFolder;
 use crate::input::text::shortened;
 
-/// Longest metadata that are read: those of a group may hold those of all arrays below it.
+/// Longest metadata that is read, in bytes; a group may contain the metadata of all arrays below it.
 const METADATA_LIMIT_BYTES: u64 = 16 << 20;
-/// Folders inside folders that chunks lie in.
+/// Largest depth of subfolders with chunks.
 const DEPTH_LIMIT: usize = 24;
 
-/// A folder or an archive and what may be read of it.
+/// A folder or an archive, and the rule which files may be read.
 #[derive(Debug, Clone)]
 pub(super) struct Store {
-    /// The folder or the archive as it was given, for messages.
+    /// The folder or archive as given, for messages.
     pub(super) path: PathBuf,
-    /// The same, links followed.
+    /// The same path with links resolved.
     whole: PathBuf,
     outside: Outside,
     archive: Option<Arc<Archive>>,
@@ -38,24 +38,24 @@ impl Store {
     pub(super) fn new(path: &Path, outside: Outside, spool: &SpoolFolder) -> Result<Self, SourceError> {
         let whole = std::fs::canonicalize(path).map_err(|e| SourceError::io(path, e))?;
         let archive = if whole.is_dir() { None } else { Some(Arc::new(Archive::open(path, spool)?)) };
-        // Nothing leads out of an archive.
+        // An archive has no links to the outside.
         let outside = if archive.is_some() { Outside::Refused } else { outside };
         Ok(Self { path: path.into(), whole, outside, archive })
     }
 
-    /// Whether it is a file.
+    /// Whether the store is an archive.
     pub(super) fn is_archive(&self) -> bool {
         self.archive.is_some()
     }
 
-    /// The name of something in an archive.
+    /// Name of a path in the archive.
     fn name_in_archive(&self, path: &Path) -> String {
         let parts = path.strip_prefix(&self.path).unwrap_or(path).components();
         let plain = parts.filter(|part| *part != Component::CurDir);
         plain.map(|part| part.as_os_str().to_string_lossy().into_owned()).collect::<Vec<_>>().join("/")
     }
 
-    /// The same of a folder in it, as its entries begin.
+    /// Name of a folder in the archive, as the prefix of its entries.
     fn folder_in_archive(&self, folder: &Path) -> String {
         let name = self.name_in_archive(folder);
         if name.is_empty() { name } else { name + "/" }
@@ -69,7 +69,7 @@ impl Store {
         }
     }
 
-    /// The folder in which an archive holds all that it holds, or the archive itself.
+    /// The only folder of an archive, if it contains everything; else the store itself.
     pub(super) fn root(&self, descriptions: &[&str]) -> PathBuf {
         let is_described = |folder: &Path| descriptions.iter().any(|name| self.has(&folder.join(name)));
         match &self.folders(&self.path)[..] {
@@ -80,7 +80,7 @@ impl Store {
         }
     }
 
-    /// Names of the folders in a folder, in natural order.
+    /// Names of the subfolders of a folder, in natural order.
     pub(super) fn folders(&self, folder: &Path) -> Vec<String> {
         let mut names: Vec<String> = match &self.archive {
             None => {
@@ -99,7 +99,7 @@ impl Store {
         names
     }
 
-    /// The path of something in it, which must not lead out of it.
+    /// Path of a name inside the store; it must not lead outside.
     pub(super) fn inside(&self, name: &str) -> Result<PathBuf, SourceError> {
         let is_plain = |part| matches!(part, Component::Normal(_) | Component::CurDir);
         if self.outside == Outside::Allowed || Path::new(name).components().all(is_plain) {
@@ -113,7 +113,7 @@ impl Store {
         SourceError::unsupported(&self.path, what, "give --allow-outside if you know where the folder comes from")
     }
 
-    /// A file of it, to be read in parts; `None` where there is none.
+    /// A file of the store, to be read in parts; `None` if it does not exist.
     pub(super) fn open(&self, path: &Path) -> Result<Option<Member<'_>>, SourceError> {
         if let Some(archive) = &self.archive {
             let entry = archive.entry(&self.name_in_archive(path));
@@ -128,26 +128,26 @@ impl Store {
     fn open_file(&self, path: &Path) -> Result<Option<File>, SourceError> {
         let found = match std::fs::canonicalize(path) {
             Ok(found) => found,
-            // A file where a folder is expected: nothing lies in it.
+            // If a file is found instead of a folder, nothing lies in it.
             Err(e) if matches!(e.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => return Ok(None),
             Err(e) => return Err(SourceError::io(path, e)),
         };
         if self.outside == Outside::Refused && !found.starts_with(&self.whole) {
             return Err(self.leads_out(&path.strip_prefix(&self.path).unwrap_or(path).to_string_lossy()));
         }
-        // Before it is opened: a FIFO would keep us waiting.
+        // Before opening: opening a FIFO would block.
         supervol_format::byte_source::check_is_file(&found).map_err(|e| SourceError::io(path, e))?;
         File::open(&found).map(Some).map_err(|e| SourceError::io(path, e))
     }
 
-    /// Metadata of this kind; `None` where there are none.
+    /// Metadata of this kind; `None` if the file does not exist.
     pub(super) fn metadata<T: DeserializeOwned>(&self, path: &Path) -> Result<Option<T>, SourceError> {
         let Some(text) = self.read(path, METADATA_LIMIT_BYTES)? else { return Ok(None) };
         let found = serde_json::from_slice(&text);
         found.map(Some).map_err(|e| SourceError::invalid(path, "metadata", "what Zarr or N5 has there", e.to_string()))
     }
 
-    /// A whole file of at most so many bytes.
+    /// A whole file of at most `limit` bytes; `None` if it does not exist.
     pub(super) fn read(&self, path: &Path, limit: u64) -> Result<Option<Vec<u8>>, SourceError> {
         if let Some(archive) = &self.archive {
             let entry = archive.entry(&self.name_in_archive(path));
@@ -164,7 +164,7 @@ impl Store {
         Ok(Some(data))
     }
 
-    /// The files below a folder, those of arrays below it left out, and whether these are all of them.
+    /// All files below a folder, and whether the list is complete.
     pub(super) fn files(&self, folder: &Path) -> Result<(Vec<SourceFile>, bool), SourceError> {
         if self.is_archive() {
             return Ok((vec![SourceFile::of(&self.path)?], true));
@@ -175,14 +175,14 @@ impl Store {
         Ok((files.iter().map(|path| SourceFile::of(path)).collect::<Result<_, _>>()?, is_whole))
     }
 
-    /// Names of folders in a folder that hold one of these files, in natural order; as many as a message can list.
+    /// Names of the subfolders that hold one of these files, in natural order.
     pub(super) fn nodes(&self, folder: &Path, metadata: &[&str]) -> Vec<String> {
         let is_node = |name: &String| metadata.iter().any(|file| self.has(&folder.join(name).join(file)));
         self.folders(folder).into_iter().filter(is_node).collect()
     }
 }
 
-/// Adds the files of a folder; false where there are too many of them.
+/// Adds the files of a folder; false if there are too many.
 fn list(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) -> Result<bool, SourceError> {
     let io = |e| SourceError::io(folder, e);
     for entry in std::fs::read_dir(folder).map_err(io)? {
@@ -191,7 +191,7 @@ fn list(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) -> Result<bool, S
             return Ok(false);
         }
         let path = entry.path();
-        // Links to folders could lead round in circles; chunks are reached through them all the same.
+        // Links to folders could make cycles, so they are not listed; chunks behind them are still read.
         if entry.file_type().map_err(io)?.is_dir() {
             let is_whole = depth > 0 && list(&path, depth - 1, files)?;
             if !is_whole {

@@ -1,10 +1,10 @@
-//! A dense grid of voxels in a file: what raw, NRRD, NIfTI and npy come down to once their headers are read.
+//! A dense grid of voxels in a file. The readers of raw, NRRD, NIfTI and npy use it once they know the header.
 //!
-//! The grid starts at a byte offset, its voxels lie packed in one byte order, its axes in any order (C and Fortran
-//! alike), in one file or in several of equal share (slices, NRRD file lists). Reads are positional: threads share no
-//! cursor. Voxels leave little endian and x fastest, as [`VolumeSource`] promises.
-//! Promises: a length that does not fit is found on opening; the memory of a read is the caller's buffer and at most
-//! [`SCRATCH_BYTES`] of its own. Does not: decompress ([`crate::input::spool`] does that first), or look inside a header.
+//! The grid starts at a byte offset. Its voxels are packed, in one byte order, with the axes in any order (C and
+//! Fortran alike). It lies in one file or in several with equal shares (slices, NRRD file lists). Reads are positional,
+//! so threads share no cursor. Voxels are returned little endian and x fastest, as [`VolumeSource`] promises.
+//! Opening checks all lengths. A read uses the caller's buffer and at most [`SCRATCH_BYTES`] of its own. This module
+//! does not decompress ([`crate::input::spool`] does) and does not parse headers.
 
 pub mod shape;
 mod storage;
@@ -18,25 +18,25 @@ use super::elements::{Elements, NumberGrid};
 use crate::{AccessOrder, Endian, SourceError, SourceInfo, VolumeSource};
 use storage::Storage;
 
-/// Most bytes a read holds beside the caller's buffer.
+/// Largest memory of a read in bytes, besides the caller's buffer.
 pub const SCRATCH_BYTES: usize = 1 << 20;
 
-/// Rows closer together than this are read as one span, gaps included: a page is fetched whole anyway.
+/// Rows with smaller gaps than this are read as one span, gaps included: the system fetches whole pages anyway.
 const GAP_LIMIT_BYTES: u64 = 4096;
 
-/// Voxels along x that a transposing read gathers before it writes, so that whole cache lines are written.
+/// Voxels along x that a transposing read collects before it writes, so that it writes whole cache lines.
 const TRANSPOSE_RUN_VOXELS: usize = 64;
 
-/// How the voxels lie in the file.
+/// Arrangement of the voxels in the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct GridLayout {
-    /// Voxels along x, y, z.
+    /// Number of voxels along x, y, z.
     pub dims: Dims,
     /// Type of the voxels.
     pub voxel_type: VoxelType,
-    /// Their byte order.
+    /// Byte order of the voxels.
     pub endian: Endian,
-    /// The axes from the fastest in the file to the slowest: `[0, 1, 2]` is x fastest, `[2, 1, 0]` z fastest.
+    /// Order of the axes in the file, fastest first: `[0, 1, 2]` is x fastest, `[2, 1, 0]` z fastest.
     pub fastest_first: [usize; 3],
 }
 
@@ -44,7 +44,7 @@ impl GridLayout {
     /// x fastest, then y, then z.
     pub const X_FASTEST: [usize; 3] = [0, 1, 2];
 
-    /// The same order as [`SourceInfo::access_order`] wants it: slowest first.
+    /// The order of the axes for [`SourceInfo::access_order`], slowest first.
     #[must_use]
     pub fn access_order(&self) -> AccessOrder {
         let [fast, middle, slow] = self.fastest_first;
@@ -52,12 +52,12 @@ impl GridLayout {
     }
 }
 
-/// One file of a grid that lies in several.
+/// One of several files of a grid.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Part {
-    /// The file.
+    /// Path of the file.
     pub path: PathBuf,
-    /// First byte of its share of the grid.
+    /// Offset of the file's share of the grid in bytes.
     pub offset: u64,
 }
 
@@ -69,7 +69,7 @@ pub struct GridFile {
 }
 
 impl GridFile {
-    /// The grid that starts at `offset` of an open file; `path` is for messages.
+    /// Grid that starts at byte `offset` of an open file. `path` is for messages.
     ///
     /// # Errors
     /// If the dims are not allowed, or the file ends before the grid does.
@@ -79,18 +79,18 @@ impl GridFile {
         Ok(Self { layout, storage })
     }
 
-    /// The grid that lies in several files, in file order, an equal share in each.
+    /// Grid in several files, in file order, an equal share in each. `header` is the file that lists them, for
+    /// messages.
     ///
     /// # Errors
-    /// If the dims are not allowed, do not divide into that many parts, or a file is missing or ends too early;
-    /// `header` is the file that named them.
+    /// If the dims are not allowed, do not divide into that many parts, or a file is missing or ends too early.
     pub fn parts(header: &Path, parts: Vec<Part>, layout: GridLayout) -> Result<Self, SourceError> {
         let bytes = checked_bytes(header, layout.dims, layout.voxel_type)?;
         let storage = Storage::parts(header, parts, bytes)?;
         Ok(Self { layout, storage })
     }
 
-    /// How the voxels lie in the file.
+    /// Arrangement of the voxels in the file.
     #[must_use]
     pub fn layout(&self) -> &GridLayout {
         &self.layout
@@ -102,7 +102,7 @@ impl GridFile {
     /// If a file cannot be read.
     ///
     /// # Panics
-    /// If the box is not inside the grid or `out` has not exactly the box's bytes.
+    /// If the box is not inside the grid, or the length of `out` is not that of the box.
     pub fn read_box(&self, voxels: VoxelBox, out: &mut [u8]) -> Result<(), SourceError> {
         let extent = voxels.extent();
         let grid = self.layout.dims;
@@ -123,7 +123,7 @@ impl GridFile {
         Ok(())
     }
 
-    /// Rows that follow each other in file and buffer alike are read straight into the buffer, merged where they touch.
+    /// Reads rows that are in the same order in file and buffer directly into the buffer, and merges adjacent rows.
     fn read_in_order(&self, voxels: VoxelBox, extent: [usize; 3], out: &mut [u8]) -> Result<(), SourceError> {
         let bytes = self.layout.voxel_type.bytes();
         let [nx, ny, _] = self.layout.dims.0;
@@ -143,7 +143,7 @@ impl GridFile {
         Ok(())
     }
 
-    /// Fills `rows` with rows of `row_bytes`, one stride along the second axis apart, from voxel `start` on.
+    /// Fills `rows` with rows of `row_bytes`, starting at voxel `start`, one stride along the second axis apart.
     fn read_rows(&self, start: [u64; 3], row_bytes: usize, rows: &mut [u8]) -> Result<(), SourceError> {
         let [fast, middle, _] = self.layout.fastest_first;
         let stride_bytes = self.layout.dims.0[fast] * self.layout.voxel_type.bytes() as u64;
@@ -153,13 +153,14 @@ impl GridFile {
             voxel[middle] += row as u64;
             voxel
         };
-        // Rows far apart, or too long to gather, are read one by one.
+        // Rows with large gaps, or too long for the scratch memory, are read one by one.
         let gathered = if gap_bytes > GAP_LIMIT_BYTES { 1 } else { SCRATCH_BYTES as u64 / stride_bytes };
         if gathered < 2 {
             let mut in_file = rows.chunks_exact_mut(row_bytes).enumerate();
             return in_file.try_for_each(|(row, out)| self.read_run(at_row(row), out));
         }
-        // Near rows are read as one span, from the first voxel of the first to the last voxel of the last.
+        // Rows with small gaps are read as one span, from the first voxel of the first row to the last voxel of the
+        // last row.
         let stride = stride_bytes as usize;
         let mut span = Vec::new();
         for (group, group_out) in rows.chunks_mut(gathered as usize * row_bytes).enumerate() {
@@ -199,7 +200,7 @@ impl GridFile {
         Ok(())
     }
 
-    /// The voxels of a block as they follow each other in the file, gaps left out.
+    /// Reads the voxels of a block in file order, without the gaps.
     fn read_block_in_file_order(&self, start: [u64; 3], size: [usize; 3], out: &mut [u8]) -> Result<(), SourceError> {
         let [fast, middle, slow] = self.layout.fastest_first;
         let row_bytes = size[fast] * self.layout.voxel_type.bytes();
@@ -211,11 +212,11 @@ impl GridFile {
         Ok(())
     }
 
-    /// Reads the bytes that follow voxel `start` in the file.
+    /// Reads the bytes from voxel `start` of the file on.
     fn read_run(&self, start: [u64; 3], out: &mut [u8]) -> Result<(), SourceError> {
         let dims = self.layout.dims.0;
         let [fast, middle, slow] = self.layout.fastest_first;
-        // Cannot overflow: the byte count of the whole grid fits 64 bits, which opening has checked.
+        // Cannot overflow: opening has checked that the byte count of the whole grid fits 64 bits.
         let voxel = start[fast] + dims[fast] * (start[middle] + dims[middle] * start[slow]);
         self.storage.read(voxel * self.layout.voxel_type.bytes() as u64, out)
     }
@@ -231,8 +232,8 @@ impl NumberGrid for GridFile {
     }
 }
 
-/// Voxels along x, y, z of the blocks in which a transposing read proceeds: enough along x to write whole cache lines,
-/// as much as possible along the file's fastest axis, and no more than `budget` voxels in all.
+/// Size along x, y, z of the blocks of a transposing read, at most `budget` voxels. A block is long enough along x to
+/// write whole cache lines, and as long as possible along the file's fastest axis.
 fn transpose_block(extent: [usize; 3], fastest_first: [usize; 3], budget: usize) -> [usize; 3] {
     let mut block = [1; 3];
     block[0] = extent[0].min(TRANSPOSE_RUN_VOXELS);
@@ -243,7 +244,7 @@ fn transpose_block(extent: [usize; 3], fastest_first: [usize; 3], budget: usize)
     block
 }
 
-/// Where a block that was read in file order belongs in a box that is x fastest.
+/// Position of a block, read in file order, in a box that is x fastest.
 struct BlockTarget {
     extent: [usize; 3],
     at: [usize; 3],
@@ -285,7 +286,7 @@ pub(crate) fn swap_bytes(out: &mut [u8], voxel_bytes: usize) {
     }
 }
 
-/// Bytes of the grid, once its dims are known to be allowed.
+/// Size of the grid in bytes, after a check of its dims.
 ///
 /// # Errors
 /// If an axis has no voxel or too many, or the byte count does not fit 64 bits.
@@ -295,7 +296,7 @@ pub fn checked_bytes(path: &Path, dims: Dims, voxel_type: VoxelType) -> Result<u
     bytes.ok_or_else(|| SourceError::invalid(path, "dims", allowed(), format!("{dims} voxels of {voxel_type}")))
 }
 
-/// A [`VolumeSource`] whose voxels are a grid file.
+/// A [`VolumeSource`] over a grid file.
 #[derive(Debug)]
 pub struct GridSource {
     info: SourceInfo,
@@ -304,17 +305,17 @@ pub struct GridSource {
 }
 
 impl GridSource {
-    /// Joins what a header says with the grid it describes.
+    /// Source with this description over this grid.
     ///
     /// # Panics
-    /// If the two disagree about dims or type.
+    /// If dims or voxel type of the two differ.
     #[must_use]
     pub fn new(info: SourceInfo, grid: GridFile) -> Self {
         let elements = Elements::plain(grid.layout.voxel_type);
         Self::with_elements(info, grid, elements)
     }
 
-    /// The same where the grid's numbers are not yet voxels.
+    /// As [`Self::new`], but the grid's numbers are converted to voxels.
     pub(crate) fn with_elements(mut info: SourceInfo, grid: GridFile, elements: Elements) -> Self {
         let (dims, voxel_type) = (elements.dims(&grid), elements.voxel_type);
         assert_eq!((info.dims, info.voxel_type), (dims, voxel_type), "header against grid");

@@ -1,27 +1,28 @@
-//! From the axes a file has (one to many) to the three of a volume.
+//! Reduction of a file's axes (one or more) to the three axes of a volume.
 //!
-//! Missing axes get one voxel. Of more than three, those with a single voxel are dropped: first those the header calls
-//! non-spatial, then from the slowest to the fastest. What is left must be three, or the caller refuses the file.
+//! Missing axes get one voxel. If there are more than three, axes with a single voxel are dropped. Axes that the header
+//! calls non-spatial go first, then the slowest before the fastest. If more than three are left, the caller refuses the
+//! file.
 
 use std::fmt::Display;
 
 use supervol_format::Dims;
 
-/// Which axes of the file became x, y and z.
+/// The file's axes that became x, y and z.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ChosenAxes {
-    /// Indices of the file's axes (fastest first) that are x, y, z, as many as the file has, at most three.
+    /// Indices of the file's axes (fastest first) that are x, y, z; at most three.
     pub axes: Vec<usize>,
-    /// Voxels along x, y, z.
+    /// Number of voxels along x, y, z.
     pub dims: Dims,
-    /// What a person should know, or nothing.
+    /// Notes for the user.
     pub notes: Vec<String>,
 }
 
-/// Chooses three axes; `sizes` has the fastest axis first, `spatial` says which axes may be space.
+/// Chooses three axes. `sizes` has the fastest axis first; `spatial` tells which axes may be spatial.
 ///
 /// # Errors
-/// The indices of the axes that would have to go but have more than one voxel.
+/// The indices of the axes that would have to be dropped but have more than one voxel.
 pub fn choose_axes(sizes: &[u64], spatial: &[bool]) -> Result<ChosenAxes, Vec<usize>> {
     let mut axes: Vec<usize> = (0..sizes.len()).collect();
     let mut notes = Vec::new();
@@ -45,18 +46,19 @@ pub fn choose_axes(sizes: &[u64], spatial: &[bool]) -> Result<ChosenAxes, Vec<us
     Ok(ChosenAxes { axes, dims, notes })
 }
 
-/// Axes of a file that are none of the volume's: numbers of a voxel, the fastest; volumes one after the other, the slowest.
+/// Axes of a file besides those of the volume: the channels of a voxel (fastest) and a sequence of volumes (slowest).
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SplitAxes {
-    /// Numbers of each voxel.
+    /// Number of channels per voxel.
     pub channels: u64,
-    /// Volumes.
+    /// Number of volumes.
     pub frames: u64,
-    /// The rest.
+    /// Axes of one volume.
     pub chosen: ChosenAxes,
 }
 
-/// As [`choose_axes`], where the fastest axis may be channels (if it is not spatial, or they are wanted) and the slowest volumes.
+/// As [`choose_axes`], but the slowest axis may count volumes. The fastest may count channels, if it is not spatial or
+/// a channel is wanted.
 ///
 /// # Errors
 /// As [`choose_axes`].

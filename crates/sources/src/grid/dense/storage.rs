@@ -1,6 +1,6 @@
 //! The bytes of a grid: one file from an offset on, or several files with an equal share each.
 //!
-//! Part files are opened when needed, and few stay open ([`OpenFiles`]). Lengths are checked once, on opening.
+//! Part files are opened on demand, and few stay open ([`OpenFiles`]). Opening checks all lengths once.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ use supervol_format::ByteSource;
 use super::{Part, SourceError};
 use crate::input::open_files::OpenFiles;
 
-/// See the module's head.
+/// Files of a grid, see the module head.
 #[derive(Debug)]
 pub(super) enum Storage {
     Single { path: PathBuf, file: File, offset: u64 },
@@ -37,7 +37,7 @@ impl Storage {
         Ok(Self::Parts { parts, part_bytes, open: OpenFiles::default() })
     }
 
-    /// Fills `out` with the bytes of the grid from `position` on.
+    /// Fills `out` with the bytes of the grid from byte `position` on.
     pub(super) fn read(&self, position: u64, out: &mut [u8]) -> Result<(), SourceError> {
         match self {
             Self::Single { path, file, offset } => {
@@ -46,7 +46,7 @@ impl Storage {
             Self::Parts { parts, part_bytes, open } => {
                 let (mut position, mut out) = (position, out);
                 while !out.is_empty() {
-                    // An index of parts fits: there are that many in memory.
+                    // The index fits `usize`: that many parts are in memory.
                     let index = (position / part_bytes) as usize;
                     let inside = position % part_bytes;
                     let length = (part_bytes - inside).min(out.len() as u64) as usize;

@@ -1,14 +1,14 @@
-//! Small DICOM files, element by element.
+//! Writer of small DICOM files, element by element.
 
 #![allow(dead_code, reason = "each test binary uses a part")]
 #![allow(clippy::unwrap_used, reason = "these are tests: they fail loudly")]
 
-/// Data sets in explicit little endian.
+/// Data set in explicit little endian.
 #[derive(Clone, Default)]
 pub struct Dicom(pub Vec<u8>);
 
 impl Dicom {
-    /// An element; text and odd lengths are filled up as the format wants it.
+    /// Adds an element; text and values of odd length are padded as the format demands.
     pub fn with(mut self, tag: u32, kind: &str, value: impl AsRef<[u8]>) -> Self {
         let mut value = value.as_ref().to_vec();
         if value.len() % 2 == 1 {
@@ -24,7 +24,7 @@ impl Dicom {
         self.with(tag, "US", value.to_le_bytes())
     }
 
-    /// A sequence of items, each of a length that is stated, or up to delimiters.
+    /// Adds a sequence of items, with explicit lengths or with delimiters.
     pub fn sequence(mut self, tag: u32, items: &[Dicom], is_delimited: bool) -> Self {
         let bytes: u32 = items.iter().map(|item| item.0.len() as u32 + 8).sum();
         self.header(tag, "SQ", if is_delimited { u32::MAX } else { bytes });
@@ -41,7 +41,7 @@ impl Dicom {
         self
     }
 
-    /// Compressed pixels: a table of offsets, and fragments.
+    /// Adds compressed pixels: an offset table and fragments.
     pub fn fragments(mut self, fragments: &[Vec<u8>]) -> Self {
         self.header(0x7fe0_0010, "OB", u32::MAX);
         self.bare(0xfffe_e000, 0);
@@ -53,7 +53,7 @@ impl Dicom {
         self
     }
 
-    /// The file of a data set.
+    /// The file with this data set.
     pub fn file(&self, syntax: &str) -> Vec<u8> {
         let group = Self::default().with(0x0002_0010, "UI", syntax);
         let length = (group.0.len() as u32).to_le_bytes();
@@ -112,7 +112,7 @@ impl Default for Slice {
 }
 
 impl Slice {
-    /// Everything but the pixels.
+    /// All elements but the pixels.
     pub fn header(&self) -> Dicom {
         let [x, y, z] = self.position;
         Dicom::default()
@@ -142,7 +142,7 @@ impl Slice {
     }
 }
 
-/// One segment of PackBits for each byte of 16-bit pixels, the high bytes first: all literal.
+/// One PackBits segment per byte of 16-bit pixels, high bytes first, all literal.
 pub fn rle(voxels: &[u8]) -> Vec<u8> {
     let segment = |byte: usize| -> Vec<u8> {
         let bytes: Vec<u8> = voxels.chunks(2).map(|voxel| voxel[byte]).collect();

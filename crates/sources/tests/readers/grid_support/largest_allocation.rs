@@ -1,6 +1,6 @@
-//! The largest single allocation of a thread: for tests that a header's numbers are not believed.
+//! Records the largest single allocation of a thread, for tests that readers do not trust sizes in headers.
 //!
-//! Readers start no threads, and other tests of the same process do not count.
+//! Readers start no threads, and other tests of the process are not recorded.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
@@ -10,14 +10,14 @@ thread_local! {
 }
 
 fn record(bytes: usize) {
-    // A thread that ends may free and allocate when its locals are gone.
+    // An ending thread may allocate and free after its thread locals are gone.
     let _ = LARGEST_BYTES.try_with(|largest| largest.set(largest.get().max(bytes)));
 }
 
 /// Install with `#[global_allocator]`.
 pub struct Recording;
 
-// SAFETY: every call goes to the system allocator unchanged; the record beside it touches no memory of the caller.
+// SAFETY: every call goes to the system allocator unchanged; recording touches no memory of the caller.
 unsafe impl GlobalAlloc for Recording {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         record(layout.size());

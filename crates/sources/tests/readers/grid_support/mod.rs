@@ -1,4 +1,4 @@
-//! What the reader tests share: where the real files are, seeded numbers, and a naive copy to compare boxes with.
+//! Shared parts of the reader tests: paths of real files, seeded numbers, and a naive copy for comparing boxes.
 
 #![allow(dead_code, reason = "each test binary uses a part")]
 #![allow(clippy::unwrap_used, clippy::print_stderr, reason = "these are tests: they fail loudly and skip loudly")]
@@ -13,8 +13,8 @@ use supervol_format::voxel_type::{Voxel, voxels_as_f64};
 use supervol_format::{VoxelBox, VoxelType, with_voxel};
 use supervol_sources::{Endian, SourceError, VolumeSource};
 
-/// A file of the developers' data folder: `$SUPERVOL_DATA`, or `shared/data` beside the workspace.
-/// Says so where it is missing.
+/// A file of the developers' data folder: `$SUPERVOL_DATA`, or `shared/data` beside the workspace. Prints a line if it
+/// is missing.
 pub fn data_file(name: &str) -> Option<PathBuf> {
     let manifest = Path::new(env!("CARGO_MANIFEST_DIR"));
     let beside = ["../../../shared/data", "../../../../shared/data"].map(|p| manifest.join(p));
@@ -31,7 +31,7 @@ pub fn sub_box(random: &mut Random, dims: [u64; 3]) -> VoxelBox {
         let (a, b) = (random.below(n), random.below(n));
         (a.min(b), a.max(b) + 1)
     });
-    // Every other box has whole rows, which readers treat specially.
+    // Every other box has whole rows, a special case of the readers.
     if random.below(2) == 0 {
         sides[0] = (0, dims[0]);
         if random.below(2) == 0 {
@@ -52,7 +52,7 @@ pub fn read(source: &dyn VolumeSource, voxels: VoxelBox) -> Result<Vec<u8>, Sour
     Ok(out)
 }
 
-/// The voxels of a box out of a whole little-endian volume, one by one.
+/// The voxels of a box, copied one by one from a whole little-endian volume.
 pub fn naive_box(all: &[u8], dims: [u64; 3], voxel_bytes: usize, voxels: VoxelBox) -> Vec<u8> {
     let mut out = Vec::new();
     for z in voxels.start[2]..voxels.end[2] {
@@ -66,7 +66,7 @@ pub fn naive_box(all: &[u8], dims: [u64; 3], voxel_bytes: usize, voxels: VoxelBo
     out
 }
 
-/// Compares the full read and many boxes with the voxels expected (little endian, x fastest).
+/// Compares the full read and many boxes with the expected voxels (little endian, x fastest).
 pub fn check_boxes(source: &dyn VolumeSource, expected: &[u8], seed: u64) {
     let dims = source.info().dims.0;
     let bytes = source.info().voxel_type.bytes();
@@ -100,7 +100,7 @@ pub fn value_at(source: &dyn VolumeSource, at: [u64; 3]) -> f64 {
     with_voxel!(source.info().voxel_type, V => V::read_le(&bytes).to_f64())
 }
 
-/// Asserts that the error is a refusal of the data (not of the machine) and its message holds all the words.
+/// Asserts that the error blames the data (not the machine), and that its message contains all the words.
 pub fn assert_refused<T>(result: Result<T, SourceError>, words: &[&str]) {
     let error = result.err().expect("must be refused");
     assert!(
@@ -113,9 +113,10 @@ pub fn assert_refused<T>(result: Result<T, SourceError>, words: &[&str]) {
     }
 }
 
-/// Opens seeded damaged copies of a file: each must be refused or be readable to its last voxel (or fail as an error).
+/// Opens seeded damaged copies of a file. Each must be refused, or be readable to its last voxel, or fail with an
+/// error.
 ///
-/// The first `header_bytes` are damaged by bit flips, overwritten bytes and truncation; `open` gets the damaged file.
+/// Bit flips, overwritten bytes and truncation damage the first `header_bytes`. `open` gets the damaged file.
 pub fn fuzz_header(
     folder: &Path,
     name: &str,
@@ -151,7 +152,7 @@ pub fn fuzz_header(
             accepted += 1;
             let dims = source.info().dims;
             assert!(dims.is_valid() && source.info().geometry.defect().is_none(), "case {case}: {:?}", source.info());
-            // A reader that is content with the length of the file may not ask for much more than it holds.
+            // A reader that accepts the file must not announce many more bytes than the file can hold.
             let bytes = dims.bytes(source.info().voxel_type).unwrap();
             assert!(bytes <= 1100 * (whole.len() as u64 + 1), "case {case}: {dims} of a file of {} bytes", whole.len());
             for z in 0..dims.0[2] {
@@ -164,7 +165,7 @@ pub fn fuzz_header(
     eprintln!("{name}: {accepted} of {cases} damaged copies accepted");
 }
 
-/// Writes a file anew without emptying it first, which some file systems answer with a wait for the disk.
+/// Overwrites a file without truncating it first, because some file systems then wait for the disk.
 fn overwrite(path: &Path, bytes: &[u8]) {
     let mut file = std::fs::OpenOptions::new().write(true).create(true).truncate(false).open(path).unwrap();
     file.write_all(bytes).unwrap();
@@ -173,7 +174,7 @@ fn overwrite(path: &Path, bytes: &[u8]) {
 
 pub const BOTH_ORDERS: [Endian; 2] = [Endian::Little, Endian::Big];
 
-/// Random bytes that are present voxels for every type but the floats' NaNs, which stay bytes like others.
+/// Random bytes as voxels; they are present for every type, except NaNs of float types.
 pub fn random_voxels(dims: [u64; 3], voxel_type: VoxelType, seed: u64) -> Vec<u8> {
     let count = dims.iter().product::<u64>() as usize;
     let mut random = Random::new(seed);
