@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Licences of the crates that a program is made of: a table, and the texts that they bring.
+"""Licences of the crates that programs are made of: a table, and the texts that they bring.
 
-    cargo metadata --format-version 1 | tools/licences.py FOLDER
+    cargo metadata --format-version 1 | tools/licences.py FOLDER PACKAGE...
 
-Follows what the package of the working tree's `supervol` needs to run; what only builds and tests need is left out.
+Follows the dependencies of these packages of the working tree. Dependencies of builds and tests alone are left out.
 """
 
 import json
@@ -14,11 +14,12 @@ import sys
 NAMES = ("licen", "copying", "notice", "copyright", "unlicense")
 
 
-def needed(metadata):
-    """Packages that end up in the program, by name."""
+def needed(metadata, names):
+    """Packages that end up in the programs of these packages, by name."""
     packages = {package["id"]: package for package in metadata["packages"]}
     nodes = {node["id"]: node for node in metadata["resolve"]["nodes"]}
-    left = [next(package["id"] for package in packages.values() if package["name"] == "supervol")]
+    ours = {package["name"]: package["id"] for package in packages.values() if package["source"] is None}
+    left = [ours[name] for name in names]
     found = set()
     while left:
         package = left.pop()
@@ -34,7 +35,7 @@ def needed(metadata):
 def main():
     folder = pathlib.Path(sys.argv[1])
     rows, without = [], []
-    for package in needed(json.load(sys.stdin)):
+    for package in needed(json.load(sys.stdin), sys.argv[2:]):
         if package["source"] is None:
             continue
         label = f"{package['name']}-{package['version']}"
@@ -45,7 +46,7 @@ def main():
         if not texts:
             without.append(label)
         rows.append(f"| {package['name']} | {package['version']} | {package['license'] or 'see its text'} | {package['repository'] or ''} |")
-    table = ["# Crates in this program", "", "| crate | version | licence | source |", "|---|---|---|---|", *rows, ""]
+    table = ["# Crates in these programs", "", "| crate | version | licence | source |", "|---|---|---|---|", *rows, ""]
     if without:
         table += ["These bring no text of their own; the licence named above holds: " + ", ".join(without) + ".", ""]
     (folder / "README.md").write_text("\n".join(table))

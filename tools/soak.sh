@@ -21,7 +21,7 @@ readonly DIMS=96,96,96
 RANDOM=$SEED
 
 if [ -z "${SUPERVOL:-}" ]; then
-    cargo build --quiet --locked -p supervol-cli --bin supervol
+    cargo build --quiet --locked -p supervol-cli
     SUPERVOL="${CARGO_TARGET_DIR:-$PWD/target}/debug/supervol"
 fi
 work="$(mktemp -d)"

@@ -185,11 +185,14 @@ impl NextLevel {
     }
 }
 
-/// Bytes that are free on the disk of a folder; none where the system does not say.
+/// Bytes that are free on the disk of a folder; `None` where the system does not say.
+#[cfg(unix)]
 fn free_bytes(folder: &Path) -> Option<u64> {
-    #[cfg(unix)]
-    return rustix::fs::statvfs(folder).ok().map(|disk| disk.f_bavail.saturating_mul(disk.f_frsize));
-    #[cfg(not(unix))]
+    rustix::fs::statvfs(folder).ok().map(|disk| disk.f_bavail.saturating_mul(disk.f_frsize))
+}
+
+#[cfg(not(unix))]
+fn free_bytes(_: &Path) -> Option<u64> {
     None
 }
 

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+use supervol_arguments::failure::Failure;
 use supervol_files::OutputError;
 use supervol_format::container::ContainerError;
 use supervol_preprocess::BuildError;
@@ -46,6 +47,21 @@ pub enum ChartError {
     /// A measurement whose own preconditions do not hold: a mistake of ours.
     #[error("a mistake of supervol: {0}")]
     Broken(String),
+}
+
+impl From<ChartError> for Failure {
+    fn from(error: ChartError) -> Self {
+        match error {
+            ChartError::Build(error) => error.into(),
+            ChartError::Output(error) => error.into(),
+            ChartError::Source(error) => BuildError::from(error).into(),
+            ChartError::Command(message) => Self::Command(message),
+            ChartError::Container(error) if !matches!(error, ContainerError::Io { .. }) => {
+                Self::Data(error.to_string())
+            }
+            other => Self::Machine(other.to_string()),
+        }
+    }
 }
 
 /// What every measurement is handed.

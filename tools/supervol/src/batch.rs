@@ -3,6 +3,11 @@
 use std::io::Write;
 use std::path::Path;
 
+use supervol_arguments::failure::{Failure, with_output};
+use supervol_arguments::input::read_text_up_to;
+use supervol_arguments::progress::announce;
+use supervol_arguments::quantity::show_bytes;
+use supervol_arguments::source::{SourceArguments, open};
 use supervol_files::OutputError;
 use supervol_format::readable::counted;
 use supervol_preprocess::batch::inputs::{Headerless, INPUTS_LIMIT, Inputs, of_folder, of_list};
@@ -14,11 +19,7 @@ use supervol_preprocess::kept::Reading;
 use supervol_preprocess::naming::container_names;
 use supervol_preprocess::{BuildError, Existing};
 
-use crate::build::{OutputArguments, SourceArguments, open};
-use crate::failure::{Failure, with_output};
-use crate::input::read_text_up_to;
-use crate::progress::announce;
-use crate::quantity::show_bytes;
+use crate::build::OutputArguments;
 
 /// Longest list of inputs.
 const LIST_LIMIT_BYTES: u64 = 256 << 20;
@@ -186,6 +187,7 @@ impl Batch<'_> {
         if !self.output.is_json() {
             return Ok(());
         }
-        writeln!(crate::terminal::stdout(), "{}", serde_json::json!({ "result": record })).map_err(with_output)
+        writeln!(supervol_arguments::terminal::stdout(), "{}", serde_json::json!({ "result": record }))
+            .map_err(with_output)
     }
 }

@@ -6,9 +6,8 @@ use std::path::PathBuf;
 
 use clap::{Args, CommandFactory};
 use clap_complete::Shell;
-
-use crate::failure::{Failure, with_output};
-use crate::output::{Force, ReportFolder};
+use supervol_arguments::failure::{Failure, with_output};
+use supervol_arguments::output::{Force, ReportFolder};
 
 /// For which shell.
 #[derive(Debug, Args)]
@@ -32,13 +31,13 @@ pub fn run<C: CommandFactory>(arguments: &Arguments) -> Result<(), Failure> {
     let mut command = C::command();
     let mut script = Vec::new();
     clap_complete::generate(arguments.shell, &mut command, "supervol", &mut script);
-    crate::terminal::stdout().write_all(&script).map_err(with_output)
+    supervol_arguments::terminal::stdout().write_all(&script).map_err(with_output)
 }
 
 /// Writes the JSON Schema of scene files to standard output.
 pub fn run_schema() -> Result<(), Failure> {
     let schema = supervol_scene::scene::Scene::schema();
-    writeln!(crate::terminal::stdout(), "{schema:#}").map_err(with_output)
+    writeln!(supervol_arguments::terminal::stdout(), "{schema:#}").map_err(with_output)
 }
 
 /// Writes the man pages of the program and of each command.

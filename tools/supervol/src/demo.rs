@@ -6,6 +6,10 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use clap::Args;
+use supervol_arguments::failure::{Failure, with_container, with_output};
+use supervol_arguments::output::{Force, PictureFile};
+use supervol_arguments::quantity::show_bytes;
+use supervol_arguments::sample::CARP;
 use supervol_files::OutputFile;
 use supervol_format::container::manifest::Source;
 use supervol_format::{Container, Dims};
@@ -18,13 +22,8 @@ use supervol_sources::formats::nifti::NiftiSource;
 use supervol_sources::input::spool::SpoolFolder;
 use supervol_sources::synthetic::Synthetic;
 
-use crate::failure::{Failure, with_container, with_output};
-use crate::output::{Force, PictureFile};
-use crate::quantity::show_bytes;
 use crate::render::{Subject, picture};
 
-/// CT of a carp; scan by M. Scheuring, University of Erlangen; BSD-2-Clause; see `tests/data/README.md`.
-pub const CARP: &[u8] = include_bytes!("../../../tests/data/carp_ct.nii.gz");
 const CARP_SCENE: &str = include_str!("../scenes/carp.json");
 const SEISMIC_SCENE: &str = include_str!("../scenes/seismic.json");
 /// Crosslines, inlines, samples of the synthetic survey.
@@ -109,5 +108,5 @@ fn show(source: &dyn VolumeSource, origin: Source, stem: &Path, scene: &str, for
 }
 
 fn say(line: std::fmt::Arguments<'_>) -> Result<(), Failure> {
-    writeln!(crate::terminal::stdout(), "{line}").map_err(with_output)
+    writeln!(supervol_arguments::terminal::stdout(), "{line}").map_err(with_output)
 }

@@ -4,13 +4,12 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Args;
+use supervol_arguments::failure::{Failure, with_container, with_output};
+use supervol_arguments::quantity::{self, WrittenBox};
 use supervol_export::extract::{Extraction, extract};
 use supervol_files::check_distinct;
 use supervol_format::{Container, Lod, VoxelBox};
 use supervol_preprocess::Existing;
-
-use crate::failure::{Failure, with_container, with_output};
-use crate::quantity::{self, WrittenBox};
 
 /// What to extract, and to where.
 #[derive(Debug, Args)]
@@ -66,6 +65,10 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     check_distinct(&arguments.output, [path.as_path()])?;
     let (voxels, voxel_type) = extract(&container, &arguments.output, &what)?;
     let [x, y, z] = voxels.extent();
-    writeln!(crate::terminal::remarks(), "{}: {x} x {y} x {z} {voxel_type} voxels", arguments.output.display())
-        .map_err(with_output)
+    writeln!(
+        supervol_arguments::terminal::remarks(),
+        "{}: {x} x {y} x {z} {voxel_type} voxels",
+        arguments.output.display()
+    )
+    .map_err(with_output)
 }

@@ -4,14 +4,14 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Args;
+use supervol_arguments::failure::{Failure, with_container, with_output};
+use supervol_arguments::quantity;
 use supervol_export::mesh::{MeshOptions, MeshReport, mesh};
 use supervol_files::check_distinct;
 use supervol_format::Container;
 use supervol_preprocess::Existing;
 
 use crate::extract::Region;
-use crate::failure::{Failure, with_container, with_output};
-use crate::quantity;
 
 /// Which surface, and where to.
 #[derive(Debug, Args)]
@@ -52,5 +52,6 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     check_distinct(&arguments.output, [path.as_path()])?;
     let MeshReport { vertices, triangles } = mesh(&container, &arguments.output, &options)?;
     let output = arguments.output.display();
-    writeln!(crate::terminal::remarks(), "{output}: {triangles} triangles, {vertices} vertices").map_err(with_output)
+    writeln!(supervol_arguments::terminal::remarks(), "{output}: {triangles} triangles, {vertices} vertices")
+        .map_err(with_output)
 }

@@ -3,6 +3,8 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use supervol_arguments::failure::Failure;
+use supervol_arguments::output::PictureFile;
 use supervol_format::Container;
 use supervol_format::readable::counted;
 use supervol_runtime::render::options::RenderOptions;
@@ -11,8 +13,6 @@ use supervol_scene::facts::VolumeFacts;
 use supervol_scene::image::Image;
 use supervol_scene::scene::Scene;
 
-use crate::failure::Failure;
-use crate::output::PictureFile;
 use crate::render::{check_all_read, check_any_read, warn_of_nothing, with_render};
 
 /// Most panels of a picture.
@@ -91,8 +91,8 @@ impl Panels<'_> {
         }
         file.write(&picture, background)?;
         let slices = counted(self.panels.len() as u64, "slice");
-        writeln!(crate::output::remarks_on(output), "{}: {width} x {height}, {slices}", output.display())
-            .map_err(crate::failure::with_output)?;
+        writeln!(supervol_arguments::output::remarks_on(output), "{}: {width} x {height}, {slices}", output.display())
+            .map_err(supervol_arguments::failure::with_output)?;
         check_all_read(container, failed, self.allow_failed)
     }
 }

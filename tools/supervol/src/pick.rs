@@ -4,6 +4,7 @@ use std::io::Write;
 use std::sync::Arc;
 
 use serde_json::{Map, Value, json};
+use supervol_arguments::failure::{Failure, with_output};
 use supervol_format::Container;
 use supervol_format::readable::Number;
 use supervol_runtime::render::options::RenderOptions;
@@ -12,7 +13,6 @@ use supervol_runtime::render::volume::PlacedVolume;
 use supervol_scene::facts::VolumeFacts;
 use supervol_scene::scene::Scene;
 
-use crate::failure::{Failure, with_output};
 use crate::look::places;
 use crate::render::with_render;
 
@@ -60,7 +60,7 @@ pub fn run(
             serde_json::to_string_pretty(&objects).map_err(|e| Failure::Machine(e.to_string()))? + "\n"
         }
     };
-    write!(crate::terminal::stdout(), "{written}").map_err(with_output)
+    write!(supervol_arguments::terminal::stdout(), "{written}").map_err(with_output)
 }
 
 /// In so many digits as mean something: values as single precision holds them, places to a thousandth of a voxel, which has this size.

@@ -8,6 +8,14 @@ use std::time::{Duration, Instant};
 
 use clap::{Args, ValueEnum};
 use serde_json::json;
+use supervol_arguments::cache::CacheArguments;
+use supervol_arguments::failure::{Failure, with_container, with_output};
+use supervol_arguments::output::{self, Force, PictureFile, RenderOutputs};
+use supervol_arguments::progress::{RayBar, Reporter, announce_files};
+use supervol_arguments::quantity::{self, show_bytes};
+use supervol_arguments::scene::{name_of_scene, overview, read_scene};
+use supervol_arguments::source::SourceArguments;
+use supervol_arguments::terminal;
 use supervol_format::readable::counted;
 use supervol_format::{Container, Lod};
 use supervol_runtime::engines::gpu::device::GpuError;
@@ -27,20 +35,13 @@ use supervol_scene::camera_path;
 use supervol_scene::camera_path::CameraPath;
 use supervol_scene::facts::VolumeFacts;
 use supervol_scene::image::{Image, ImageFormat};
-use supervol_scene::preset::overview::Overview;
 use supervol_scene::preset::view::upright;
 use supervol_scene::scene::{CameraSpec, ResolvedScene, Scene};
 
-use crate::build::SourceArguments;
-use crate::cache::CacheArguments;
-use crate::failure::{Failure, with_container, with_output};
 use crate::look::{LookArguments, warnings};
-use crate::output::{self, Force, PictureFile, RenderOutputs};
 use crate::panels::Panels;
-use crate::progress::{RayBar, Reporter, announce_files};
-use crate::quantity::{self, show_bytes};
+use crate::pick;
 use crate::sequence::Sequence;
-use crate::{pick, terminal};
 
 /// Options of a single picture.
 const OF_ONE_PICTURE: [&str; 5] = ["stats", "error_map", "work_map", "check", "time_budget"];
@@ -363,7 +364,7 @@ impl Arguments {
                 Some(Motion { cameras, asked: json!({ "turntable": frames }) })
             }
             (None, Some(file)) => {
-                let path = CameraPath::from_json(&crate::input::read_text(file, "a camera path")?);
+                let path = CameraPath::from_json(&supervol_arguments::input::read_text(file, "a camera path")?);
                 let path = path.map_err(|e| Failure::Command(format!("{}: {e}", file.display())))?;
                 Some(Motion { cameras: path.cameras(), asked: json!({ "path": path }) })
             }
@@ -459,7 +460,7 @@ pub fn run(arguments: &Arguments, start: Instant) -> Result<(), Failure> {
     if let Some(why) = about_backend(options.backend, &stats)
         && (arguments.backend.is_some() || stats.no_gpu_because.as_deref() != Some(NO_DEVICE))
     {
-        crate::progress::announce(&why);
+        supervol_arguments::progress::announce(&why);
     }
     check_all_read(path, stats.bricks_failed, arguments.allow_failed)
 }
@@ -486,43 +487,6 @@ pub fn check_any_read(stats: &FrameStats) -> Result<(), Failure> {
         "none of the {} bricks that the picture needs can be read: no picture is written{first}",
         stats.bricks_failed
     )))
-}
-
-/// A picture for somebody who asked for none in particular, written out.
-pub fn default_scene(container: &Container) -> Scene {
-    let facts = VolumeFacts::of(container);
-    Scene::default().complete(&facts, overview(container, &facts).as_ref())
-}
-
-/// What a coarse level tells; nothing where it cannot be read, which whoever draws the picture will say.
-fn overview(container: &Container, facts: &VolumeFacts) -> Option<Overview> {
-    Overview::read(container, facts).ok().flatten()
-}
-
-/// A scene that stands on the command line where the name of its file could.
-fn written_out(file: &Path) -> Option<&str> {
-    file.to_str().filter(|text| text.trim_start().starts_with('{'))
-}
-
-/// What a scene is called where something is wrong with it.
-fn name_of_scene(file: &Path) -> &Path {
-    if written_out(file).is_some() { Path::new("--scene") } else { file }
-}
-
-/// The scene of a scene file, or one that is written out on the command line.
-pub fn read_scene(file: &Path) -> Result<Scene, Failure> {
-    let text = match written_out(file) {
-        Some(text) => text.to_owned(),
-        None => crate::input::read_text(file, "a scene")?,
-    };
-    let file = name_of_scene(file);
-    let scene = Scene::from_json(&text).map_err(|e| Failure::Command(format!("{}: {e}", file.display())));
-    // Files that a scene names lie beside it, wherever the scene that is printed goes.
-    scene.map(|mut scene| {
-        let file = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
-        scene.begin_paths_at(file.parent().unwrap_or_else(|| Path::new("")));
-        scene
-    })
 }
 
 /// What a picture is made of.

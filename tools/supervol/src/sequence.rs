@@ -7,6 +7,9 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use serde_json::Value;
+use supervol_arguments::failure::{Failure, with_output};
+use supervol_arguments::output::{Force, PictureFile};
+use supervol_arguments::progress::Reporter;
 use supervol_decorations::frames::{Frames, FramesError, Others};
 use supervol_files::check_distinct;
 use supervol_format::readable::counted;
@@ -16,9 +19,6 @@ use supervol_runtime::render::volume::PlacedVolume;
 use supervol_scene::image::ImageFormat;
 use supervol_scene::scene::CameraSpec;
 
-use crate::failure::{Failure, with_output};
-use crate::output::{Force, PictureFile};
-use crate::progress::Reporter;
 use crate::render::{Subject, check_any_read, with_render, write_picture};
 
 /// Pictures by some cameras.
@@ -48,7 +48,7 @@ impl Sequence<'_> {
         let missing = self.frames().begin(options, others).map_err(with_frames)?;
         if missing.len() < self.cameras.len() {
             let there = counted((self.cameras.len() - missing.len()) as u64, "picture");
-            crate::progress::announce(&format!("{}: {there} are there already", self.folder.display()));
+            supervol_arguments::progress::announce(&format!("{}: {there} are there already", self.folder.display()));
         }
         let start = Instant::now();
         let volume = PlacedVolume::of(Arc::clone(self.subject.container));
@@ -93,7 +93,7 @@ impl Sequence<'_> {
         let folder = self.folder.display();
         let seconds = start.elapsed().as_secs_f64();
         writeln!(
-            crate::terminal::remarks(),
+            supervol_arguments::terminal::remarks(),
             "{folder}: {}, {drawn} of them drawn in {seconds:.1} s{}",
             counted(self.cameras.len() as u64, "picture"),
             self.frames().advice()

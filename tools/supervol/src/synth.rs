@@ -4,6 +4,9 @@ use std::io::Write;
 use std::path::Path;
 
 use clap::Args;
+use supervol_arguments::failure::Failure;
+use supervol_arguments::progress::Reporter;
+use supervol_arguments::quantity::{self, Dtype, show_bytes};
 use supervol_files::OutputFile;
 use supervol_format::container::manifest::Source;
 use supervol_format::file_order::boxes;
@@ -13,9 +16,6 @@ use supervol_sources::VolumeSource;
 use supervol_sources::synthetic::{NAMES, Synthetic};
 
 use crate::build::OutputArguments;
-use crate::failure::Failure;
-use crate::progress::Reporter;
-use crate::quantity::{self, Dtype, show_bytes};
 
 /// Which volume, how large.
 #[derive(Debug, Args)]
@@ -80,12 +80,12 @@ fn write_raw(arguments: &Arguments, output: &Path, source: &dyn VolumeSource) ->
     bar.finish_and_clear();
     unfinished.publish()?;
     writeln!(
-        crate::terminal::remarks(),
+        supervol_arguments::terminal::remarks(),
         "{}: {} of {}, {} voxels, little endian",
         output.display(),
         show_bytes(info.dims.bytes(info.voxel_type).unwrap_or(u64::MAX)),
         info.voxel_type,
         info.dims
     )
-    .map_err(crate::failure::with_output)
+    .map_err(supervol_arguments::failure::with_output)
 }

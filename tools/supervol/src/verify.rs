@@ -4,17 +4,16 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use supervol_arguments::failure::{Failure, with_container, with_output};
+use supervol_arguments::input::{Input, for_each};
+use supervol_arguments::progress::Reporter;
+use supervol_arguments::quantity::{self, show_bytes};
+use supervol_arguments::source::{SourceArguments, refuse_without_file};
 use supervol_format::Container;
 use supervol_format::readable::counted;
 use supervol_preprocess::BuildError;
 use supervol_preprocess::compare::{Compared, compare};
 use supervol_preprocess::kept::Reading;
-
-use crate::build::{SourceArguments, refuse_without_file};
-use crate::failure::{Failure, with_container, with_output};
-use crate::input::{Input, for_each};
-use crate::progress::Reporter;
-use crate::quantity::{self, show_bytes};
 
 /// Which containers.
 #[derive(Debug, Args)]
@@ -77,7 +76,7 @@ fn compare_with_source(
         "equal to the source's".into()
     };
     let remark = format!("{}: {voxels} voxels of level 0 are {differ}", path.display());
-    writeln!(crate::terminal::remarks(), "{remark}").map_err(with_output)
+    writeln!(supervol_arguments::terminal::remarks(), "{remark}").map_err(with_output)
 }
 
 /// Every rule that a container can be held to alone.
@@ -94,7 +93,7 @@ fn verify(path: &Path, memory_bytes: u64) -> Result<Container, Failure> {
         other => other.into(),
     })?;
     writeln!(
-        crate::terminal::remarks(),
+        supervol_arguments::terminal::remarks(),
         "{}: whole; {}, {}, every rule holds",
         path.display(),
         counted(container.pyramid().brick_count(), "brick"),

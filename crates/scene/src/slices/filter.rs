@@ -1,16 +1,14 @@
 //! Image filters on slices: what is made of the values on a plane, on a grid in the plane that is as fine as the voxels.
 //!
 //! The grid's axes follow those of the volume that lie in the plane, or nearly so: on a plane across an axis of the grid its texels are
-//! the voxels. Absent texels count as the mean of those that are there, and stay absent. Convolutions are imageproc's.
+//! the voxels. Absent texels count as the mean of those that are there, and stay absent.
 
 use glam::DVec3;
-use imageproc::filter::{filter_clamped, gaussian_blur_f32};
-use imageproc::image::{ImageBuffer, Luma};
-use imageproc::kernel::Kernel;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use supervol_format::{Dims, Geometry};
 
+use super::texels::{Kernel, Texels};
 use super::{Interpolation, SlicePlane, interpolate};
 use crate::clip::Clip;
 use crate::transfer_function::{ControlPoint, TransferFunction};
@@ -85,8 +83,6 @@ impl FilterKind {
 const ACROSS: [f32; 9] = [-0.125, 0.0, 0.125, -0.25, 0.0, 0.25, -0.125, 0.0, 0.125];
 const DOWN: [f32; 9] = [-0.125, -0.25, -0.125, 0.0, 0.0, 0.0, 0.125, 0.25, 0.125];
 const CURVATURE: [f32; 9] = [0.0, 1.0, 0.0, 1.0, -4.0, 1.0, 0.0, 1.0, 0.0];
-
-type Texels = ImageBuffer<Luma<f32>, Vec<f32>>;
 
 /// The grid of texels on a slice.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -183,10 +179,8 @@ impl FilteredSlice {
         let present = || values.iter().filter(|v| !v.is_nan()).map(|&v| f64::from(v));
         let mean = (present().sum::<f64>() / present().count().max(1) as f64) as f32;
         let filled: Vec<f32> = values.iter().map(|&v| if v.is_nan() { mean } else { v }).collect();
-        let [width, height] = grid.size.map(|n| n as u32);
-        let image = Texels::from_raw(width, height, filled).expect("as many values as texels");
-        let mut texels = filtered(&image, filter);
-        for (texel, _) in texels.iter_mut().zip(&is_absent).filter(|(_, absent)| **absent) {
+        let mut texels = filtered(&Texels::new(grid.size, filled), filter);
+        for (texel, _) in texels.values_mut().iter_mut().zip(&is_absent).filter(|(_, absent)| **absent) {
             *texel = f32::NAN;
         }
         let shift = if filter.kind.keeps_values() { shift } else { 0.0 };
@@ -197,18 +191,14 @@ impl FilteredSlice {
     #[must_use]
     pub fn value(&self, p: DVec3, how: Interpolation) -> f64 {
         let [x, y] = self.grid.place(p);
-        let [width, height] = self.grid.size.map(|n| n as i64);
-        let texel = |[i, j, _]: [i64; 3]| {
-            let [i, j] = [i.clamp(0, width - 1), j.clamp(0, height - 1)].map(|n| n as u32);
-            f64::from(self.texels.get_pixel(i, j).0[0])
-        };
+        let texel = |[i, j, _]: [i64; 3]| f64::from(self.texels.at([i, j]));
         interpolate([x, y, 0.0], how, texel) + self.shift
     }
 
     /// Colours that suit what the filter has made of the values.
     #[must_use]
     pub fn colors(&self, kind: FilterKind) -> TransferFunction {
-        let mut sorted: Vec<f32> = self.texels.iter().copied().filter(|v| !v.is_nan()).collect();
+        let mut sorted: Vec<f32> = self.texels.values().iter().copied().filter(|v| !v.is_nan()).collect();
         sorted.sort_by(f32::total_cmp);
         let at = |share: f64| sorted.get((share * (sorted.len() as f64 - 1.0)) as usize).map_or(0.0, |&v| f64::from(v));
         let [low, high] = [at(CLIPPED), at(1.0 - CLIPPED)];
@@ -234,52 +224,45 @@ impl FilteredSlice {
 fn filtered(image: &Texels, filter: FilterSpec) -> Texels {
     let size = filter.size.unwrap_or(1.0);
     match filter.kind {
-        FilterKind::Gaussian => gaussian_blur_f32(image, size as f32),
+        FilterKind::Gaussian => image.blurred(size as f32),
         FilterKind::Median => median(image, size.round() as i64),
         FilterKind::Sobel => {
             let mut sizes = convolved(image, &ACROSS);
-            sizes.iter_mut().zip(convolved(image, &DOWN).iter()).for_each(|(x, y)| *x = x.hypot(*y));
+            sizes.values_mut().iter_mut().zip(convolved(image, &DOWN).values()).for_each(|(x, y)| *x = x.hypot(*y));
             sizes
         }
         FilterKind::Laplacian => convolved(image, &CURVATURE),
-        FilterKind::MarrHildreth => zeros(&convolved(&gaussian_blur_f32(image, size as f32), &CURVATURE)),
+        FilterKind::MarrHildreth => zeros(&convolved(&image.blurred(size as f32), &CURVATURE)),
     }
 }
 
 fn convolved(image: &Texels, rows: &[f32; 9]) -> Texels {
-    filter_clamped(image, Kernel::new(rows, 3, 3))
+    image.convolved(Kernel { size: [3, 3], weights: rows })
 }
 
 /// The middle value of the window around each texel, clamped at the picture's edges.
 fn median(image: &Texels, radius: i64) -> Texels {
-    let [width, height] = [image.width(), image.height()].map(i64::from);
     let mut window = Vec::new();
-    Texels::from_fn(image.width(), image.height(), |x, y| {
+    Texels::from_fn(image.size(), |place| {
+        let [x, y] = place.map(|n| n as i64);
         window.clear();
-        for j in -radius..=radius {
-            for i in -radius..=radius {
-                let [x, y] = [(i64::from(x) + i).clamp(0, width - 1), (i64::from(y) + j).clamp(0, height - 1)];
-                window.push(image.get_pixel(x as u32, y as u32).0[0]);
-            }
-        }
+        window.extend((-radius..=radius).flat_map(|j| (-radius..=radius).map(move |i| image.at([x + i, y + j]))));
         let middle = window.len() / 2;
         let (_, value, _) = window.select_nth_unstable_by(middle, f32::total_cmp);
-        Luma([*value])
+        *value
     })
 }
 
 /// 1 where the sign changes towards the next texel to the right or below, by more than noise does, and 0 elsewhere.
 fn zeros(curved: &Texels) -> Texels {
-    let mean = curved.iter().map(|v| f64::from(v.abs())).sum::<f64>() / curved.len().max(1) as f64;
+    let mean = curved.values().iter().map(|v| f64::from(v.abs())).sum::<f64>() / curved.values().len().max(1) as f64;
     let least = EDGE_SHARE * mean as f32;
-    Texels::from_fn(curved.width(), curved.height(), |x, y| {
-        let here = curved.get_pixel(x, y).0[0];
-        let next = [(x + 1, y), (x, y + 1)].into_iter().filter(|&(x, y)| x < curved.width() && y < curved.height());
-        let changes = |(x, y): (u32, u32)| {
-            let there = curved.get_pixel(x, y).0[0];
-            here * there < 0.0 && (here - there).abs() > least
-        };
-        Luma([if next.into_iter().any(changes) { 1.0 } else { 0.0 }])
+    Texels::from_fn(curved.size(), |place| {
+        let [x, y] = place.map(|n| n as i64);
+        let here = curved.at([x, y]);
+        // Beyond the edge the same texel continues: no change there.
+        let changes = |there: f32| here * there < 0.0 && (here - there).abs() > least;
+        if [[x + 1, y], [x, y + 1]].into_iter().any(|next| changes(curved.at(next))) { 1.0 } else { 0.0 }
     })
 }
 

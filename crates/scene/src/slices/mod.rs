@@ -7,6 +7,7 @@
 //! are none.
 
 pub mod filter;
+mod texels;
 
 use glam::DVec3;
 use schemars::JsonSchema;

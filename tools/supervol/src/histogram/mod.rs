@@ -6,6 +6,10 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Args;
+use supervol_arguments::cache::CacheArguments;
+use supervol_arguments::failure::{Failure, with_container, with_output};
+use supervol_arguments::output::{Force, TextFile};
+use supervol_arguments::source::SourceArguments;
 use supervol_files::check_distinct;
 use supervol_format::Container;
 use supervol_preprocess::{BuildOptions, Existing};
@@ -14,10 +18,6 @@ use supervol_scene::preset::Look;
 use supervol_scene::transfer_function::TransferFunction;
 
 use self::drawing::Drawing;
-use crate::build::SourceArguments;
-use crate::cache::CacheArguments;
-use crate::failure::{Failure, with_container, with_output};
-use crate::output::{Force, TextFile};
 
 /// Characters of the longest bar.
 const BAR: f64 = 56.0;
@@ -85,7 +85,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let name = &container.manifest().source.name;
     let drawing = Drawing { name, unit, facts: &facts, shown: &shown, linear: arguments.linear };
     file.write(&drawing.svg().map_err(Failure::Machine)?)?;
-    writeln!(crate::terminal::remarks(), "{}: kind {}", output.display(), facts.kind.name()).map_err(with_output)
+    writeln!(supervol_arguments::terminal::remarks(), "{}: kind {}", output.display(), facts.kind.name())
+        .map_err(with_output)
 }
 
 fn write(arguments: &Arguments, facts: &VolumeFacts, shown: &TransferFunction, unit: &str) -> std::io::Result<()> {
@@ -94,7 +95,7 @@ fn write(arguments: &Arguments, facts: &VolumeFacts, shown: &TransferFunction, u
     let count = |row: usize| facts.histogram[first_bin(row)..first_bin(row + 1)].iter().sum::<u64>();
     let length = |count: u64| if arguments.linear { count as f64 } else { (count as f64 + 1.0).ln() };
     let longest = (0..arguments.rows).map(|row| length(count(row))).fold(f64::MIN_POSITIVE, f64::max);
-    let mut out = crate::terminal::stdout();
+    let mut out = supervol_arguments::terminal::stdout();
     let scale = if arguments.linear { "counts" } else { "logarithms of counts" };
     writeln!(out, "{:>14}  {:>14}  opacity  {scale}, kind {}", format!("value {unit}"), "voxels", facts.kind.name())?;
     for row in 0..arguments.rows {

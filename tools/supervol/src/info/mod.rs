@@ -7,6 +7,10 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use serde::Serialize;
+use supervol_arguments::failure::{Failure, with_container, with_output};
+use supervol_arguments::input::{Input, for_each};
+use supervol_arguments::quantity::show_bytes;
+use supervol_arguments::source::{SourceArguments, refuse_for_container};
 use supervol_files::unfinished;
 use supervol_files::unfinished::{Leftover, Writer};
 use supervol_format::container::manifest::{AxisName, Json, Source};
@@ -15,11 +19,6 @@ use supervol_preprocess::kept::{Reading, is_container};
 use supervol_preprocess::provenance::{rms_kept_of, steps_of};
 use supervol_scene::facts::kind;
 use supervol_sources::{LineNumbers, Survey};
-
-use crate::build::{SourceArguments, refuse_for_container};
-use crate::failure::{Failure, with_container, with_output};
-use crate::input::{Input, for_each};
-use crate::quantity::show_bytes;
 
 /// Which containers.
 #[derive(Debug, Args)]
@@ -91,7 +90,7 @@ struct LevelInfo {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     for_each(&arguments.inputs, |path| {
         if arguments.inputs.len() > 1 && !arguments.json {
-            writeln!(crate::terminal::stdout(), "file       {}", path.display()).map_err(with_output)?;
+            writeln!(supervol_arguments::terminal::stdout(), "file       {}", path.display()).map_err(with_output)?;
         }
         describe(path, arguments)
     })
@@ -117,7 +116,7 @@ fn describe(path: &Path, arguments: &Arguments) -> Result<(), Failure> {
         return print_text_header(path, survey.as_ref());
     }
     let info = gather(&container).map_err(|e| with_container(path, e))?;
-    let mut out = crate::terminal::stdout();
+    let mut out = supervol_arguments::terminal::stdout();
     let printed = if *json {
         serde_json::to_string_pretty(&info).map_err(std::io::Error::other).and_then(|text| writeln!(out, "{text}"))
     } else {
@@ -156,7 +155,7 @@ fn print_text_header(path: &Path, survey: Option<&Survey>) -> Result<(), Failure
         let message = "--text-header: expected a SEG-Y file, or a container built from one";
         return Err(Failure::Command(format!("{}: {message}", path.display())));
     };
-    let mut out = crate::terminal::stdout();
+    let mut out = supervol_arguments::terminal::stdout();
     survey.text_header.lines().try_for_each(|line| writeln!(out, "{}", line.trim_end())).map_err(with_output)
 }
 
@@ -164,7 +163,7 @@ fn print_text_header(path: &Path, survey: Option<&Survey>) -> Result<(), Failure
 fn list_unfinished(folder: &Path, json: bool, volume: Result<&source::Described, &Failure>) -> Result<(), Failure> {
     let found =
         unfinished::list(folder).map_err(|e| Failure::Machine(format!("cannot read {}: {e}", folder.display())))?;
-    let mut out = crate::terminal::stdout();
+    let mut out = supervol_arguments::terminal::stdout();
     if json {
         let entry = |partial: &Leftover| {
             let (writer, _) = words_for(partial.writer);

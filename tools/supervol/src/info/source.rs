@@ -3,6 +3,8 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use supervol_arguments::failure::{Failure, with_output};
+use supervol_arguments::quantity::show_bytes;
 use supervol_preprocess::BuildError;
 use supervol_preprocess::kept::Reading;
 use supervol_preprocess::naming::container_beside;
@@ -10,8 +12,6 @@ use supervol_sources::input::file::SourceFile;
 use supervol_sources::{SourceInfo, Survey, VolumeSource};
 
 use super::Place;
-use crate::failure::{Failure, with_output};
-use crate::quantity::show_bytes;
 
 /// Most memory that a reader may take.
 pub const MEMORY_BYTES: u64 = 1 << 30;
@@ -72,7 +72,7 @@ impl Described {
 
     /// On standard output.
     pub fn print(&self, json: bool) -> Result<(), Failure> {
-        let mut out = crate::terminal::stdout();
+        let mut out = supervol_arguments::terminal::stdout();
         let printed = if json { writeln!(out, "{:#}", self.to_json()) } else { self.print_text(&mut out) };
         printed.map_err(with_output)
     }

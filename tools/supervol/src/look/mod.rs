@@ -8,7 +8,10 @@ pub mod places;
 mod slices;
 pub mod warnings;
 
-use clap::{Args, ValueEnum};
+use clap::Args;
+use supervol_arguments::failure::Failure;
+use supervol_arguments::quantity;
+use supervol_arguments::scene::ModeName;
 use supervol_format::Container;
 use supervol_scene::facts::{DataKind, VolumeFacts};
 use supervol_scene::preset::overview::Overview;
@@ -21,9 +24,7 @@ use supervol_scene::scene::{
 use self::parse::{CameraWish, ColorMapWish, Cutter, SurfaceWish};
 use self::places::{Crop, Cut};
 use self::slices::SliceArguments;
-use crate::failure::Failure;
 use crate::panels::{Grid, PANEL_LIMIT};
-use crate::quantity;
 
 /// What is shown, from where, and how.
 #[derive(Debug, Clone, Args)]
@@ -94,33 +95,6 @@ pub struct LookArguments {
     /// Rays along each edge of a pixel
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=16))]
     supersample: Option<u32>,
-}
-
-/// What rays gather.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum ModeName {
-    /// Emission and absorption
-    Dvr,
-    /// The greatest value
-    Mip,
-    /// The least value
-    Minip,
-    /// The mean value
-    Mean,
-    /// Surfaces
-    Iso,
-}
-
-impl From<ModeName> for Mode {
-    fn from(name: ModeName) -> Self {
-        match name {
-            ModeName::Dvr => Self::Dvr,
-            ModeName::Mip => Self::Mip,
-            ModeName::Minip => Self::Minip,
-            ModeName::Mean => Self::Mean,
-            ModeName::Iso => Self::Iso,
-        }
-    }
 }
 
 /// Opacity of all surfaces but the last.

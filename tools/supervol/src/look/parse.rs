@@ -2,14 +2,13 @@
 
 use std::path::{Path, PathBuf};
 
+use supervol_arguments::failure::Failure;
 use supervol_scene::clip::solids::Keep;
 use supervol_scene::facts::VolumeFacts;
 use supervol_scene::preset::colormap;
 use supervol_scene::preset::transfer_file::TransferFile;
 use supervol_scene::preset::view::Direction;
 use supervol_scene::scene::{BoxSpec, CylinderSpec, PlaneSpec, PointSpec, PointsSpec, SolidSpec, SphereSpec};
-
-use crate::failure::Failure;
 
 /// Where a camera is wanted.
 #[derive(Debug, Clone, PartialEq)]

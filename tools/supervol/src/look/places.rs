@@ -1,14 +1,13 @@
 //! Places in a volume as people call them: voxels, line numbers, times, depths, world coordinates, a patient's planes.
 
 use glam::DVec3;
+use supervol_arguments::failure::Failure;
+use supervol_arguments::quantity::{self, WrittenBox};
 use supervol_format::Container;
 use supervol_scene::facts::{Frame, VolumeFacts};
 use supervol_scene::preset;
 use supervol_scene::preset::placing::axis_along;
 use supervol_sources::Survey;
-
-use crate::failure::Failure;
-use crate::quantity::{self, WrittenBox};
 
 /// A place along an axis that has a name.
 #[derive(Debug, Clone, PartialEq)]

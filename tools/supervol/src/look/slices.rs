@@ -2,6 +2,7 @@
 
 use clap::{Args, ValueEnum};
 use glam::DVec3;
+use supervol_arguments::failure::Failure;
 use supervol_format::Container;
 use supervol_scene::facts::VolumeFacts;
 use supervol_scene::preset::section::{Slice, face_on, plane_across};
@@ -13,7 +14,6 @@ use supervol_scene::transfer_function::ControlPoint;
 
 use super::parse;
 use super::places::{self, Cut};
-use crate::failure::Failure;
 
 /// Which slices, and how.
 #[derive(Debug, Clone, Args)]

@@ -1,6 +1,7 @@
 //! The command line is a contract: names, outputs, JSON keys, exit codes.
 
 use std::path::Path;
+use std::process::Command;
 
 use supervol_runtime::engines::gpu::device::{ADAPTER_VARIABLE, GpuDevice};
 use supervol_runtime::render::renderer::NO_DEVICE;
@@ -571,6 +572,31 @@ fn stability_is_written_as_a_page_and_as_regimes() {
         assert!(regimes[0]["curve"][0].get(key).is_some(), "a point of a curve has no {key}");
     }
     assert!(regimes[0]["id"] == *id && read("stability.html").contains(id));
+}
+
+/// Commands that are executables of their own are known without these: their options are checked, their help is whole.
+#[test]
+fn a_missing_executable_is_named_with_the_command_that_builds_it() {
+    let folder = Folder::new();
+    let alone = folder.path(&format!("supervol{}", std::env::consts::EXE_SUFFIX));
+    std::fs::copy(env!("CARGO_BIN_EXE_supervol"), &alone).expect("a temporary folder has room");
+    let run = |arguments: &[&str]| {
+        let output = Command::new(&alone).args(arguments).env("PATH", folder.0.path()).output().expect("it starts");
+        (output.status.code(), [output.stdout, output.stderr].concat())
+    };
+    for (arguments, package) in [
+        (&["view"][..], "supervol-viewer"),
+        (&["bench", "--quick"], "supervol-measure"),
+        (&["--quiet", "chart", "-o", "report"], "supervol-measure"),
+    ] {
+        let (code, said) = run(arguments);
+        let said = String::from_utf8_lossy(&said).into_owned();
+        assert!(said.contains(&format!("cargo build --release -p {package}")), "{said}");
+        assert_eq!(code, Some(2), "{arguments:?}: {said}");
+    }
+    let (code, said) = run(&["chart", "--help"]);
+    assert!(code == Some(0) && String::from_utf8_lossy(&said).contains("--stability"));
+    assert_eq!(run(&["view", "--no-such-option"]).0, Some(2));
 }
 
 /// What lies outside the caster's limits would be brought to them in silence; 1 is documented as any error.

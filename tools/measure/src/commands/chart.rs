@@ -1,9 +1,13 @@
 //! `supervol chart`: speed against accuracy, and where methods fail, measured on this machine and written as a report.
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use clap::Args;
+use supervol_arguments::chart::Arguments;
+use supervol_arguments::failure::{Failure, with_output};
+use supervol_arguments::output::ReportFolder;
+use supervol_arguments::progress::announce;
+use supervol_arguments::terminal::stdout;
 use supervol_files::unfinished::UnfinishedFolder;
 use supervol_measure::record::RegimeRecord;
 use supervol_measure::report::{Circumstances, Extent, Report, chart_page, stability_page};
@@ -13,43 +17,14 @@ use supervol_measure::{
     Context, Scale, chart, convergence, leaping, points, reading, record, scenes, stability, storage,
 };
 
-use crate::failure::{Failure, with_output};
-use crate::output::{Force, ReportFolder};
-use crate::progress::announce;
-
 /// Name of the file that the stability suite leaves for the next report.
 const STABILITY: &str = "stability.json";
-
-/// What to measure, how much of it, and where to write.
-#[derive(Debug, Args)]
-pub struct Arguments {
-    /// Smaller volumes and pictures, fewer transfer functions: minutes instead of tens of minutes
-    #[arg(long)]
-    quick: bool,
-    /// Measure this scene only; may be given several times
-    #[arg(long, value_name = "NAME", conflicts_with = "stability")]
-    scene: Vec<String>,
-    /// Measure where methods fail instead, and hold the default to its promises
-    #[arg(long)]
-    stability: bool,
-    /// Measure this regime only, S01 to S48; may be given several times
-    #[arg(long, value_name = "ID", requires = "stability")]
-    only: Vec<String>,
-    /// A report small enough to be kept with the program: all plots and findings, few pictures; no table of all points,
-    /// and neither points.csv nor points.json
-    #[arg(long, conflicts_with = "stability")]
-    summary: bool,
-    /// Folder for report.html, points.csv and points.json, or stability.html and stability.json; made if it is not there
-    #[arg(short, long, value_name = "DIR")]
-    output: PathBuf,
-    #[command(flatten)]
-    force: Force,
-}
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let scenes = chosen_scenes(&arguments.scene)?;
     let regimes = chosen_regimes(&arguments.only)?;
+    let extent = if arguments.summary { Extent::Summary } else { Extent::Whole };
     let folder = &arguments.output;
     let cannot_write = |e| Failure::Machine(format!("cannot write {}: {e}", folder.display()));
     let reports = ReportFolder::begin(folder, arguments.force)?;
@@ -63,7 +38,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if arguments.stability {
         run_stability(&context, &regimes, &here, &reports)
     } else {
-        run_chart(&context, &scenes, &here, &reports, arguments.extent())
+        run_chart(&context, &scenes, &here, &reports, extent)
     }
 }
 
@@ -93,7 +68,7 @@ fn run_chart(
     let defaults = chart.points.iter().filter(|p| p.default);
     let worst = defaults.clone().map(|p| p.linf).fold(0.0, f64::max);
     let on_front = defaults.clone().filter(|p| p.pareto).count();
-    let mut out = crate::terminal::stdout();
+    let mut out = stdout();
     writeln!(
         out,
         "{}: {} points; the default is on the Pareto front of {on_front} of {} pictures, its largest error is {:.3} of 255 \
@@ -134,7 +109,7 @@ fn run_stability(
 }
 
 fn print_records(records: &[RegimeRecord]) -> std::io::Result<()> {
-    let mut out = crate::terminal::stdout();
+    let mut out = stdout();
     let text = |value: Option<f64>| value.map_or_else(|| "-".into(), |v| format!("{v:.3e}"));
     for record in records {
         let verdict = if record.pass { "PASS" } else { "FAIL" };
@@ -172,23 +147,4 @@ fn chosen_regimes(ids: &[String]) -> Result<Vec<&'static Regime>, Failure> {
         return Err(Failure::Command(format!("--only {unknown}: no such regime{why}; there are {known}")));
     }
     Ok(all.into_iter().filter(|regime| ids.is_empty() || ids.iter().any(|id| id == regime.id)).collect())
-}
-
-impl Arguments {
-    fn extent(&self) -> Extent {
-        if self.summary { Extent::Summary } else { Extent::Whole }
-    }
-
-    /// The command as a person would type it again; the folder by its own name, which says nothing of this machine.
-    fn command_line(&self) -> String {
-        let mut words = vec!["supervol chart".to_string()];
-        words.extend(self.quick.then(|| "--quick".into()));
-        words.extend(self.scene.iter().map(|name| format!("--scene {name}")));
-        words.extend(self.stability.then(|| "--stability".into()));
-        words.extend(self.summary.then(|| "--summary".into()));
-        words.extend(self.only.iter().map(|id| format!("--only {id}")));
-        let name = self.output.file_name().unwrap_or(self.output.as_os_str());
-        words.push(format!("-o {}", name.to_string_lossy()));
-        words.join(" ")
-    }
 }

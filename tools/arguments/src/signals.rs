@@ -5,17 +5,19 @@
 
 use crate::failure::Failure;
 
-/// Begins to wait.
+/// Begins to wait. `end_programs` ends the programs that this one has started; what it returns is held until the end.
+///
+/// # Errors
+/// If signals cannot be waited for, or no thread can be started.
 #[cfg(unix)]
-pub fn watch() -> Result<(), Failure> {
+pub fn watch<G>(end_programs: impl FnOnce() -> G + Send + 'static) -> Result<(), Failure> {
     use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
     let wanted = [SIGINT, SIGTERM, SIGHUP].into_iter().filter(|&signal| signal != SIGHUP || !is_ignored(signal));
     let mut signals = signal_hook::iterator::Signals::new(wanted)
         .map_err(|e| Failure::Machine(format!("cannot wait for signals: {e}")))?;
     let wait = move || {
         if let Some(signal) = signals.forever().next() {
-            let _none_begins =
-                (supervol_measure::peers::environment::end_all(), supervol_files::unfinished::remove_all());
+            let _none_begins = (end_programs(), supervol_files::unfinished::remove_all());
             // At once: other threads are at work, and what they use must not be taken apart under them.
             signal_hook::low_level::exit(128 + signal);
         }
@@ -25,8 +27,11 @@ pub fn watch() -> Result<(), Failure> {
 }
 
 /// Elsewhere the system's own handling stays.
+///
+/// # Errors
+/// None.
 #[cfg(not(unix))]
-pub fn watch() -> Result<(), Failure> {
+pub fn watch<G>(_: impl FnOnce() -> G + Send + 'static) -> Result<(), Failure> {
     Ok(())
 }
 

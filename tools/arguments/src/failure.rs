@@ -6,7 +6,6 @@ use std::process::ExitCode;
 
 use supervol_files::OutputError;
 use supervol_format::container::ContainerError;
-use supervol_measure::ChartError;
 use supervol_preprocess::BuildError;
 
 use crate::terminal;
@@ -91,21 +90,6 @@ impl From<BuildError> for Failure {
 impl From<OutputError> for Failure {
     fn from(error: OutputError) -> Self {
         BuildError::from(error).into()
-    }
-}
-
-impl From<ChartError> for Failure {
-    fn from(error: ChartError) -> Self {
-        match error {
-            ChartError::Build(error) => error.into(),
-            ChartError::Output(error) => error.into(),
-            ChartError::Source(error) => BuildError::from(error).into(),
-            ChartError::Command(message) => Self::Command(message),
-            ChartError::Container(error) if !matches!(error, ContainerError::Io { .. }) => {
-                Self::Data(error.to_string())
-            }
-            other => Self::Machine(other.to_string()),
-        }
     }
 }
 

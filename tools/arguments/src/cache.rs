@@ -7,10 +7,10 @@ use clap::Args;
 use supervol_preprocess::BuildOptions;
 use supervol_preprocess::kept::{CACHE_LIMIT_BYTES, Cache, Reading, Told, is_container};
 
-use crate::build::refuse_for_container;
 use crate::failure::Failure;
 use crate::progress::{Reporter, announce};
 use crate::quantity::{self, show_bytes};
+use crate::source::refuse_for_container;
 
 /// Where containers of volume files are kept.
 #[derive(Debug, Clone, Args)]

@@ -1,0 +1,75 @@
+//! Scenes on the command line: files or text with a scene, the default scene of a container, and modes by name.
+
+use std::path::Path;
+
+use clap::ValueEnum;
+use supervol_format::Container;
+use supervol_scene::facts::VolumeFacts;
+use supervol_scene::preset::overview::Overview;
+use supervol_scene::scene::{Mode, Scene};
+
+use crate::failure::Failure;
+
+/// What rays gather.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum ModeName {
+    /// Emission and absorption
+    Dvr,
+    /// The greatest value
+    Mip,
+    /// The least value
+    Minip,
+    /// The mean value
+    Mean,
+    /// Surfaces
+    Iso,
+}
+
+impl From<ModeName> for Mode {
+    fn from(name: ModeName) -> Self {
+        match name {
+            ModeName::Dvr => Self::Dvr,
+            ModeName::Mip => Self::Mip,
+            ModeName::Minip => Self::Minip,
+            ModeName::Mean => Self::Mean,
+            ModeName::Iso => Self::Iso,
+        }
+    }
+}
+
+/// The scene of the default picture of a container, with every choice written out.
+pub fn default_scene(container: &Container) -> Scene {
+    let facts = VolumeFacts::of(container);
+    Scene::default().complete(&facts, overview(container, &facts).as_ref())
+}
+
+/// A coarse level, to frame what can be seen. `None` if it cannot be read: drawing the picture reports that.
+pub fn overview(container: &Container, facts: &VolumeFacts) -> Option<Overview> {
+    Overview::read(container, facts).ok().flatten()
+}
+
+/// The scene itself, if it stands on the command line in place of the name of its file.
+fn written_out(file: &Path) -> Option<&str> {
+    file.to_str().filter(|text| text.trim_start().starts_with('{'))
+}
+
+/// The name of a scene in error messages.
+pub fn name_of_scene(file: &Path) -> &Path {
+    if written_out(file).is_some() { Path::new("--scene") } else { file }
+}
+
+/// The scene of a scene file, or of one that is written out on the command line.
+pub fn read_scene(file: &Path) -> Result<Scene, Failure> {
+    let text = match written_out(file) {
+        Some(text) => text.to_owned(),
+        None => crate::input::read_text(file, "a scene")?,
+    };
+    let file = name_of_scene(file);
+    let scene = Scene::from_json(&text).map_err(|e| Failure::Command(format!("{}: {e}", file.display())));
+    // Files that a scene names lie beside it, wherever the scene that is printed goes.
+    scene.map(|mut scene| {
+        let file = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
+        scene.begin_paths_at(file.parent().unwrap_or_else(|| Path::new("")));
+        scene
+    })
+}

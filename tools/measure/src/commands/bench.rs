@@ -1,0 +1,309 @@
+//! `supervol bench`: what pictures cost here, and in other programs; what frames cost while the camera moves; whether
+//! random scenes keep the error that is asked for.
+
+use std::io::Write;
+use std::num::NonZero;
+use std::path::{Path, PathBuf};
+
+use supervol_arguments::bench::{Arguments, PathBackend, ShadingName, VirtualField};
+use supervol_arguments::failure::{Failure, with_container, with_output};
+use supervol_arguments::input::read_text;
+use supervol_arguments::output::ReportFolder;
+use supervol_arguments::progress::{Reporter, announce};
+use supervol_arguments::sample::CARP;
+use supervol_arguments::scene::default_scene;
+use supervol_arguments::source::{open, refuse_for_container, refuse_without_file};
+use supervol_arguments::terminal::stdout;
+use supervol_files::unfinished::UnfinishedFolder;
+use supervol_format::Container;
+use supervol_measure::ledger::Ledger;
+use supervol_measure::paths::CameraPath;
+use supervol_measure::peers::cases::{Looks, Subject};
+use supervol_measure::peers::{Options, PeerOptions, Run, SameSampling, Sizes, report, vtk};
+use supervol_measure::virtual_volume::Field;
+use supervol_measure::{ChartError, Context, Scale, leaping, ledger, paths, peers, random_scenes};
+use supervol_preprocess::kept::{Reading, is_container};
+use supervol_preprocess::{BuildOptions, Existing};
+use supervol_runtime::lod::by_error::ANY_ERROR;
+use supervol_runtime::render::options::Backend;
+
+/// Size of the program's own default picture: that of `--volume`.
+const DEFAULT_PICTURE: [u32; 2] = [800, 600];
+
+/// Field of this name.
+fn field_of(name: VirtualField) -> Field {
+    match name {
+        VirtualField::Bricks => Field::BrickId,
+        VirtualField::Waves => Field::Waves,
+    }
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let bench = Bench(arguments);
+    // Options for volume files are checked whatever is measured.
+    bench.reading()?;
+    let folder = UnfinishedFolder::create_in(&std::env::temp_dir()).map_err(with_output)?;
+    if let Some(output) = &arguments.output {
+        // Before anything is measured: a folder that cannot be written costs no time.
+        ReportFolder::begin(output, arguments.force)?;
+    }
+    let scale = if arguments.quick { Scale::Small } else { Scale::Full };
+    let context = Context { scale, folder: folder.path(), say: &announce };
+    match (&arguments.path, arguments.random_scenes) {
+        (Some(path), _) => bench.along(&context, path),
+        (None, Some(scenes)) => bench.random(&context, scenes),
+        (None, None) if arguments.leaping => bench.leap(&context),
+        (None, None) => bench.compare(&context),
+    }
+}
+
+/// The command, as it was given.
+struct Bench<'a>(&'a Arguments);
+
+impl Bench<'_> {
+    fn compare(&self, context: &Context<'_>) -> Result<(), Failure> {
+        let peer = match (self.0.peers, self.0.environment.clone().or_else(cached_environment)) {
+            (false, _) => None,
+            (true, Some(environment)) => Some(PeerOptions { python: self.0.python.clone(), environment }),
+            (true, None) => {
+                let message = "--peers: the user's cache folder is not known; name a folder with --environment DIR";
+                return Err(Failure::Command(message.into()));
+            }
+        };
+        let options = Options {
+            peer,
+            carp_nifti_gz: CARP,
+            subject: self.subject(context)?,
+            looks: self.looks(),
+            edge: self.0.edge,
+            run: Run {
+                threads: self.0.threads.get(),
+                same_sampling: if self.0.same_sampling { SameSampling::Yes } else { SameSampling::No },
+                sizes: self.sizes(context.scale),
+            },
+        };
+        let ledger = self.ledger()?;
+        let comparison = peers::compare(context, &options)?;
+        let command = command_line();
+        if let Some(output) = &self.0.output {
+            self.reports(output, |folder| report::write(&comparison, &command, folder))?;
+        }
+        keep(ledger.as_ref(), &ledger::of_comparison(&comparison))?;
+        write!(stdout(), "{}", report::markdown(&comparison, &command)).map_err(with_output)
+    }
+
+    fn along(&self, context: &Context<'_>, path: &str) -> Result<(), Failure> {
+        let path = camera_path(path)?;
+        let sizes = self.sizes(context.scale);
+        let options = paths::Options {
+            subject: self.subject(context)?,
+            looks: self.looks(),
+            edge: self.0.edge,
+            carp_nifti_gz: CARP,
+            threads: self.0.threads.get(),
+            image: sizes.image,
+            host_memory_bytes: sizes.host_memory_bytes,
+            cache_bytes: self.0.cache,
+            frame_budget_ms: self.0.frame_budget,
+            ahead_ms: self.0.ahead,
+            max_error: self.0.max_error.unwrap_or(ANY_ERROR),
+            backends: match self.0.backend {
+                PathBackend::Cpu => vec![Backend::Cpu],
+                PathBackend::Gpu => vec![Backend::Gpu],
+                PathBackend::Both => vec![Backend::Cpu, Backend::Gpu],
+            },
+        };
+        let ledger = self.ledger()?;
+        let rides = paths::run(context, &path, &options)?;
+        let command = command_line();
+        if let Some(output) = &self.0.output {
+            self.reports(output, |folder| paths::write(&path, &rides, &command, folder))?;
+        }
+        keep(ledger.as_ref(), &ledger::of_rides(&path.name, &rides, options.threads, options.image))?;
+        write!(stdout(), "{}", paths::markdown(&path, &rides, &options, &command)).map_err(with_output)
+    }
+
+    fn random(&self, context: &Context<'_>, scenes: u64) -> Result<(), Failure> {
+        let (seed, first, threads) = (self.0.seed, self.0.first_scene, self.0.threads.get());
+        let backend = match self.0.backend {
+            PathBackend::Cpu => Backend::Cpu,
+            PathBackend::Gpu => Backend::Gpu,
+            PathBackend::Both => {
+                let message = "--random-scenes: --backend both compares nothing; expected cpu or gpu";
+                return Err(Failure::Command(message.into()));
+            }
+        };
+        let options = random_scenes::Options { seed, first, scenes, mode: self.0.mode.into(), threads, backend };
+        let found = random_scenes::run(context, options)?;
+        let text = random_scenes::markdown(&found, &command_line());
+        if let Some(output) = &self.0.output {
+            self.reports(output, |folder| random_scenes::write(&found, &text, folder))?;
+        }
+        write!(stdout(), "{text}").map_err(with_output)?;
+        match found.scenes_above().as_slice() {
+            [] => Ok(()),
+            above => Err(Failure::Data(format!(
+                "{} of {scenes} random scenes of seed {seed} are further off than was asked for; draw the first of them \
+                 again with --random-scenes 1 --seed {seed} --first-scene {}",
+                above.len(),
+                above[0]
+            ))),
+        }
+    }
+
+    fn leap(&self, context: &Context<'_>) -> Result<(), Failure> {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(self.0.threads.get()).build();
+        let pool = pool.map_err(|e| ChartError::Command(format!("{} threads: {e}", self.0.threads)))?;
+        let options = leaping::Options {
+            subject: self.subject(context)?,
+            edge: self.0.edge,
+            image: self.sizes(context.scale).image,
+            carp_nifti_gz: CARP,
+        };
+        let measured = pool.install(|| leaping::run(context, &options))?;
+        write!(stdout(), "{}", leaping::markdown(&measured)).map_err(with_output)
+    }
+
+    /// Writes what `write` puts into a folder into the one that was asked for.
+    fn reports(&self, output: &Path, write: impl FnOnce(&Path) -> Result<(), ChartError>) -> Result<(), Failure> {
+        let path = self.0.path.as_ref().map(PathBuf::from);
+        let inputs: Vec<&Path> =
+            [&self.0.volume, &path, &self.0.record].into_iter().flatten().map(PathBuf::as_path).collect();
+        ReportFolder::begin(output, self.0.force)?.write_with(&inputs, write)
+    }
+
+    /// The record, opened before anything is measured.
+    fn ledger(&self) -> Result<Option<Ledger>, ChartError> {
+        let path = self.0.path.as_ref().map(PathBuf::from);
+        let inputs: Vec<&Path> = [&self.0.volume, &path].into_iter().flatten().map(PathBuf::as_path).collect();
+        self.0.record.as_deref().map(|record| Ledger::open(record, &inputs)).transpose()
+    }
+
+    fn looks(&self) -> Looks {
+        match self.0.shading {
+            ShadingName::Both => Looks::Both,
+            ShadingName::Unshaded => Looks::Unshaded,
+            ShadingName::Shaded => Looks::Shaded,
+        }
+    }
+
+    fn sizes(&self, scale: Scale) -> Sizes {
+        let default = Sizes::of(scale);
+        let image = match (self.0.size, &self.0.volume, scale) {
+            (Some(size), _, _) => size,
+            (None, Some(_), Scale::Full) => DEFAULT_PICTURE,
+            (None, _, _) => default.image,
+        };
+        Sizes {
+            image,
+            repeats: self.0.repeats.map_or(default.repeats, NonZero::get),
+            error_pixels: self.0.pixels.map_or(default.error_pixels, NonZero::get),
+            host_memory_bytes: self.0.host_memory,
+            ..default
+        }
+    }
+
+    /// How `--volume` is read; refused where nothing is.
+    fn reading(&self) -> Result<Reading, Failure> {
+        let reading = self.0.source.reading(BuildOptions::default().memory_bytes)?;
+        match &self.0.volume {
+            Some(file) if is_container(file) => refuse_for_container(&reading, file)?,
+            Some(_) => (),
+            None => refuse_without_file(&reading, "--volume")?,
+        }
+        Ok(reading)
+    }
+
+    fn subject(&self, context: &Context<'_>) -> Result<Subject, Failure> {
+        if let Some(edge) = self.0.virtual_edge {
+            return Ok(Subject::Virtual(field_of(self.0.field), edge));
+        }
+        let Some(file) = &self.0.volume else { return Ok(Subject::Scenes(self.0.scene.clone())) };
+        let path = if is_container(file) { file.clone() } else { built(file, &self.reading()?, context.folder)? };
+        let container = Container::open(&path).map_err(|e| with_container(&path, e))?;
+        Ok(Subject::Own { container: path, scene: Box::new(default_scene(&container)) })
+    }
+}
+
+/// A container of a volume file, in this folder.
+fn built(file: &Path, reading: &Reading, folder: &Path) -> Result<PathBuf, Failure> {
+    let (source, origin) = open(reading, file, folder)?;
+    let name = file.file_stem().map_or("volume".into(), |stem| stem.to_string_lossy());
+    let path = folder.join(format!("{name}.svol"));
+    announce(&format!("building {name}, {}", source.info().dims));
+    let options = BuildOptions { existing: Existing::Replace, ..BuildOptions::default() };
+    let reporter = Reporter::over_bytes(false);
+    let built = supervol_preprocess::build(source.as_ref(), origin, &path, &options, &|p| reporter.show(p));
+    reporter.finish();
+    built?;
+    Ok(path)
+}
+
+/// Appends to the record, if there is one.
+fn keep(ledger: Option<&Ledger>, entries: &[ledger::Entry]) -> Result<(), ChartError> {
+    let Some(ledger) = ledger else { return Ok(()) };
+    ledger.append(&recorded_command(std::env::args().skip(1)), entries)?;
+    announce(&format!("{} lines appended to {}", entries.len(), ledger.file.display()));
+    Ok(())
+}
+
+/// A path that comes with the program, or one from a file.
+fn camera_path(name: &str) -> Result<CameraPath, Failure> {
+    if let Some(path) = paths::built_in(name) {
+        return Ok(path?);
+    }
+    let known = paths::BUILT_IN.map(|(known, _)| known).join(", ");
+    let text = read_text(Path::new(name), &format!("{known} or a camera path, --path"))?;
+    CameraPath::from_json(&text).map_err(|e| Failure::Command(format!("{name}: {e}")))
+}
+
+/// Where environments are kept unless somebody says otherwise: nothing but time is lost when the folder is deleted.
+fn cached_environment() -> Option<PathBuf> {
+    let of = |variable: &str| std::env::var_os(variable).map(PathBuf::from).filter(|path| path.is_absolute());
+    let cache = of("XDG_CACHE_HOME").or_else(|| of("LOCALAPPDATA")).or_else(|| of("HOME").map(|h| h.join(".cache")))?;
+    let package = vtk::PACKAGE;
+    Some(cache.join("supervol").join("peers").join(format!("{}-{}", package.name, package.version)))
+}
+
+/// Options that say where files of this machine lie, and nothing about what is measured.
+const PLACES: [&str; 5] = ["-o", "--output", "--record", "--environment", "--python"];
+
+/// A command as records keep it: without places on this machine, files by their names.
+fn recorded_command(arguments: impl Iterator<Item = String>) -> String {
+    let mut words = vec!["supervol".to_string()];
+    let mut arguments = arguments;
+    while let Some(word) = arguments.next() {
+        if PLACES.contains(&word.as_str()) {
+            arguments.next();
+            continue;
+        }
+        // The same with the value in one word: `--output=out`, `-oout`.
+        if word.starts_with("-o") || PLACES.iter().any(|option| word.starts_with(&format!("{option}="))) {
+            continue;
+        }
+        let (option, value) = word.split_once('=').map_or((None, word.as_str()), |(o, v)| (Some(o), v));
+        let name = Path::new(value).file_name().map_or(value.into(), |name| name.to_string_lossy());
+        words.push(option.map_or(name.to_string(), |option| format!("{option}={name}")));
+    }
+    words.join(" ")
+}
+
+/// This command as it was given.
+fn command_line() -> String {
+    let arguments = std::env::args().skip(1);
+    ["supervol".to_string()].into_iter().chain(arguments).collect::<Vec<_>>().join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn recorded_commands_name_no_places() {
+        let of = |text: &str| recorded_command(text.split(' ').map(String::from));
+        let given = "bench --peers -o /home/me/out --record=/r --volume /data/ct.raw --dims 5,6,7 --python python3 --quick -oout";
+        assert_eq!(of(given), "supervol bench --peers --volume ct.raw --dims 5,6,7 --quick");
+        assert_eq!(of("bench --volume=/data/ct.svol --size 80x60"), "supervol bench --volume=ct.svol --size 80x60");
+    }
+}
