@@ -9,9 +9,9 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use supervol_format::{BrickKey, Container, Lod};
-use supervol_runtime::engines::packets::{CpuFrame, CpuQuality, Rays, Skipping, cast_pass};
+use supervol_runtime::engines::packets::{CpuFrame, CpuQuality, Rays, cast_pass};
 use supervol_runtime::lod::LodChoice;
-use supervol_runtime::stream::classify::{Class, Classifier};
+use supervol_runtime::stream::classify::{Class, Classifier, Skipping};
 use supervol_runtime::stream::residency::{BrickView, DecodedBrick, Resident};
 use supervol_scene::facts::value_map;
 use supervol_scene::image::Image;

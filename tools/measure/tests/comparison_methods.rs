@@ -10,8 +10,9 @@ use supervol_measure::comparison::{
     Accumulation, Classification, GradientOperator, Offset, Reconstruction, Rule, Sampling,
 };
 use supervol_runtime::engines::cells::{CellRule, Pairs};
-use supervol_runtime::engines::packets::{Caster, CpuQuality, Skipping, cast_pass};
+use supervol_runtime::engines::packets::{Caster, CpuQuality, cast_pass};
 use supervol_runtime::lod::LodChoice;
+use supervol_runtime::stream::classify::Skipping;
 use supervol_scene::image::Image;
 use supervol_scene::scene::ResolvedScene;
 

@@ -1,6 +1,6 @@
 //! Engines: from resident bricks to an image.
 //!
-//! - [`engine`]: the interface of an engine, with its protocol;
+//! - [`engine`]: the interface of an engine, with its protocol; [`error`]: its errors;
 //! - [`totals`]: sums and errors that an engine states of its picture;
 //! - [`maps`]: values per pixel beside the colour: stated error, work;
 //! - [`reference`](mod@reference): the brute-force `f64` integrator that defines the right picture;
@@ -14,6 +14,7 @@ pub mod cells;
 #[cfg(test)]
 pub(crate) mod cubics;
 pub mod engine;
+pub mod error;
 pub mod gpu;
 pub mod maps;
 pub mod packets;

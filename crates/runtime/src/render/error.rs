@@ -3,7 +3,8 @@
 use supervol_format::container::ContainerError;
 use supervol_format::readable::Mib;
 
-use crate::engines::gpu::caster::GpuError;
+use crate::engines::error::EngineError;
+use crate::engines::gpu::error::GpuError;
 use crate::render::frame::PASS_LIMIT;
 use crate::render::options::Backend;
 use crate::stream::budget::BudgetError;
@@ -32,7 +33,7 @@ pub enum RenderError {
     )]
     CheckTooLarge { level: u8, needed_bytes: u64, budget_bytes: u64, finest_that_fits: Option<u8> },
     #[error(transparent)]
-    Gpu(#[from] GpuError),
+    Engine(EngineError),
     #[error("methods of comparison are for the cpu backend and mode dvr; found backend {backend:?} and mode {mode}")]
     Method { backend: Backend, mode: &'static str },
     #[error(
@@ -54,4 +55,19 @@ pub enum RenderError {
     Cancelled,
     #[error("a mistake of supervol: {remaining} rays are still unfinished after {PASS_LIMIT} passes")]
     TooManyPasses { remaining: u64 },
+}
+
+impl From<EngineError> for RenderError {
+    fn from(error: EngineError) -> Self {
+        match error {
+            EngineError::Stopped => Self::Cancelled,
+            error => Self::Engine(error),
+        }
+    }
+}
+
+impl From<GpuError> for RenderError {
+    fn from(error: GpuError) -> Self {
+        Self::Engine(error.into())
+    }
 }

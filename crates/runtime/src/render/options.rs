@@ -5,9 +5,11 @@ use std::sync::atomic::AtomicU64;
 
 use supervol_format::Lod;
 
-use crate::engines::packets::{Caster, CpuQuality, Skipping};
+use crate::engines::maps::AskedMaps;
+use crate::engines::packets::{Caster, CpuQuality};
 use crate::lod::LodChoice;
 use crate::render::error::RenderError;
+use crate::stream::classify::Skipping;
 
 /// Who casts the rays.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -124,6 +126,11 @@ impl RenderOptions {
             LevelChoice::Auto => CpuQuality::default().lod,
             LevelChoice::Fixed(lod) => LodChoice::Fixed(lod),
         }
+    }
+
+    /// Maps that are made beside the picture.
+    pub(crate) fn asked_maps(&self) -> AskedMaps {
+        AskedMaps { errors: self.predict_error, work: self.count_work }
     }
 
     /// The ray caster that the options mean.

@@ -6,9 +6,10 @@ use std::sync::{Arc, Mutex};
 
 use glam::DVec3;
 use supervol_format::{BrickKey, Lod, ValueRange, VoxelType};
-use supervol_runtime::engines::packets::{BrickPlans, CpuQuality, Skipping, cast_pass};
+use supervol_runtime::engines::packets::{BrickPlans, CpuQuality, cast_pass};
 use supervol_runtime::lod::LodChoice;
 use supervol_runtime::stream::budget::MADE_LIMIT;
+use supervol_runtime::stream::classify::Skipping;
 use supervol_runtime::stream::residency::{BrickView, Resident};
 use supervol_scene::scene::{Mode, ResolvedScene};
 

@@ -5,11 +5,13 @@ use std::time::Instant;
 
 use supervol_format::{BrickIndex, BrickKey, Dims, Geometry, Lod, Pyramid, ValueRange};
 use supervol_runtime::engines::gpu::caster::{
-    GpuDevice, GpuError, GpuOptions, GpuRenderer, GpuVolume, Insertion, PageEntry, VoxelStorage,
+    GpuDevice, GpuOptions, GpuRenderer, GpuVolume, Insertion, PageEntry, VoxelStorage,
 };
-use supervol_runtime::engines::packets::{CpuFrame, CpuQuality, Skipping, cast_pass};
+use supervol_runtime::engines::gpu::error::GpuError;
+use supervol_runtime::engines::packets::{CpuFrame, CpuQuality, cast_pass};
 use supervol_runtime::lod::LodChoice;
 use supervol_runtime::stop::Stop;
+use supervol_runtime::stream::classify::Skipping;
 use supervol_runtime::stream::residency::{BrickView, DecodedBrick, Resident};
 use supervol_scene::clip::{IndexRay, clip_slab};
 use supervol_scene::facts::VolumeFacts;

@@ -21,7 +21,7 @@ use supervol_runtime::engines::gpu::light::{
 use supervol_runtime::engines::gpu::light_table::LightTable;
 use supervol_runtime::engines::gpu::scene_tables::{Exactness, FeedbackPlaces};
 use supervol_runtime::engines::gpu::{scene_tables, shaders};
-use supervol_runtime::engines::packets::Skipping;
+use supervol_runtime::stream::classify::Skipping;
 use supervol_scene::image::greatest;
 use supervol_scene::transfer_function::RenderTransferFunction;
 use supervol_scene::transfer_function::render::absorbance;

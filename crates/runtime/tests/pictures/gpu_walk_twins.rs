@@ -19,7 +19,7 @@ use supervol_runtime::engines::gpu::twins::{
     range_of_corners, rebase, segment_end, shaded_pairs, sides_at, sides_of, value_at, world_direction,
 };
 use supervol_runtime::engines::gpu::{scene_tables, shaders};
-use supervol_runtime::engines::packets::Skipping;
+use supervol_runtime::stream::classify::Skipping;
 use supervol_scene::image::greatest;
 use supervol_scene::transfer_function::RenderTransferFunction;
 

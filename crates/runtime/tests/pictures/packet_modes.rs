@@ -7,8 +7,9 @@ use supervol_format::random::Random;
 use supervol_format::{BrickKey, Lod, VoxelType};
 use supervol_runtime::engines::cells::CellRule;
 use supervol_runtime::engines::packets::simd::InstructionSet;
-use supervol_runtime::engines::packets::{Caster, CpuQuality, PacketRule, Skipping, cast_pass};
+use supervol_runtime::engines::packets::{Caster, CpuQuality, PacketRule, cast_pass};
 use supervol_runtime::lod::LodChoice;
+use supervol_runtime::stream::classify::Skipping;
 use supervol_runtime::stream::residency::{BrickView, Resident};
 use supervol_scene::scene::{Mode, ResolvedScene};
 

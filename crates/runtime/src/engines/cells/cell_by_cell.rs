@@ -9,7 +9,8 @@ use super::modes::{Chord, gather_crossings, gather_dvr, gather_iso, gather_mean,
 use super::shade::ChordGradient;
 use super::visit::{BrickVisit, LevelVisit, StoredVoxel, cells_of_macro_cell};
 use super::walk::GridWalk;
-use crate::engines::packets::{RayCounters, RayState, TERMINATION_OPACITY};
+use crate::engines::packets::{RayState, TERMINATION_OPACITY};
+use crate::stream::counters::RayCounters;
 use crate::stream::residency::{DecodedBrick, Voxels};
 
 /// Density of Gauss pairs where a cell is to be integrated as well as any error asks for: their error falls with the fourth power of it.

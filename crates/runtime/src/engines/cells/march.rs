@@ -5,7 +5,8 @@ use supervol_scene::clip::IndexRay;
 
 use super::visit::{BrickVisit, CastRay, LevelVisit};
 use super::walk::{AxisRay, CellBox, GridWalk, Planes};
-use crate::engines::packets::{BlockFeedback, CpuFrame, RayCounters, RayState};
+use crate::engines::packets::{BlockFeedback, CpuFrame, RayState};
+use crate::stream::counters::RayCounters;
 use crate::stream::residency::{BrickView, Resident};
 
 /// Casts one ray by the frame's integrator until it is finished or waits; `pixel` counts rays, not pixels of a

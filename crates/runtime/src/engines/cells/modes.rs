@@ -12,7 +12,8 @@ use super::quadrature::{
     GAUSS_OFFSET, KNOT_LIMIT, PAIR_LIMIT, integrate_pair, opacity_of, pairs_between, shaded_pair_count, splits_of_chord,
 };
 use super::shade::{ChordGradient, Lighting, shade};
-use crate::engines::packets::{CpuFrame, RayCounters, RayState, SurfaceCrossing};
+use crate::engines::packets::{CpuFrame, RayState, SurfaceCrossing};
+use crate::stream::counters::RayCounters;
 
 /// Turn of the normal, as a length, from which a part of a chord is halved: where the gradient passes by zero, the normal turns over in
 /// a small share of it.

@@ -14,7 +14,9 @@ use supervol_scene::value_map::ValueMap;
 use super::integrator::Integrator;
 use super::modes::ShadeSetup;
 use super::walk::{AxisRay, CellBox, GridWalk, Planes};
-use crate::engines::packets::{CpuFrame, RayCounters, RayState, Skipping};
+use crate::engines::packets::{CpuFrame, RayState};
+use crate::stream::classify::Skipping;
+use crate::stream::counters::RayCounters;
 use crate::stream::residency::{DecodedBrick, Voxels};
 
 /// A voxel as it lies in a brick.

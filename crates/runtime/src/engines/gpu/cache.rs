@@ -7,11 +7,12 @@
 //! Everything is written through the queue; what is on its way is bounded by the plan's staging bytes.
 
 use super::deviations::DeviationTable;
-use super::device::{GpuDevice, GpuError};
+use super::device::GpuDevice;
 use super::layout::SlotGrid;
 use super::memory::{MemoryPlan, TEXTURE_LIMIT};
 use super::page_table::PageTable;
 use super::slots::SlotIndex;
+use crate::engines::gpu::error::GpuError;
 
 /// How voxels are stored in the cache textures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

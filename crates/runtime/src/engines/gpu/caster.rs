@@ -27,7 +27,8 @@ use supervol_scene::value_map::ValueMap;
 
 pub use crate::engines::gpu::cache::VoxelStorage;
 use crate::engines::gpu::cache::{BlockRanges, CacheShape, GpuCache, SlotContents};
-pub use crate::engines::gpu::device::{GpuDevice, GpuError, SHARED_MEMORY, may_have_hardware};
+pub use crate::engines::gpu::device::{GpuDevice, SHARED_MEMORY, may_have_hardware};
+pub use crate::engines::gpu::error::GpuError;
 pub use crate::engines::gpu::errors::{BandErrors, DeviationOf};
 pub use crate::engines::gpu::feedback::PassFeedback;
 use crate::engines::gpu::layout::{
@@ -45,9 +46,11 @@ pub use crate::engines::gpu::scene_tables::GpuVolume;
 use crate::engines::gpu::scene_tables::{Exactness, FeedbackPlaces};
 use crate::engines::gpu::slots::{SlotIndex, Slots};
 use crate::engines::gpu::{pass, scene_tables};
-use crate::engines::packets::{FIT_SHARE, MAX_ERROR_LIMITS, PacketRule, Skipping};
+use crate::engines::packets::{FIT_SHARE, MAX_ERROR_LIMITS, PacketRule};
+use crate::engines::totals::GpuStats;
 use crate::lod::{LodChoice, LodRule};
 use crate::stop::Stop;
+use crate::stream::classify::Skipping;
 use crate::stream::counters::{DeviceCounters, milliseconds};
 use crate::stream::field::{Field, FieldBrick};
 use crate::stream::residency::DecodedBrick;
@@ -109,23 +112,6 @@ pub enum Insertion {
     },
     /// Every slot holds a brick inserted since the last pass: cast first.
     NoRoom,
-}
-
-/// What the device holds, and what it did since the renderer was made.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct GpuStats {
-    /// Name and kind of the adapter.
-    pub adapter: String,
-    /// Bytes planned, all of them allocated.
-    pub planned_bytes: u64,
-    /// Slots in all.
-    pub slots: u64,
-    /// Slots that hold a brick.
-    pub slots_used: u64,
-    /// The slowest dispatch of the picture.
-    pub dispatch_ms_max: f64,
-    /// What it did.
-    pub counters: DeviceCounters,
 }
 
 /// See the module.

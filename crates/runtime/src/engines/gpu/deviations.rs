@@ -4,9 +4,10 @@ use std::collections::HashMap;
 
 use supervol_scene::scene::Mode;
 
-use super::device::{GpuDevice, GpuError};
+use super::device::GpuDevice;
 use super::layout::{DEVIATION_NONE, DEVIATION_UNKNOWN, GpuDeviation, RayErrors};
 use super::twins::FAR;
+use crate::engines::gpu::error::GpuError;
 use crate::lod::deviation::{Deviation, RayDeviation};
 
 /// Most of them, the two that are always there included; of bricks beyond, nothing is known.

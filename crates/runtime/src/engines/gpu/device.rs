@@ -10,11 +10,10 @@ use std::pin::pin;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::task::{Context, Poll, Waker};
 
-use supervol_format::readable::Mib;
-
 use super::memory::TEXTURE_LIMIT;
 use super::pipelines::{Pipelines, Variant};
 use super::shaders::TexelAccess;
+use crate::engines::gpu::error::GpuError;
 use crate::stream::counters::DeviceCounters;
 
 /// Environment variable that names the adapter: any part of its name, in any case.
@@ -34,36 +33,6 @@ const VARIANT_LIMIT: usize = 10;
 
 /// Textures that a shader reads as storage where it reads them so: the cache's, and the transfer function's light. WebGPU guarantees one less.
 const STORAGE_TEXTURES: u32 = TEXTURE_LIMIT as u32 + 1;
-
-/// What the GPU could not do, with advice where there is any.
-#[derive(Debug, Clone, thiserror::Error)]
-#[allow(missing_docs, reason = "the messages say it")]
-pub enum GpuError {
-    #[error("no GPU adapter: {reason}; install a Vulkan driver (Mesa's lavapipe suffices) or use --backend cpu")]
-    NoAdapter { reason: String },
-    #[error("the adapter {adapter} has no usable limits: {reason}; use --backend cpu")]
-    TooSmall { adapter: String, reason: String },
-    #[error("the GPU is out of memory in {doing}: {message}; lower --gpu-memory or the image size")]
-    OutOfMemory { doing: String, message: String },
-    #[error("the GPU driver refused {doing}: {message}")]
-    Refused { doing: String, message: String },
-    #[error("the GPU device was lost ({message}); build a new device and renderer")]
-    DeviceLost { message: String },
-    #[error(
-        "the GPU budget of {} is too small: {} for rays and tables and {} for each of at least {min_slots} bricks make \
-         {}; raise --gpu-memory, or lower the image size",
-        Mib(*budget), Mib(*fixed), Mib(*slot_bytes), Mib(*needed)
-    )]
-    Budget { budget: u64, fixed: u64, slot_bytes: u64, min_slots: u64, needed: u64 },
-    #[error("{what} needs {}, the adapter binds at most {}; {advice}", Mib(*needed), Mib(*limit))]
-    TableLimit { what: String, needed: u64, limit: u64, advice: String },
-    #[error("the scene cannot be drawn on the GPU: {reason}")]
-    Scene { reason: String },
-    #[error("{key} cannot be inserted: {reason}")]
-    Brick { key: supervol_format::BrickKey, reason: String },
-    #[error("all {slots} slots hold bricks that are wanted in this pass; no room for {key}")]
-    NoRoom { key: supervol_format::BrickKey, slots: usize },
-}
 
 /// Pipelines, and what they were compiled for.
 type KeptPipelines = (Variant, Arc<Pipelines>);

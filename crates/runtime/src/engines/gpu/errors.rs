@@ -7,8 +7,9 @@ use supervol_scene::image::Image;
 use supervol_scene::scene::Mode;
 
 use super::pixels::Gathered;
-use crate::engines::gpu::caster::{GpuError, GpuRenderer, PIXELS_TOGETHER, Picture, over_rays, pixel};
+use crate::engines::gpu::caster::{GpuRenderer, PIXELS_TOGETHER, Picture, over_rays, pixel};
 use crate::engines::gpu::deviations;
+use crate::engines::gpu::error::GpuError;
 use crate::engines::gpu::layout::RayErrors;
 use crate::engines::packets::levels::ErrorsByReason;
 use crate::engines::packets::{END_SHARE, fit_error, own_error, rounding_error};

@@ -5,7 +5,7 @@
 //! the rest.
 
 use super::cache::TEXEL_BYTES;
-use super::device::GpuError;
+use crate::engines::gpu::error::GpuError;
 
 /// Most cache textures: the number of texture bindings in the shader.
 pub const TEXTURE_LIMIT: usize = 4;

@@ -1,5 +1,6 @@
 //! The machinery of the GPU backend; `raycast::gpu` puts it together.
 //!
+//! - [`error`]: errors of the GPU backend;
 //! - [`device`]: which adapter, which limits, and wgpu's errors as ours;
 //! - [`layout`]: every struct and constant that Rust and WGSL share, defined once;
 //! - [`shaders`]: the WGSL files, in the order in which they are joined;
@@ -24,6 +25,7 @@ pub mod cache;
 pub mod caster;
 pub mod deviations;
 pub mod device;
+pub mod error;
 mod errors;
 pub mod feedback;
 pub mod layout;

@@ -16,7 +16,8 @@ use supervol_scene::transfer_function::RenderTransferFunction;
 use super::pixels::{BoundPixels, PixelBuffers};
 use crate::engines::gpu::cache::GpuCache;
 use crate::engines::gpu::deviations::DeviationTable;
-use crate::engines::gpu::device::{GpuDevice, GpuError};
+use crate::engines::gpu::device::GpuDevice;
+use crate::engines::gpu::error::GpuError;
 use crate::engines::gpu::feedback::{
     FIRST_MISSES, HEADER_WORDS, MISS_LIMIT, PassFeedback, buffer_words, listed_misses, read_misses, read_uses,
     tile_words, words_with,

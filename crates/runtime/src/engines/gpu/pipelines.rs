@@ -2,11 +2,12 @@
 
 use std::sync::OnceLock;
 
-use super::device::{GpuDevice, GpuError};
+use super::device::GpuDevice;
 use super::memory::TEXTURE_LIMIT;
 use super::shaders::{
     BEGIN_PARTS, BEGIN_RAYS, CLASSIFY_CELLS, GATHER_MISSES, GATHER_PIXELS, ShaderModule, TexelAccess, raycast_for,
 };
+use crate::engines::gpu::error::GpuError;
 
 /// What pipelines are compiled for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]

@@ -4,7 +4,8 @@
 use std::collections::VecDeque;
 
 use super::pass::{Capacity, Caster};
-use crate::engines::gpu::device::{GpuDevice, GpuError};
+use crate::engines::gpu::device::GpuDevice;
+use crate::engines::gpu::error::GpuError;
 use crate::engines::gpu::layout::{RayErrors, WORKGROUP_RAYS};
 use crate::engines::gpu::pipelines::Pipelines;
 

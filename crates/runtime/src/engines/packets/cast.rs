@@ -38,12 +38,14 @@ use super::tile::{BrickGrid, Gathered, IndexBox, TILE_RAYS, TILE_SIDE, TileRays,
 use super::value_tiles::{BrickSummaries, BrickSummary};
 use super::walk::{Packet, PacketBrick};
 use super::work::{NO_WORK, TileWork};
-use super::{BlockFeedback, CpuFrame, MAX_ERROR_LIMITS, Made, PacketRule, RayCounters, Skipping};
+use super::{BlockFeedback, CpuFrame, MAX_ERROR_LIMITS, Made, PacketRule};
 use crate::engines::blocks::BLOCK;
 use crate::engines::cells::walk::AxisRay;
 use crate::engines::cells::{CastRay, LevelVisit, exact_cell};
 use crate::lod::deviation::Deviation;
 use crate::stream::budget::{Bands, CasterBytes};
+use crate::stream::classify::Skipping;
+use crate::stream::counters::RayCounters;
 use crate::stream::residency::{BrickView, DecodedBrick, Resident, Voxels};
 
 /// Most tiles that one task casts: tiles cost very different amounts, and threads that have none left take over tasks.

@@ -84,7 +84,8 @@ use crate::engines::totals::EngineErrors;
 use crate::lod::deviation::Deviations;
 use crate::lod::{LodChoice, LodRule};
 use crate::stop::Stop;
-pub use crate::stream::counters::RayCounters;
+use crate::stream::classify::Skipping;
+use crate::stream::counters::RayCounters;
 use crate::stream::field::Field;
 use crate::stream::residency::{BrickView, KnownEntry, Resident};
 use levels::ErrorsByReason;
@@ -99,16 +100,6 @@ pub const TERMINATION_OPACITY: f64 = 0.9997;
 
 /// Rays that one task casts; neighbours, so that they visit the same bricks.
 const BLOCK_RAYS: usize = 256;
-
-/// Whether macro cells that cannot change the picture are skipped. The picture is the same to the last bit.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Skipping {
-    /// They are skipped.
-    #[default]
-    On,
-    /// They are walked cell by cell: for tests.
-    Off,
-}
 
 /// One iso surface in render values.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -14,9 +14,10 @@ use supervol_scene::value_map::ValueMap;
 use super::blocks::cloud_of_blocks;
 use super::leap::{Ahead, ProximityCloud};
 use super::per_brick::PerBrick;
-use super::{CpuFrame, PacketRule, Skipping};
+use super::{CpuFrame, PacketRule};
 use crate::engines::blocks::BLOCK;
 use crate::engines::packets::cast::PacketTables;
+use crate::stream::classify::Skipping;
 use crate::stream::residency::DecodedBrick;
 
 /// Most bytes of what is made once of each brick, and plans of another frame that may still be true.

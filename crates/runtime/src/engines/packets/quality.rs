@@ -7,11 +7,12 @@ use supervol_scene::scene::{Mode, ResolvedScene};
 
 use super::plans::BrickPlans;
 use super::simd::InstructionSet;
-use super::{RayState, Skipping, TERMINATION_OPACITY};
+use super::{RayState, TERMINATION_OPACITY};
 use crate::engines::cells::{CellByCell, CellRule, Integration, Integrator};
 use crate::engines::packets::cast;
 use crate::lod::LodChoice;
 use crate::stream::budget::{Bands, CasterBytes, MADE_LIMIT};
+use crate::stream::classify::Skipping;
 
 /// Who casts the rays of a frame, and how finely.
 ///

@@ -7,7 +7,6 @@
 //! grazes a step for example, goes to roots in `f64` ([`Host::integrate_exactly`]). A lane's parts depend on its own error
 //! alone, so that pictures do not depend on how lanes are packed.
 
-use super::RayCounters;
 use super::integrate::{Chord, Part, cubic_at, cubic_through, integrate};
 use super::lookup::Lookup;
 use super::packet::{Classifier, Host, Lanes};
@@ -15,6 +14,7 @@ use super::pending::{PART_NUMBERS, PENDING_LIMIT, Pending};
 use super::queue::{CELL_NUMBERS, QueuedCell};
 use super::shade::{LightAt, PacketLighting};
 use super::simd::{LANES_LIMIT, Simd, Task, for_three, lanes};
+use crate::stream::counters::RayCounters;
 
 /// Most parts that a cell is cut into at once.
 pub const PARTS_LIMIT: f32 = 64.0;

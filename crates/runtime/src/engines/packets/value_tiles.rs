@@ -17,9 +17,11 @@ use super::surfaces::Surfaces;
 use super::tile::{BrickGrid, TileRays};
 use super::values::{Extreme, Host, Mean, ValuePacket, cast};
 use super::walk::PacketBrick;
-use super::{CpuFrame, IsoSides, RayCounters, RayState, Skipping};
+use super::{CpuFrame, IsoSides, RayState};
 use crate::engines::cells::{LevelVisit, gather_exact_cell};
 use crate::engines::packets::cast::{CastTile, PacketTables, cast_ray, packet_brick};
+use crate::stream::classify::Skipping;
+use crate::stream::counters::RayCounters;
 use crate::stream::residency::DecodedBrick;
 
 /// Greatest whole number that a brick can store.

@@ -7,9 +7,9 @@
 
 use supervol_format::BrickKey;
 
-use super::RayCounters;
 use super::tile::TILE_RAYS;
 use crate::engines::packets::cast::CastTile;
+use crate::stream::counters::RayCounters;
 use crate::stream::residency::Resident;
 
 /// Of each ray of a tile: cells crossed, and leaps, a brick without anything to show being one.

@@ -12,6 +12,7 @@ use supervol_scene::units::InUnits;
 use super::FrameWalk;
 use super::setting::with_data_scale;
 use crate::engines::engine::{Advance, Engine, InSteps};
+use crate::engines::error::EngineError;
 use crate::engines::maps::Maps;
 use crate::engines::packets::levels::ErrorsByReason;
 use crate::engines::packets::simd::InstructionSet;
@@ -111,7 +112,7 @@ impl CpuCaster {
 }
 
 impl Engine for CpuCaster {
-    fn begin(&mut self, pixel_rows: Range<u32>) -> Result<(), RenderError> {
+    fn begin(&mut self, pixel_rows: Range<u32>) -> Result<(), EngineError> {
         // Two bands' rays never exist at once: the budget has room for one.
         self.states = Rays::default();
         self.band = self.frame.band(pixel_rows);
@@ -121,7 +122,7 @@ impl Engine for CpuCaster {
         Ok(())
     }
 
-    fn advance(&mut self, view: &HostView<'_>) -> Result<Advance, RenderError> {
+    fn advance(&mut self, view: &HostView<'_>) -> Result<Advance, EngineError> {
         let feedback = cast_pass(view, &self.band, &mut self.states);
         self.counters.add(&feedback.counters);
         Ok(Advance {
@@ -133,7 +134,7 @@ impl Engine for CpuCaster {
         })
     }
 
-    fn write_image(&mut self, to: &mut [[f32; 4]]) -> Result<(), RenderError> {
+    fn write_image(&mut self, to: &mut [[f32; 4]]) -> Result<(), EngineError> {
         self.note_band();
         to.copy_from_slice(&self.band.image(&self.states).pixels);
         Ok(())

@@ -18,13 +18,14 @@ use super::setting::with_data_scale;
 use super::walk::FinishedBands;
 use super::{FrameWalk, plan_host_for, streamer_for};
 use crate::engines::engine::{Advance, Engine};
+use crate::engines::error::EngineError;
 use crate::engines::gpu::caster::{
-    BandErrors, DeviationOf, GpuDevice, GpuError, GpuOptions, GpuRenderer, GpuStats, GpuVolume, PageEntry,
-    SHARED_MEMORY, VoxelStorage,
+    BandErrors, DeviationOf, GpuDevice, GpuOptions, GpuRenderer, GpuVolume, PageEntry, SHARED_MEMORY, VoxelStorage,
 };
+use crate::engines::gpu::error::GpuError;
 use crate::engines::maps::Maps;
 use crate::engines::packets::levels::ErrorsByReason;
-use crate::engines::totals::{EngineErrors, EngineTotals};
+use crate::engines::totals::{EngineErrors, EngineTotals, GpuStats};
 use crate::lod::LodChoice;
 use crate::lod::deviation::{Deviation, Deviations};
 use crate::render::error::RenderError;
@@ -160,7 +161,7 @@ impl GpuBackend {
         reopen: &dyn Fn() -> Result<GpuDevice, GpuError>,
     ) -> Result<GpuDrawn, RenderError> {
         let lost = match self.draw_once(streamer, picture) {
-            Err(RenderError::Gpu(GpuError::DeviceLost { message })) => message,
+            Err(RenderError::Engine(EngineError::Gpu(GpuError::DeviceLost { message }))) => message,
             other => return other,
         };
         let Ok(second) = reopen() else { return Err(GpuError::DeviceLost { message: lost }.into()) };
@@ -351,7 +352,7 @@ impl GpuCaster {
     }
 
     /// Copies bricks of the host cache to slots, as far as there are some for them.
-    fn insert(&mut self, view: &HostView<'_>, keys: impl IntoIterator<Item = BrickKey>) -> Result<(), RenderError> {
+    fn insert(&mut self, view: &HostView<'_>, keys: impl IntoIterator<Item = BrickKey>) -> Result<(), EngineError> {
         let mut bricks = Vec::new();
         for key in keys {
             if let (Resident::Brick(brick), false) = (view.stand_in(key), self.renderer.is_resident(key)) {
@@ -387,7 +388,7 @@ impl GpuCaster {
     }
 
     /// Nothing is waited for any more: what is not resident is drawn from its parent, and the coarsest brick is there.
-    fn stop_waiting(&mut self, view: &HostView<'_>) -> Result<(), RenderError> {
+    fn stop_waiting(&mut self, view: &HostView<'_>) -> Result<(), EngineError> {
         let coarsest = self.pyramid.coarsest();
         let keys: Vec<BrickKey> = self.pyramid.keys_of(coarsest).collect();
         self.insert(view, keys)?;
@@ -415,7 +416,7 @@ impl Engine for GpuCaster {
         (self.renderer.band_rows() / self.renderer.subgrid()).max(1)
     }
 
-    fn begin(&mut self, pixel_rows: Range<u32>) -> Result<(), RenderError> {
+    fn begin(&mut self, pixel_rows: Range<u32>) -> Result<(), EngineError> {
         if self.rows != pixel_rows {
             let subgrid = self.renderer.subgrid();
             self.renderer.begin(pixel_rows.start * subgrid..pixel_rows.end * subgrid);
@@ -424,10 +425,10 @@ impl Engine for GpuCaster {
         Ok(())
     }
 
-    fn advance(&mut self, view: &HostView<'_>) -> Result<Advance, RenderError> {
+    fn advance(&mut self, view: &HostView<'_>) -> Result<Advance, EngineError> {
         let is_late = view.on_missing() == OnMissing::UseParent;
         if is_late && self.is_paused_when_due {
-            return Err(RenderError::Cancelled);
+            return Err(EngineError::Stopped);
         }
         if is_late {
             self.stop_waiting(view)?;
@@ -445,12 +446,12 @@ impl Engine for GpuCaster {
         })
     }
 
-    fn update(&mut self, view: &HostView<'_>, fetched: &Fetched) -> Result<(), RenderError> {
+    fn update(&mut self, view: &HostView<'_>, fetched: &Fetched) -> Result<(), EngineError> {
         fetched.answered.iter().chain(&fetched.neighbours).for_each(|key| self.note_answer(view, *key));
         self.insert(view, fetched.bricks.iter().map(|key| key.brick))
     }
 
-    fn write_image(&mut self, to: &mut [[f32; 4]]) -> Result<(), RenderError> {
+    fn write_image(&mut self, to: &mut [[f32; 4]]) -> Result<(), EngineError> {
         let Some(deviations) = &self.deviations else { return Ok(self.renderer.write_image(to)?) };
         if let Some(BandErrors { pixels, greatest, ended_early }) =
             self.renderer.write_image_with_errors(deviations, to)?

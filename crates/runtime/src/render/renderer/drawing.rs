@@ -170,7 +170,7 @@ impl Drawing {
         options: &RenderOptions,
         stop: &Stop,
     ) -> Result<(), RenderError> {
-        self.maps.begin(options, self.scene.image_size);
+        self.maps.begin(options.asked_maps(), self.scene.image_size);
         let mut stop = stop.clone();
         if self.behind.is_none() && stop.deadline().is_some() {
             self.sketch(resident, options, &stop)?;

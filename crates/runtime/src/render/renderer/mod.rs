@@ -297,7 +297,7 @@ impl Renderer {
         }
         let or_cpu = matches!(self.drawer, Drawer::Gpu { or_cpu: true, .. });
         match self.draw_by_drawer(scene, stop) {
-            Err(error @ (RenderError::Gpu(_) | RenderError::Budget(_))) if or_cpu => {
+            Err(error @ (RenderError::Engine(_) | RenderError::Budget(_))) if or_cpu => {
                 self.drawer = Drawer::Cpu { no_gpu_because: Some(error.to_string()) };
                 self.work = Work::Nothing;
                 self.draw_by_drawer(scene, stop)

@@ -12,12 +12,15 @@ use supervol_format::random::Random;
 use supervol_format::voxel_type::Absence;
 use supervol_format::{BrickKey, BrickLayout, Dims, Geometry, Lod, Pyramid, ValueRange, VoxelType};
 use supervol_runtime::engines::gpu::caster::{
-    GpuDevice, GpuError, GpuOptions, GpuRenderer, GpuStats, GpuVolume, Insertion, PageEntry, VoxelStorage,
+    GpuDevice, GpuOptions, GpuRenderer, GpuVolume, Insertion, PageEntry, VoxelStorage,
 };
+use supervol_runtime::engines::gpu::error::GpuError;
 use supervol_runtime::engines::packets;
-use supervol_runtime::engines::packets::{CpuFrame, CpuQuality, Skipping};
+use supervol_runtime::engines::packets::{CpuFrame, CpuQuality};
 use supervol_runtime::engines::reference::{ReferenceVolume, render_reference};
+use supervol_runtime::engines::totals::GpuStats;
 use supervol_runtime::lod::LodChoice;
+use supervol_runtime::stream::classify::Skipping;
 use supervol_runtime::stream::residency::{BrickView, DecodedBrick, Resident};
 use supervol_scene::facts::VolumeFacts;
 use supervol_scene::image::Image;
