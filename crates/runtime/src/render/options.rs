@@ -70,7 +70,7 @@ pub struct RenderOptions {
     /// Bytes that the frame may hold on a graphics device; `None`: what [`GpuDevice::default_memory`] says of it,
     /// or half of that, and so on, where it has no room for so much.
     ///
-    /// [`GpuDevice::default_memory`]: crate::engines::gpu::caster::GpuDevice::default_memory
+    /// [`GpuDevice::default_memory`]: crate::engines::gpu::device::GpuDevice::default_memory
     pub gpu_memory_bytes: Option<u64>,
     /// Threads that cast and decode; `None`: one per processor.
     pub threads: Option<usize>,

@@ -4,10 +4,12 @@
 use std::time::Instant;
 
 use supervol_format::{BrickIndex, BrickKey, Dims, Geometry, Lod, Pyramid, ValueRange};
-use supervol_runtime::engines::gpu::caster::{
-    GpuDevice, GpuOptions, GpuRenderer, GpuVolume, Insertion, PageEntry, VoxelStorage,
-};
+use supervol_runtime::engines::gpu::caster::{GpuRenderer, Insertion, PageEntry};
+use supervol_runtime::engines::gpu::device::GpuDevice;
 use supervol_runtime::engines::gpu::error::GpuError;
+use supervol_runtime::engines::gpu::options::GpuOptions;
+use supervol_runtime::engines::gpu::scene_tables::GpuVolume;
+use supervol_runtime::engines::gpu::texels::VoxelStorage;
 use supervol_runtime::engines::packets::{CpuFrame, CpuQuality, cast_pass};
 use supervol_runtime::lod::LodChoice;
 use supervol_runtime::stop::Stop;

@@ -11,14 +11,15 @@ use supervol_format::random::Random;
 use supervol_format::{BrickIndex, BrickKey, Dims, Geometry, Lod, Pyramid, ValueRange};
 use supervol_runtime::engines::cells::CellRule;
 use supervol_runtime::engines::cells::shade::ChordGradient;
-use supervol_runtime::engines::gpu::caster::{GpuDevice, GpuVolume, VoxelStorage};
+use supervol_runtime::engines::gpu::device::GpuDevice;
 use supervol_runtime::engines::gpu::layout::{
     Dispatch, PAGE_FAILED, PAGE_MISSING, PAGE_REFINE, PAGE_RESIDENT, PAGE_UNIFORM, STATUS_ACTIVE, Scene as GpuScene,
     SlotGrid, View,
 };
 use supervol_runtime::engines::gpu::light_table::LightTable;
 use supervol_runtime::engines::gpu::rays::{RayGrid, ViewLines};
-use supervol_runtime::engines::gpu::scene_tables::{Exactness, FeedbackPlaces};
+use supervol_runtime::engines::gpu::scene_tables::{Exactness, FeedbackPlaces, GpuVolume};
+use supervol_runtime::engines::gpu::texels::VoxelStorage;
 use supervol_runtime::engines::gpu::{scene_tables, shaders};
 use supervol_runtime::engines::packets::{Caster, CpuFrame, CpuQuality, cast_pass};
 use supervol_runtime::lod::{LodChoice, LodRule};

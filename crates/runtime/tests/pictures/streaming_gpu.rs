@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use supervol_format::{BrickIndex, BrickKey, Container, Lod, VoxelType};
 use supervol_runtime::engines::error::EngineError;
-use supervol_runtime::engines::gpu::caster::GpuDevice;
+use supervol_runtime::engines::gpu::device::GpuDevice;
 use supervol_runtime::engines::gpu::error::GpuError;
 use supervol_runtime::render::error::RenderError;
 use supervol_runtime::render::options::{Backend, LevelChoice, RenderOptions};

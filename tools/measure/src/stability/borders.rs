@@ -7,7 +7,7 @@ use glam::DVec3;
 use supervol_format::Lod;
 use supervol_format::random::Random;
 use supervol_runtime::engines::cells::CellRule;
-use supervol_runtime::engines::gpu::caster::GpuDevice;
+use supervol_runtime::engines::gpu::device::GpuDevice;
 use supervol_runtime::engines::packets::{Caster, CpuQuality};
 use supervol_runtime::lod::LodChoice;
 use supervol_runtime::render::options::{Backend, RenderOptions};

@@ -10,10 +10,10 @@ use std::pin::pin;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::task::{Context, Poll, Waker};
 
-use super::memory::TEXTURE_LIMIT;
 use super::pipelines::{Pipelines, Variant};
 use super::shaders::TexelAccess;
 use crate::engines::gpu::error::GpuError;
+use crate::engines::gpu::limits::TEXTURE_LIMIT;
 use crate::stream::counters::DeviceCounters;
 
 /// Environment variable that names the adapter: any part of its name, in any case.

@@ -6,9 +6,9 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::cache::VoxelStorage;
-use super::twins;
+use super::limits;
 use crate::engines::cells::quadrature;
+use crate::engines::gpu::texels::VoxelStorage;
 use crate::engines::packets::{refine, shade, walk};
 use crate::lod::deviation::PER_OPACITY;
 
@@ -104,7 +104,7 @@ wgsl_type! {
 
 // The tables hold whatever a scene or a container may have.
 const _: () = assert!(supervol_format::Lod::LIMIT == 64 && supervol_scene::scene::LIGHT_LIMIT == 16);
-const _: () = assert!(supervol_scene::scene::ISO_LIMIT == 32 && super::memory::TEXTURE_LIMIT == 4);
+const _: () = assert!(supervol_scene::scene::ISO_LIMIT == 32 && super::limits::TEXTURE_LIMIT == 4);
 const _: () = assert!(supervol_scene::scene::PLANE_LIMIT == 64);
 
 shared_constants! {
@@ -113,9 +113,9 @@ shared_constants! {
     /// Bins of the transfer function's width: gpu/light_table.rs.
     LIGHT_BINS = 4096;
     /// Texels of that table from a bin to the next one.
-    LIGHT_TEXELS = super::light_table::BIN_TEXELS as u32;
+    LIGHT_TEXELS = super::limits::BIN_TEXELS as u32;
     /// Greatest root of a channel's share of the greatest channel.
-    GREATEST_ROOT = super::light_table::GREATEST_ROOT;
+    GREATEST_ROOT = super::limits::GREATEST_ROOT;
     /// Rays of one workgroup: one tile of 8 x 8 pixels.
     WORKGROUP_RAYS = 64;
     /// The ray has more to do at once: it stopped at the dispatch's limit.
@@ -618,8 +618,8 @@ fn borrowed_constants() -> [(&'static str, &'static str, String); 38] {
         ("DEPARTURE_SHARE", "f32", format!("{:?}", shade::DEPARTURE_SHARE)),
         ("GREATEST_TURN", "f32", format!("{:?}", shade::GREATEST_TURN)),
         ("BOW_SHARE", "f32", format!("{:?}", shade::BOW_SHARE)),
-        ("FAR", "f32", format!("{:?}", twins::FAR)),
-        ("LEAP_MARGIN", "f32", format!("{:?}", twins::LEAP_MARGIN)),
+        ("FAR", "f32", format!("{:?}", limits::FAR)),
+        ("LEAP_MARGIN", "f32", format!("{:?}", limits::LEAP_MARGIN)),
         ("LEAST_PART", "f32", format!("{:?}", refine::LEAST_PART)),
         ("SHORTEST", "f32", format!("{:?}", refine::SHORTEST)),
         ("PARTS_LIMIT", "f32", format!("{:?}", refine::PARTS_LIMIT)),

@@ -8,9 +8,9 @@ use glam::Vec3;
 use supervol_format::Geometry;
 
 use super::layout::LIGHT_BINS;
-use super::light_table::{BIN_TEXELS, GREATEST_ROOT, LightTable};
-use super::twins::FAR;
+use super::light_table::LightTable;
 use crate::engines::cells::shade::Lighting;
+use crate::engines::gpu::limits::{BIN_TEXELS, FAR, GREATEST_ROOT};
 use crate::engines::packets::integrate::Part;
 use crate::engines::packets::shade::PacketLighting;
 use crate::engines::packets::simd::{LANES_LIMIT, Portable, Simd};

@@ -18,17 +18,14 @@ use supervol_scene::transfer_function::TransferFunction;
 use supervol_scene::transfer_function::pieces::{CHANNELS, Column, TransferPieces};
 use supervol_scene::value_map::ValueMap;
 
-use super::cache::VoxelStorage;
 use super::layout::{LIGHT_BINS, TABLE_WIDTH};
+use crate::engines::gpu::limits::{BIN_TEXELS, GREATEST_ROOT};
+use crate::engines::gpu::texels::VoxelStorage;
 
 /// Share of the greatest channel by which a channel may change within a bin.
 const STEEPEST: f64 = 1.0 / 8.0;
 /// Bins, and one on either side.
 const PLACES: usize = LIGHT_BINS as usize + 2;
-/// Texels from a bin to the next one: three, and one that fills the cache line of 64 bytes.
-pub const BIN_TEXELS: usize = 4;
-/// Greatest root of a channel's share of the greatest channel, in the second texel.
-pub const GREATEST_ROOT: u32 = 65_535;
 /// Texels of the table: whole rows.
 pub const TEXELS: usize = (BIN_TEXELS * PLACES).next_multiple_of(TABLE_WIDTH as usize);
 

@@ -155,7 +155,7 @@ impl Capacity {
             + size_of::<Scene>() as u64
             + RUNS_IN_FLIGHT as u64 * (COUNTERS_BYTES + 4 * self.run_tiles())
             + PARTS_BYTES
-            + PixelBuffers::bytes(self)
+            + PixelBuffers::bytes((self.places, self.sums_errors))
     }
 
     /// Bytes of what rays may be off by; one place is there in any case.
@@ -302,7 +302,7 @@ impl Caster {
             slots,
             first_tile: 4 * (HEADER_WORDS as u64 + tile_words(slots, capacity.entries)),
             feedback_after: None,
-            pixels: PixelBuffers::new(gpu, capacity)?,
+            pixels: PixelBuffers::new(gpu, (capacity.places, capacity.sums_errors))?,
             grid: RayGrid { width: 0, height: 0 },
             view: View::zeroed(),
             refined_levels: 0,

@@ -3,11 +3,11 @@
 use std::sync::OnceLock;
 
 use super::device::GpuDevice;
-use super::memory::TEXTURE_LIMIT;
 use super::shaders::{
     BEGIN_PARTS, BEGIN_RAYS, CLASSIFY_CELLS, GATHER_MISSES, GATHER_PIXELS, ShaderModule, TexelAccess, raycast_for,
 };
 use crate::engines::gpu::error::GpuError;
+use crate::engines::gpu::limits::TEXTURE_LIMIT;
 
 /// What pipelines are compiled for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]

@@ -7,7 +7,6 @@ use supervol_scene::scene::{Mode, ResolvedScene};
 use supervol_scene::transfer_function::{ALPHA_LIMIT, RenderTransferFunction};
 use supervol_scene::value_map::ValueMap;
 
-use super::cache::VoxelStorage;
 use super::feedback::{MISS_LIMIT, miss_words, tile_words, wait_words};
 use super::layout::{
     Config, FLAG_ABSENT, FLAG_BYTES, FLAG_ERRORS, FLAG_FLOAT, FLAG_HOLES, FLAG_LIGHT, FLAG_SHADED, FLAG_SKIPPING,
@@ -18,6 +17,7 @@ use super::light_table::LightTable;
 use crate::engines::cells::quadrature::PAIR_ERROR;
 use crate::engines::cells::shade::Lighting;
 use crate::engines::gpu::error::GpuError;
+use crate::engines::gpu::texels::VoxelStorage;
 use crate::engines::packets::{END_SHARE, LEAST_SHADED_SHARE, TERMINATION_OPACITY, cell_error};
 use crate::stream::classify::Skipping;
 

@@ -19,10 +19,14 @@ use super::walk::FinishedBands;
 use super::{FrameWalk, plan_host_for, streamer_for};
 use crate::engines::engine::{Advance, Engine};
 use crate::engines::error::EngineError;
-use crate::engines::gpu::caster::{
-    BandErrors, DeviationOf, GpuDevice, GpuOptions, GpuRenderer, GpuVolume, PageEntry, SHARED_MEMORY, VoxelStorage,
-};
+use crate::engines::gpu::caster::{GpuRenderer, PageEntry};
+use crate::engines::gpu::deviations::DeviationOf;
+use crate::engines::gpu::device::{GpuDevice, SHARED_MEMORY};
 use crate::engines::gpu::error::GpuError;
+use crate::engines::gpu::errors::BandErrors;
+use crate::engines::gpu::options::GpuOptions;
+use crate::engines::gpu::scene_tables::GpuVolume;
+use crate::engines::gpu::texels::VoxelStorage;
 use crate::engines::maps::Maps;
 use crate::engines::packets::levels::ErrorsByReason;
 use crate::engines::totals::{EngineErrors, EngineTotals, GpuStats};

@@ -14,7 +14,7 @@ use supervol_scene::scene::ResolvedScene;
 
 use super::drawing::{LEAST_SURE_SHARE, next_pixel, options_for, sketch_pixel, with_pixels};
 use super::resident::Resident;
-use crate::engines::gpu::caster::GpuDevice;
+use crate::engines::gpu::device::GpuDevice;
 use crate::engines::maps::Maps;
 use crate::engines::packets::levels::ErrorsByReason;
 use crate::render::error::RenderError;

@@ -11,10 +11,12 @@ use supervol_format::codec::BrickShape;
 use supervol_format::random::Random;
 use supervol_format::voxel_type::Absence;
 use supervol_format::{BrickKey, BrickLayout, Dims, Geometry, Lod, Pyramid, ValueRange, VoxelType};
-use supervol_runtime::engines::gpu::caster::{
-    GpuDevice, GpuOptions, GpuRenderer, GpuVolume, Insertion, PageEntry, VoxelStorage,
-};
+use supervol_runtime::engines::gpu::caster::{GpuRenderer, Insertion, PageEntry};
+use supervol_runtime::engines::gpu::device::GpuDevice;
 use supervol_runtime::engines::gpu::error::GpuError;
+use supervol_runtime::engines::gpu::options::GpuOptions;
+use supervol_runtime::engines::gpu::scene_tables::GpuVolume;
+use supervol_runtime::engines::gpu::texels::VoxelStorage;
 use supervol_runtime::engines::packets;
 use supervol_runtime::engines::packets::{CpuFrame, CpuQuality};
 use supervol_runtime::engines::reference::{ReferenceVolume, render_reference};
