@@ -7,6 +7,7 @@
 //! - [`packets`]: the CPU caster, packets of rays in `f32`;
 //! - [`cells`]: the scalar cell caster, one ray at a time in `f64`; twin of the shader;
 //! - [`gpu`]: the same ray caster in WGSL, and everything else that knows a graphics device;
+//! - [`rules`]: every tolerance of the integral, with its reason;
 //! - [`blocks`]: value ranges of blocks of 4^3 cells, by which casters leap.
 
 pub mod blocks;
@@ -19,4 +20,5 @@ pub mod gpu;
 pub mod maps;
 pub mod packets;
 pub mod reference;
+pub mod rules;
 pub mod totals;

@@ -7,6 +7,7 @@ use supervol_format::Lod;
 
 use crate::engines::maps::AskedMaps;
 use crate::engines::packets::{Caster, CpuQuality};
+use crate::engines::rules::DEFAULT_ERROR;
 use crate::lod::LodChoice;
 use crate::render::error::RenderError;
 use crate::stream::classify::Skipping;
@@ -81,7 +82,7 @@ pub struct RenderOptions {
     /// Milliseconds after which the picture is completed from what is there; `None`: it converges.
     pub time_budget_ms: Option<u64>,
     /// Error of the picture that is aimed for, a share of full scale: steers packets of rays, within
-    /// [`MAX_ERROR_LIMITS`](crate::engines::packets::MAX_ERROR_LIMITS), and chooses levels where they are chosen automatically.
+    /// [`MAX_ERROR_LIMITS`](crate::engines::rules::MAX_ERROR_LIMITS), and chooses levels where they are chosen automatically.
     /// From 1 on any picture will do, and voxels are as large as a pixel.
     pub max_error: f64,
     /// Whether it is said how far the picture may be off: of each pixel (`error_stated`), and in mode `dvr` term by term (`error_predicted`). 1 to
@@ -109,7 +110,7 @@ impl Default for RenderOptions {
             skipping: Skipping::On,
             caster: Caster::DEFAULT,
             time_budget_ms: None,
-            max_error: 0.5 / 255.0,
+            max_error: DEFAULT_ERROR,
             predict_error: false,
             count_work: false,
             progress: None,

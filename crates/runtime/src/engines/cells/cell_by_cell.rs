@@ -9,12 +9,10 @@ use super::modes::{Chord, gather_crossings, gather_dvr, gather_iso, gather_mean,
 use super::shade::ChordGradient;
 use super::visit::{BrickVisit, LevelVisit, StoredVoxel, cells_of_macro_cell};
 use super::walk::GridWalk;
-use crate::engines::packets::{RayState, TERMINATION_OPACITY};
+use crate::engines::packets::RayState;
+use crate::engines::rules::{EXACT_DENSITY, TERMINATION_OPACITY};
 use crate::stream::counters::RayCounters;
 use crate::stream::residency::{DecodedBrick, Voxels};
-
-/// Density of Gauss pairs where a cell is to be integrated as well as any error asks for: their error falls with the fourth power of it.
-const EXACT_DENSITY: f32 = 4.0;
 
 /// How finely cells are integrated.
 #[derive(Debug, Clone, Copy, PartialEq)]

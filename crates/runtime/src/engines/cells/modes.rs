@@ -13,11 +13,9 @@ use super::quadrature::{
 };
 use super::shade::{ChordGradient, Lighting, shade};
 use crate::engines::packets::{CpuFrame, RayState, SurfaceCrossing};
+use crate::engines::rules::PART_NORMAL_CHANGE;
 use crate::stream::counters::RayCounters;
 
-/// Turn of the normal, as a length, from which a part of a chord is halved: where the gradient passes by zero, the normal turns over in
-/// a small share of it.
-const PART_NORMAL_CHANGE: f32 = 1.0;
 /// Most halvings of a part.
 const HALVINGS: u32 = 12;
 

@@ -12,11 +12,8 @@ use crate::engines::gpu::error::GpuError;
 use crate::engines::gpu::layout::RayErrors;
 use crate::engines::gpu::picture::{PIXELS_TOGETHER, Picture, over_rays, pixel};
 use crate::engines::packets::levels::ErrorsByReason;
-use crate::engines::packets::{END_SHARE, fit_error, own_error, rounding_error};
+use crate::engines::rules::{END_SHARE, LEAST_AIMED, fit_error, own_error, rounding_error};
 use crate::lod::deviation::{Deviations, FinishedRay};
-
-/// Below this, tables and `f32` do not let roots and pairs of Gauss reach the error that is asked for.
-const LEAST_AIMED: f64 = 0.25 / 255.0;
 
 /// What the rays of a band may be off by.
 #[derive(Debug, Clone, PartialEq)]

@@ -11,7 +11,7 @@ pub struct GpuOptions {
     /// Whether macro cells that cannot change the picture are skipped.
     pub skipping: Skipping,
     /// Largest error of any channel of any pixel that is aimed at in mode `dvr`, 1 being white; brought to
-    /// [`MAX_ERROR_LIMITS`](crate::engines::packets::MAX_ERROR_LIMITS).
+    /// [`MAX_ERROR_LIMITS`](crate::engines::rules::MAX_ERROR_LIMITS).
     pub max_error: f64,
     /// Whether there is room to sum up what rays may be off by.
     pub sums_errors: bool,

@@ -14,7 +14,7 @@ use super::rays::RayGrid;
 use super::scene_tables::{Exactness, GpuVolume};
 use crate::engines::gpu::error::GpuError;
 use crate::engines::gpu::light_table::LightTable;
-use crate::engines::packets::{FIT_SHARE, MAX_ERROR_LIMITS};
+use crate::engines::rules::{FIT_SHARE, MAX_ERROR_LIMITS};
 use crate::lod::{LodChoice, LodRule};
 
 /// What belongs to one picture.

@@ -14,11 +14,10 @@ use super::layout::{
     Tables,
 };
 use super::light_table::LightTable;
-use crate::engines::cells::quadrature::PAIR_ERROR;
 use crate::engines::cells::shade::Lighting;
 use crate::engines::gpu::error::GpuError;
 use crate::engines::gpu::texels::VoxelStorage;
-use crate::engines::packets::{END_SHARE, LEAST_SHADED_SHARE, TERMINATION_OPACITY, cell_error};
+use crate::engines::rules::{END_SHARE, LEAST_SHADED_SHARE, PAIR_ERROR, TERMINATION_OPACITY, cell_error};
 use crate::stream::classify::Skipping;
 
 /// The volume that a renderer draws.

@@ -9,7 +9,7 @@ use super::layout::{Config, STEP_OF_BYTES};
 use crate::engines::cells::cell::{cubic_at, monotone_root};
 use crate::engines::cells::quadrature::shaded_pair_count;
 use crate::engines::gpu::limits::{FAR, LEAP_MARGIN};
-use crate::engines::packets::refine::{EASY, HARD, LEAST_PART, LEAST_SHARE, PARTS_LIMIT, PARTS_PER_ROOT};
+use crate::engines::rules::{EASY, HARD, LEAST_PART, LEAST_SHARE, PARTS_LIMIT, PARTS_PER_ROOT};
 
 /// Number of a macro cell among those of all slots.
 #[must_use]

@@ -38,10 +38,13 @@ use super::tile::{BrickGrid, Gathered, IndexBox, TILE_RAYS, TILE_SIDE, TileRays,
 use super::value_tiles::{BrickSummaries, BrickSummary};
 use super::walk::{Packet, PacketBrick};
 use super::work::{NO_WORK, TileWork};
-use super::{BlockFeedback, CpuFrame, MAX_ERROR_LIMITS, Made, PacketRule};
+use super::{BlockFeedback, CpuFrame, Made, PacketRule};
 use crate::engines::blocks::BLOCK;
 use crate::engines::cells::walk::AxisRay;
 use crate::engines::cells::{CastRay, LevelVisit, exact_cell};
+use crate::engines::rules::{
+    END_SHARE, FIT_SHARE, LEAST_SHADED_SHARE, MAX_ERROR_LIMITS, cell_error, fit_error, own_error, rounding_error,
+};
 use crate::lod::deviation::Deviation;
 use crate::stream::budget::{Bands, CasterBytes};
 use crate::stream::classify::Skipping;
@@ -86,10 +89,6 @@ pub struct PacketTables {
 const LEVELS_SHARE: u64 = 8;
 /// The same for where they lie in the picture.
 const SILHOUETTES_SHARE: u64 = 4;
-/// Roundings of colour and of optical depth in a cell.
-const ROUNDINGS: f64 = 4.0;
-/// Half the distance of 1 from the next `f32`.
-const HALF_EPSILON: f64 = 0.5 * f32::EPSILON as f64;
 
 /// Lanes up to which look-ups in registers are not compiled: arrays have none.
 const FEW_LANES: usize = 4;
@@ -255,21 +254,6 @@ impl PacketTables {
     }
 }
 
-/// Share of the largest error that one cell may be off by: errors have either sign, and few cells of a ray are near it.
-const CELL_SHARE: f64 = 0.28;
-/// Greatest error of which that is the share. Of greater ones, fewer cells are cut into parts whose error falls far below it, and more
-/// cells of a ray are near it.
-const FULL_SHARE_UP_TO: f64 = 0.5 / 255.0;
-/// Power of the error with which the share falls beyond.
-const FALL_OF_SHARE: f64 = 1.0 / 6.0;
-/// Share of the largest error that extinction, in parts of itself, may be off by.
-pub(crate) const FIT_SHARE: f64 = 0.25;
-/// Share of the largest error that is left out behind the point where a ray ends.
-pub(crate) const END_SHARE: f64 = 0.15;
-
-/// Share of the largest error that a cell's light may be, and not be shaded.
-pub(crate) const LEAST_SHADED_SHARE: f64 = 5e-4;
-
 /// The middle of the transfer function's window where that lies far from zero for its width: `f32` then resolves it.
 fn origin_of(source: &TransferFunction, shift: f64) -> f32 {
     let points = source.points();
@@ -277,35 +261,6 @@ fn origin_of(source: &TransferFunction, shift: f64) -> f32 {
     let middle = 0.5 * first + 0.5 * last;
     let is_far = middle.is_finite() && middle.abs() > last - first;
     if is_far { middle as f32 } else { 0.0 }
-}
-
-/// What `f32` does to a ray that has gathered something, 1 being white: sums over the cells of a brick whose core has so many voxels along an edge.
-pub(crate) fn rounding_error(core: usize) -> f64 {
-    // A ray leaves a cell through a plane of voxels.
-    let cells_per_brick = 3 * core + 1;
-    ROUNDINGS * cells_per_brick as f64 * HALF_EPSILON
-}
-
-/// What the fit of the transfer function's pieces may do to a ray where a pixel may be off by this: extinction and emission are each off by at
-/// most this share of the extinction, and no ray gathers more than one whole.
-pub(crate) fn fit_error(max_error: f64) -> f64 {
-    2.0 * FIT_SHARE * max_error
-}
-
-/// What is not of any single cell: what a ray of this opacity may be off by in mode `dvr`, and in mode `iso` what is aimed at. There, and where
-/// something else `only_aims` at the error that is asked for, no more is known than that; `core`: see [`rounding_error`].
-pub(crate) fn own_error(mode: Mode, opacity: f64, (max_error, only_aims): (f64, bool), core: usize) -> f64 {
-    let aimed_at = if only_aims || mode == Mode::Iso { max_error } else { 0.0 };
-    match mode {
-        Mode::Dvr if opacity > 0.0 => fit_error(max_error) * opacity + rounding_error(core) + aimed_at,
-        Mode::Iso if opacity > 0.0 => aimed_at,
-        _ => 0.0,
-    }
-}
-
-/// What one cell may be off by where a pixel may be off by this.
-pub(crate) fn cell_error(max_error: f64) -> f64 {
-    CELL_SHARE * max_error * (FULL_SHARE_UP_TO / max_error).min(1.0).powf(FALL_OF_SHARE)
 }
 
 fn precision_of(max_error: f64, has_steps: bool, sums_errors: bool) -> Precision {

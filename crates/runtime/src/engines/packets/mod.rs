@@ -76,10 +76,8 @@ use supervol_scene::value_map::ValueMap;
 use crate::engines::cells;
 use crate::engines::cells::Integrator;
 use crate::engines::cells::shade::Lighting;
-pub(crate) use crate::engines::packets::cast::{
-    END_SHARE, FIT_SHARE, LEAST_SHADED_SHARE, cell_error, fit_error, own_error, rounding_error,
-};
 use crate::engines::packets::cast::{PacketTables, cast_tiles, tiles_of};
+use crate::engines::rules::TERMINATION_OPACITY;
 use crate::engines::totals::EngineErrors;
 use crate::lod::deviation::Deviations;
 use crate::lod::{LodChoice, LodRule};
@@ -91,12 +89,8 @@ use crate::stream::residency::{BrickView, KnownEntry, Resident};
 use levels::ErrorsByReason;
 use pixels::{Tile, error_pixels_of, pixels_of, work_pixels_of};
 pub use plans::{BrickPlans, Made};
-pub use quality::{Caster, CpuQuality, MAX_ERROR_LIMITS, PacketRule};
+pub use quality::{Caster, CpuQuality, PacketRule};
 use simd::InstructionSet;
-
-/// A ray ends when its opacity reaches this; what lies behind can change no channel by more than 0.08/255, and no mean of
-/// channels by a tenth of a grey level.
-pub const TERMINATION_OPACITY: f64 = 0.9997;
 
 /// Rays that one task casts; neighbours, so that they visit the same bricks.
 const BLOCK_RAYS: usize = 256;

@@ -5,11 +5,12 @@ use std::sync::Arc;
 use supervol_format::Geometry;
 use supervol_scene::scene::{Mode, ResolvedScene};
 
+use super::RayState;
 use super::plans::BrickPlans;
 use super::simd::InstructionSet;
-use super::{RayState, TERMINATION_OPACITY};
 use crate::engines::cells::{CellByCell, CellRule, Integration, Integrator};
 use crate::engines::packets::cast;
+use crate::engines::rules::{DEFAULT_ERROR, TERMINATION_OPACITY};
 use crate::lod::LodChoice;
 use crate::stream::budget::{Bands, CasterBytes, MADE_LIMIT};
 use crate::stream::classify::Skipping;
@@ -107,13 +108,11 @@ impl Default for Caster {
     }
 }
 
-/// Least and greatest error that packets are aimed at: below, `f32` ends; above, nothing is gained.
-pub const MAX_ERROR_LIMITS: [f64; 2] = [0.05 / 255.0, 16.0 / 255.0];
-
 /// How finely packets integrate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PacketRule {
-    /// Largest error of any channel of any pixel that is aimed at, 1 being white; brought to [`MAX_ERROR_LIMITS`].
+    /// Largest error of any channel of any pixel that is aimed at, 1 being white; brought to
+    /// [`MAX_ERROR_LIMITS`](crate::engines::rules::MAX_ERROR_LIMITS).
     pub max_error: f64,
     /// Instructions to use; `None`: the best that the processor has.
     pub instructions: Option<InstructionSet>,
@@ -126,7 +125,7 @@ pub struct PacketRule {
 impl PacketRule {
     /// Half a grey level.
     pub const DEFAULT: Self =
-        Self { max_error: 0.5 / 255.0, instructions: None, sums_errors: false, counts_work: false };
+        Self { max_error: DEFAULT_ERROR, instructions: None, sums_errors: false, counts_work: false };
 }
 
 impl Default for PacketRule {
