@@ -46,3 +46,26 @@ pub struct EngineErrors {
     /// What sums of `f32` over the cells of a brick may do to a ray.
     pub rounding: f64,
 }
+
+/// What rays may be off by at most, reason by reason; 1 is white.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ErrorsByReason {
+    /// Integration of cells.
+    pub cells: f64,
+    /// Coarser levels.
+    pub levels: f64,
+    /// Whether a voxel may be there in one level and not in the other.
+    pub presence_may_change: bool,
+}
+
+impl ErrorsByReason {
+    /// The greater of both.
+    #[must_use]
+    pub fn or(self, other: Self) -> Self {
+        Self {
+            cells: self.cells.max(other.cells),
+            levels: self.levels.max(other.levels),
+            presence_may_change: self.presence_may_change | other.presence_may_change,
+        }
+    }
+}

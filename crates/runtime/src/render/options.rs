@@ -5,8 +5,8 @@ use std::sync::atomic::AtomicU64;
 
 use supervol_format::Lod;
 
+use crate::engines::cpu::{Caster, CpuQuality};
 use crate::engines::maps::AskedMaps;
-use crate::engines::packets::{Caster, CpuQuality};
 use crate::engines::rules::DEFAULT_ERROR;
 use crate::lod::LodChoice;
 use crate::render::error::RenderError;

@@ -7,7 +7,8 @@ use std::time::{Duration, Instant};
 
 use supervol_format::{Container, Lod, VoxelType};
 use supervol_runtime::engines::cells::CellRule;
-use supervol_runtime::engines::packets::{Caster, CpuQuality, PacketRule};
+use supervol_runtime::engines::cpu::{Caster, CpuQuality};
+use supervol_runtime::engines::packets::PacketRule;
 use supervol_runtime::lod::LodChoice;
 use supervol_runtime::lod::by_error::ANY_ERROR;
 use supervol_runtime::render::error::RenderError;

@@ -10,7 +10,7 @@ use supervol_format::Geometry;
 use supervol_runtime::engines::cells::modes::ShadeSetup;
 use supervol_runtime::engines::cells::shade::shade;
 use supervol_runtime::engines::cells::{BrickVisit, Integration, Integrator, LevelVisit, StoredVoxel};
-use supervol_runtime::engines::packets::RayState;
+use supervol_runtime::engines::ray::RayState;
 use supervol_runtime::stream::counters::RayCounters;
 use supervol_runtime::stream::residency::Voxels;
 use supervol_scene::clip::Segment;

@@ -467,7 +467,7 @@ impl GpuRenderer {
             .iter()
             .map(|&(entry, rays)| {
                 let key = self.cache.pages.brick(entry).expect("the shader names entries of the page table").brick;
-                crate::engines::packets::Miss {
+                crate::engines::feedback::Miss {
                     key,
                     rays: u64::from(rays),
                     nearest: self.picture.lod.distance(&self.pyramid, key),

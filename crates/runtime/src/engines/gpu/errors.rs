@@ -11,8 +11,8 @@ use crate::engines::gpu::deviations;
 use crate::engines::gpu::error::GpuError;
 use crate::engines::gpu::layout::RayErrors;
 use crate::engines::gpu::picture::{PIXELS_TOGETHER, Picture, over_rays, pixel};
-use crate::engines::packets::levels::ErrorsByReason;
 use crate::engines::rules::{END_SHARE, LEAST_AIMED, fit_error, own_error, rounding_error};
+use crate::engines::totals::ErrorsByReason;
 use crate::lod::deviation::{Deviations, FinishedRay};
 
 /// What the rays of a band may be off by.

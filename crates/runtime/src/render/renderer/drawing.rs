@@ -20,7 +20,7 @@ use supervol_scene::scene::{Mode, ResolvedScene};
 
 use super::resident::Resident;
 use crate::engines::maps::{Maps, of_work};
-use crate::engines::packets::levels::ErrorsByReason;
+use crate::engines::totals::ErrorsByReason;
 use crate::lod::by_error::ANY_ERROR;
 use crate::render::error::RenderError;
 use crate::render::frame::cpu::CpuCaster;

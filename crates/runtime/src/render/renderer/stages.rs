@@ -16,7 +16,7 @@ use super::drawing::{LEAST_SURE_SHARE, next_pixel, options_for, sketch_pixel, wi
 use super::resident::Resident;
 use crate::engines::gpu::device::GpuDevice;
 use crate::engines::maps::Maps;
-use crate::engines::packets::levels::ErrorsByReason;
+use crate::engines::totals::ErrorsByReason;
 use crate::render::error::RenderError;
 use crate::render::frame::gpu::{GpuBackend, GpuDrawn, GpuPicture};
 use crate::render::frame::stated::{ErrorStated, complete};
