@@ -15,10 +15,10 @@ pub const DEFAULT_ERROR: f64 = 0.5 / 255.0;
 /// by more than 0.08/255, and no mean of channels by a tenth of a grey level.
 pub const TERMINATION_OPACITY: f64 = 0.9997;
 /// Share of E that is left out behind the point where a ray ends in mode `dvr`: a bound (006).
-pub(crate) const END_SHARE: f64 = 0.15;
+pub const END_SHARE: f64 = 0.15;
 /// Share of E that extinction, in parts of itself, may be off by: the fit of the transfer function's pieces. Half of it left
 /// the worst charted picture as it is: 8.56 levels off for 8.74 (006).
-pub(crate) const FIT_SHARE: f64 = 0.25;
+pub const FIT_SHARE: f64 = 0.25;
 /// Share of E that one cell may be off by: errors have either sign, and few cells of a ray are near it. A share of 0.42 saved
 /// 1 to 5 % of the time and cost the margin (006).
 const CELL_SHARE: f64 = 0.28;
@@ -29,27 +29,30 @@ const FULL_SHARE_UP_TO: f64 = 0.5 / 255.0;
 /// and 5.5 where 8 is (006).
 const FALL_OF_SHARE: f64 = 1.0 / 6.0;
 /// Share of E that a cell's light may be, and not be shaded: 2,000 such cells in a row make E.
-pub(crate) const LEAST_SHADED_SHARE: f64 = 5e-4;
+pub const LEAST_SHADED_SHARE: f64 = 5e-4;
 /// Roundings of colour and of optical depth in a cell.
 const ROUNDINGS: f64 = 4.0;
 /// Half the distance of 1 from the next `f32`.
 const HALF_EPSILON: f64 = 0.5 * f32::EPSILON as f64;
 /// Error below which tables and `f32` of the GPU do not let roots and pairs of Gauss come, whatever E is.
-pub(crate) const LEAST_AIMED: f64 = 0.25 / 255.0;
+pub const LEAST_AIMED: f64 = 0.25 / 255.0;
 
 /// Error that one cell may have.
-pub(crate) fn cell_error(max_error: f64) -> f64 {
+#[must_use]
+pub fn cell_error(max_error: f64) -> f64 {
     CELL_SHARE * max_error * (FULL_SHARE_UP_TO / max_error).min(1.0).powf(FALL_OF_SHARE)
 }
 
 /// Error of a ray by the fit of the transfer function's pieces: extinction and emission are each off by at most
 /// [`FIT_SHARE`] of E times the extinction, and no ray gathers more than one whole.
-pub(crate) fn fit_error(max_error: f64) -> f64 {
+#[must_use]
+pub fn fit_error(max_error: f64) -> f64 {
     2.0 * FIT_SHARE * max_error
 }
 
 /// Error of a ray that has gathered something, by `f32`: sums over the cells of a brick whose core has so many voxels along an edge.
-pub(crate) fn rounding_error(core: usize) -> f64 {
+#[must_use]
+pub fn rounding_error(core: usize) -> f64 {
     // A ray leaves a cell through a plane of voxels.
     let cells_per_brick = 3 * core + 1;
     ROUNDINGS * cells_per_brick as f64 * HALF_EPSILON
@@ -58,7 +61,8 @@ pub(crate) fn rounding_error(core: usize) -> f64 {
 /// Error of a ray of this opacity that belongs to no single cell: in mode `dvr` of the fit and of rounding, in mode `iso` the
 /// error that is aimed at. There, and where something else `only_aims` at E, no more is known than that; `core`: see
 /// [`rounding_error`].
-pub(crate) fn own_error(mode: Mode, opacity: f64, (max_error, only_aims): (f64, bool), core: usize) -> f64 {
+#[must_use]
+pub fn own_error(mode: Mode, opacity: f64, (max_error, only_aims): (f64, bool), core: usize) -> f64 {
     let aimed_at = if only_aims || mode == Mode::Iso { max_error } else { 0.0 };
     match mode {
         Mode::Dvr if opacity > 0.0 => fit_error(max_error) * opacity + rounding_error(core) + aimed_at,
@@ -163,27 +167,27 @@ pub const GREATEST_TURN: f32 = 4.0;
 // Gauss pairs between roots: the cell caster, and shaders where the transfer function has steps.
 
 /// Change of opacity and colour that one Gauss pair may bridge; the error falls with the fourth power of their number.
-pub(crate) const PAIR_VARIATION: f32 = 0.006;
+pub const PAIR_VARIATION: f32 = 0.006;
 /// E that the numbers of pairs are for: others take (this / E)^(1/4) times as many (026).
-pub(crate) const PAIR_ERROR: f64 = 0.5 / 255.0;
+pub const PAIR_ERROR: f64 = 0.5 / 255.0;
 /// More pairs per change: extinction is not linear in opacity, so that steep pieces need more than the fourth root says.
-pub(crate) const PAIRS_PER_VARIATION: f32 = 1.3;
+pub const PAIRS_PER_VARIATION: f32 = 1.3;
 /// Product of that change and of the optical depth that one Gauss pair may bridge.
-pub(crate) const PAIR_VARIATION_DEPTH: f32 = 0.07;
+pub const PAIR_VARIATION_DEPTH: f32 = 0.07;
 /// Change of the normal's direction, as a length, that one Gauss pair may bridge.
-pub(crate) const PAIR_NORMAL_CHANGE: f32 = 0.085;
+pub const PAIR_NORMAL_CHANGE: f32 = 0.085;
 /// Product of that change and of the optical depth that one Gauss pair may bridge.
-pub(crate) const PAIR_NORMAL_DEPTH: f32 = 0.3;
+pub const PAIR_NORMAL_DEPTH: f32 = 0.3;
 /// Least weight of the farther Gauss point, where the exponential underflows.
-pub(crate) const MIN_WEIGHT: f32 = 1e-20;
+pub const MIN_WEIGHT: f32 = 1e-20;
 /// Density of Gauss pairs where a cell is to be integrated as well as any error asks for: their error falls with the fourth
 /// power of it.
-pub(crate) const EXACT_DENSITY: f32 = 4.0;
+pub const EXACT_DENSITY: f32 = 4.0;
 /// Turn of the normal, as a length, from which a part of a chord is halved: where the gradient passes by zero, the normal turns
 /// over in a small share of it.
-pub(crate) const PART_NORMAL_CHANGE: f32 = 1.0;
+pub const PART_NORMAL_CHANGE: f32 = 1.0;
 
 // Tables of the transfer function on the GPU (017).
 
 /// Share of the greatest channel by which a channel may change within a bin; where one changes by more, roots find the step.
-pub(crate) const STEEPEST_BIN: f64 = 1.0 / 8.0;
+pub const STEEPEST_BIN: f64 = 1.0 / 8.0;

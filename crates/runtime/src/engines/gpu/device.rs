@@ -13,7 +13,7 @@ use std::task::{Context, Poll, Waker};
 use super::pipelines::{Pipelines, Variant};
 use super::shaders::TexelAccess;
 use crate::engines::gpu::error::GpuError;
-use crate::engines::gpu::limits::TEXTURE_LIMIT;
+use crate::engines::gpu::limits::{SHARED_MEMORY, TEXTURE_LIMIT};
 use crate::stream::counters::DeviceCounters;
 
 /// Environment variable that names the adapter: any part of its name, in any case.
@@ -24,9 +24,6 @@ const FUTURE_POLL_LIMIT: usize = 1 << 20;
 
 /// Bytes that are used of a card where nobody says how many.
 const CARD_MEMORY: u64 = 1 << 30;
-
-/// The same of all other adapters.
-pub const SHARED_MEMORY: u64 = 256 << 20;
 
 /// Most variants of the pipelines that are kept: modes, with and without shading.
 const VARIANT_LIMIT: usize = 10;
@@ -52,14 +49,6 @@ pub struct GpuDevice {
     lost: Arc<OnceLock<String>>,
     uncaptured: Arc<Mutex<Vec<GpuError>>>,
     pipelines: Arc<Mutex<Vec<KeptPipelines>>>,
-}
-
-/// Whether a hardware GPU can be there at all. On Linux its driver shows as a device file; asking first spares machines
-/// without one the start of every Vulkan driver, and that driver's complaints on standard error.
-#[must_use]
-pub fn may_have_hardware() -> bool {
-    const DEVICE_FILES: [&str; 4] = ["/dev/dri", "/dev/nvidiactl", "/dev/dxg", "/dev/kgsl-3d0"];
-    !cfg!(target_os = "linux") || DEVICE_FILES.iter().any(|file| std::path::Path::new(file).exists())
 }
 
 impl GpuDevice {

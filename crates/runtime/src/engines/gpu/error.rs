@@ -7,6 +7,8 @@ use supervol_format::readable::Mib;
 #[derive(Debug, Clone, thiserror::Error)]
 #[allow(missing_docs, reason = "the messages say it")]
 pub enum GpuError {
+    #[error("this build has no GPU backend (cargo feature `gpu`); use --backend cpu")]
+    NotBuilt,
     #[error("no GPU adapter: {reason}; install a Vulkan driver (Mesa's lavapipe suffices) or use --backend cpu")]
     NoAdapter { reason: String },
     #[error("the adapter {adapter} has no usable limits: {reason}; use --backend cpu")]

@@ -32,7 +32,9 @@ use supervol_scene::image::Image;
 use supervol_scene::scene::{Mode, ResolvedScene};
 use supervol_scene::units::Units;
 
-use crate::engines::gpu::device::{GpuDevice, SHARED_MEMORY, may_have_hardware};
+use crate::engines::gpu::device::GpuDevice;
+use crate::engines::gpu::hardware::may_have_hardware;
+use crate::engines::gpu::limits::SHARED_MEMORY;
 use crate::engines::maps::Maps;
 use crate::render::error::RenderError;
 use crate::render::frame::{render_cpu, render_from_reference};
