@@ -109,11 +109,12 @@ fn line_of(chord: LightChord) -> LightLine {
     let mean = middle * (4.0 / 6.0) + (first + last) * (1.0 / 6.0);
     let bump = abs(middle - 0.5 * (first + last));
     let cubic = abs(chord.cubic);
-    let most = (2.0 / 3.0) * bump + 0.05 * cubic;
-    let margin = most + 0.05 * cubic;
+    let most = (2.0 / 3.0) * bump + GREATEST_OF_CUBIC * cubic;
+    let margin = most + GREATEST_OF_CUBIC * cubic;
     let low = min(min(first, last), middle) - margin;
     let high = max(max(first, last), middle) + margin;
-    return LightLine(mean - 0.5 * rise, mean + 0.5 * rise, low, high, most, 0.26 * bump + 0.03 * cubic, chord.extent);
+    let average = AVERAGE_OF_BUMP * bump + AVERAGE_OF_CUBIC * cubic;
+    return LightLine(mean - 0.5 * rise, mean + 0.5 * rise, low, high, most, average, chord.extent);
 }
 
 // The line that stands for the field along two parts, one behind the other. Its distance from each of theirs
@@ -171,7 +172,7 @@ fn integrate_line(line: LightLine, disorder: f32) -> LightPart {
     let opacity = 1.0 - transmittance;
     let is_clear = tau < 1.0e-6;
     let emitting = select(opacity / select(kappa, 1.0, is_clear), extent, is_clear);
-    let order = extent * extent / (12.0 + tau * (6.0 + 1.2 * tau));
+    let order = extent * extent / (12.0 + tau * (6.0 + ORDER_SQUARE * tau));
     let between = b.value - a.value;
     let ordered = order * (between.rgb * kappa - means.rgb * between.w);
 
@@ -191,7 +192,7 @@ fn integrate_line(line: LightLine, disorder: f32) -> LightPart {
     // Colour may also be the uneven one: even, and then not. Beyond the last bin it does not change.
     let slope_high = select(sums_high.w, 0.0, high >= f32(LIGHT_BINS));
     let even_colors = min(sums_low.z, slope_high) * (light_bin(high) + 1.0 - light_bin(low));
-    let out_of_order = 0.84 * max(sums.y * max(uneven, disorder), sums.y - even_colors) + 0.06 * sums.y;
+    let out_of_order = OUT_OF_ORDER * max(sums.y * max(uneven, disorder), sums.y - even_colors) + ORDER_REST * sums.y;
     let of_order = opacity * out_of_order * tau / (4.0 + tau);
     let error = clamp(of_mean, 0.0, 1.0) + of_order;
     // Within a bin a line stands for what bends there; its ends are rounded roots.
@@ -202,7 +203,7 @@ fn integrate_line(line: LightLine, disorder: f32) -> LightPart {
     let at_front = max(a.value.w, 0.0) + dim;
     let at_back = max(b.value.w, 0.0) * transmittance + dim;
     // Evenly from end to end is not how light falls off in a part that is nearly opaque.
-    let fall = 0.03 * tau * tau / (1.0 + 0.1 * tau * tau);
+    let fall = FALL_MISPLACED * tau * tau / (1.0 + FALL_END * tau * tau);
     let front_share = at_front / (at_front + at_back);
-    return LightPart(color, transmittance, error, fit, front_share, 0.6 * uneven + fall, min(sums.y, 1.0));
+    return LightPart(color, transmittance, error, fit, front_share, UNEVEN_MISPLACED * uneven + fall, min(sums.y, 1.0));
 }

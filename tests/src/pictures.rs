@@ -10,7 +10,7 @@ use supervol_format::{Dims, Lod, VoxelBox};
 use supervol_measure::volume::Volume;
 use supervol_measure::{Context, Scale};
 use supervol_preprocess::BuildOptions;
-use supervol_runtime::engines::gpu::caster::GpuDevice;
+use supervol_runtime::engines::gpu::device::GpuDevice;
 use supervol_runtime::render::options::{Backend, LevelChoice, RenderOptions};
 use supervol_runtime::render::stats::FrameStats;
 use supervol_scene::image::Image;

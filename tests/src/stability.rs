@@ -21,7 +21,7 @@ pub fn measured(id: &str) -> Option<Outcome> {
             assert!(unknown.is_none(), "{id}: no number was measured: {unknown:?}");
             Some(outcome)
         }
-        Err(error @ (ChartError::Gpu(_) | ChartError::Render(RenderError::Gpu(_)))) => {
+        Err(error @ (ChartError::Gpu(_) | ChartError::Render(RenderError::Engine(_)))) => {
             let is_required = std::env::var_os("SUPERVOL_REQUIRE_GPU").is_some_and(|v| v == "1");
             assert!(!is_required, "{id}: {error}");
             crate::skipped(&format!("{id}: {error}"));

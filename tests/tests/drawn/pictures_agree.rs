@@ -12,13 +12,15 @@ use std::path::Path;
 use supervol_format::random::mix;
 use supervol_format::{Dims, Lod, VoxelBox, VoxelType};
 use supervol_runtime::engines::cells::CellRule;
-use supervol_runtime::engines::gpu::caster::GpuError;
-use supervol_runtime::engines::packets::{Caster, Skipping};
+use supervol_runtime::engines::cpu::Caster;
+use supervol_runtime::engines::error::EngineError;
+use supervol_runtime::engines::gpu::error::GpuError;
 use supervol_runtime::lod::by_error::ANY_ERROR;
 use supervol_runtime::render::error::RenderError;
 use supervol_runtime::render::options::{Backend, LevelChoice, RenderOptions};
 use supervol_runtime::render::renderer::{Renderer, render};
 use supervol_runtime::render::volume::PlacedVolume;
+use supervol_runtime::stream::classify::Skipping;
 use supervol_scene::image::{GREY_LEVELS, Image, greatest};
 use supervol_scene::scene::ResolvedScene;
 use supervol_sources::open::{OpenOptions, open};
@@ -364,7 +366,7 @@ fn sixteen_slots_on_the_gpu_draw_what_all_do() {
         let expected = subject.finest(&scene, Backend::Cpu);
         let tiny = RenderOptions { gpu_memory_bytes: Some(1), ..finest(Backend::Gpu) };
         let (slot_bytes, min_slots, needed) = match render(&subject.container, &scene, &tiny) {
-            Err(RenderError::Gpu(GpuError::Budget { slot_bytes, min_slots, needed, .. })) => {
+            Err(RenderError::Engine(EngineError::Gpu(GpuError::Budget { slot_bytes, min_slots, needed, .. }))) => {
                 (slot_bytes, min_slots, needed)
             }
             other => panic!("one byte of GPU memory suffices, or another error: {:?}", other.err()),

@@ -7,8 +7,9 @@
 
 use supervol_measure::random_scenes::{ERRORS, Options, RandomScene, aimed_at, run};
 use supervol_measure::{Context, Scale};
+use supervol_runtime::engines::cpu::Caster;
+use supervol_runtime::engines::packets::PacketRule;
 use supervol_runtime::engines::packets::simd::InstructionSet;
-use supervol_runtime::engines::packets::{Caster, PacketRule};
 use supervol_runtime::render::options::{Backend, RenderOptions};
 use supervol_scene::scene::Mode;
 use supervol_tests::pictures::{distance, gpu_name};

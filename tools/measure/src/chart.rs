@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 use glam::DVec3;
 use supervol_format::codec::CodecChoice;
 use supervol_preprocess::{BuildOptions, MaxError};
-use supervol_runtime::engines::gpu::caster::GpuDevice;
+use supervol_runtime::engines::gpu::device::GpuDevice;
 use supervol_runtime::render::options::{Backend, RenderOptions};
 use supervol_runtime::render::process;
 use supervol_runtime::render::renderer::Renderer;

@@ -8,7 +8,7 @@ use supervol_arguments::failure::Failure;
 use supervol_files::OutputError;
 use supervol_format::container::ContainerError;
 use supervol_preprocess::BuildError;
-use supervol_runtime::engines::gpu::caster::GpuError;
+use supervol_runtime::engines::gpu::error::GpuError;
 use supervol_runtime::render::error::RenderError;
 use supervol_scene::scene::SceneError;
 use supervol_sources::SourceError;

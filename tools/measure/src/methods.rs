@@ -13,8 +13,9 @@ use supervol_format::Lod;
 use supervol_format::codec::{Codec, CodecChoice};
 use supervol_preprocess::MaxError;
 use supervol_runtime::engines::cells::{CellRule, Pairs};
-use supervol_runtime::engines::packets::{Caster, Skipping};
+use supervol_runtime::engines::cpu::Caster;
 use supervol_runtime::render::options::{Backend, LevelChoice};
+use supervol_runtime::stream::classify::Skipping;
 use supervol_scene::image::GREY_LEVELS;
 
 use crate::comparison::{Accumulation, Classification, GradientOperator, Offset, Reconstruction, Rule, Sampling};

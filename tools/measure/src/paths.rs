@@ -420,7 +420,7 @@ mod tests {
     #[test]
     #[allow(clippy::print_stderr, reason = "a skipped test must be seen")]
     fn both_backends_ride_the_same_path() {
-        if let Err(error) = supervol_runtime::engines::gpu::caster::GpuDevice::open() {
+        if let Err(error) = supervol_runtime::engines::gpu::device::GpuDevice::open() {
             let is_required = std::env::var_os("SUPERVOL_REQUIRE_GPU").is_some_and(|v| v == "1");
             assert!(!is_required, "SUPERVOL_REQUIRE_GPU=1, but {error}");
             eprintln!("SKIPPED: no GPU adapter ({error})");

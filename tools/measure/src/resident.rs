@@ -9,9 +9,10 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use supervol_format::{BrickKey, Container, Lod};
-use supervol_runtime::engines::packets::{CpuFrame, CpuQuality, Rays, Skipping, cast_pass};
+use supervol_runtime::engines::cpu::{CpuFrame, CpuQuality, CpuRays};
+use supervol_runtime::engines::ray_scene::DrawnVolume;
 use supervol_runtime::lod::LodChoice;
-use supervol_runtime::stream::classify::{Class, Classifier};
+use supervol_runtime::stream::classify::{Class, Classifier, Skipping};
 use supervol_runtime::stream::residency::{BrickView, DecodedBrick, Resident};
 use supervol_scene::facts::value_map;
 use supervol_scene::image::Image;
@@ -56,7 +57,7 @@ impl ResidentBricks {
     ) -> Result<Image, ChartError> {
         let frame = self.frame(scene, quality);
         let states = cast(view, &frame)?;
-        let image = frame.image(&states);
+        let image = states.image();
         if !image.is_finite() {
             return Err(ChartError::Broken("a pixel is no number".into()));
         }
@@ -67,7 +68,8 @@ impl ResidentBricks {
     #[must_use]
     pub fn frame(&self, scene: &ResolvedScene, quality: CpuQuality) -> CpuFrame {
         let InUnits { geometry, value_range, .. } = InUnits::of(&self.container);
-        CpuFrame::new(scene, self.container.pyramid(), &geometry, self.map, value_range, quality)
+        let volume = DrawnVolume { pyramid: self.container.pyramid(), geometry: &geometry, map: self.map, value_range };
+        CpuFrame::new(scene, &volume, quality)
     }
 
     /// The picture of one level.
@@ -83,9 +85,9 @@ impl ResidentBricks {
 ///
 /// # Errors
 /// If a ray waits.
-pub fn cast<V: BrickView + ?Sized>(view: &V, frame: &CpuFrame) -> Result<Rays, ChartError> {
+pub fn cast<V: BrickView + ?Sized>(view: &V, frame: &CpuFrame) -> Result<CpuRays, ChartError> {
     let mut states = frame.begin();
-    let feedback = cast_pass(view, frame, &mut states);
+    let feedback = states.cast_pass(view);
     match feedback.misses.first() {
         None => Ok(states),
         Some(miss) => Err(ChartError::Broken(format!("a ray waits for {}, but every brick is in memory", miss.key))),

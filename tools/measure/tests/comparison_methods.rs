@@ -10,8 +10,9 @@ use supervol_measure::comparison::{
     Accumulation, Classification, GradientOperator, Offset, Reconstruction, Rule, Sampling,
 };
 use supervol_runtime::engines::cells::{CellRule, Pairs};
-use supervol_runtime::engines::packets::{Caster, CpuQuality, Skipping, cast_pass};
+use supervol_runtime::engines::cpu::{Caster, CpuQuality};
 use supervol_runtime::lod::LodChoice;
+use supervol_runtime::stream::classify::Skipping;
 use supervol_scene::image::Image;
 use supervol_scene::scene::ResolvedScene;
 
@@ -45,9 +46,9 @@ fn picture(bricks: &Bricked, scene: &ResolvedScene, caster: Caster, skipping: Sk
     let quality = CpuQuality { lod: LodChoice::Fixed(Lod(0)), skipping, caster, ..CpuQuality::default() };
     let frame = bricks.frame_of(scene, quality);
     let mut states = frame.begin();
-    let feedback = cast_pass(bricks, &frame, &mut states);
+    let feedback = states.cast_pass(bricks);
     assert!(feedback.is_converged());
-    (frame.image(&states), feedback.counters.samples)
+    (states.image(), feedback.counters.samples)
 }
 
 fn sampled(step_voxels: f64, rule: Rule) -> Sampling {

@@ -16,7 +16,8 @@ mod sampled;
 
 use std::sync::Arc;
 
-use supervol_runtime::engines::packets::{Caster, TERMINATION_OPACITY};
+use supervol_runtime::engines::cpu::Caster;
+use supervol_runtime::engines::rules::TERMINATION_OPACITY;
 
 /// Sampling at equal distances.
 #[derive(Debug, Clone, Copy, PartialEq)]

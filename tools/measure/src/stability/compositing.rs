@@ -6,7 +6,7 @@
 
 use supervol_format::VoxelType;
 use supervol_runtime::engines::cells::CellRule;
-use supervol_runtime::engines::packets::TERMINATION_OPACITY;
+use supervol_runtime::engines::rules::TERMINATION_OPACITY;
 use supervol_runtime::render::options::RenderOptions;
 use supervol_scene::image::Image;
 use supervol_sources::computed::Computed;

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use supervol_format::{Geometry, VoxelType};
-use supervol_runtime::engines::gpu::caster::GpuDevice;
+use supervol_runtime::engines::gpu::device::GpuDevice;
 use supervol_runtime::render::options::Backend;
 use supervol_scene::image::Image;
 use supervol_sources::computed::Computed;

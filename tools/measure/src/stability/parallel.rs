@@ -4,7 +4,7 @@
 //! these regimes are one small picture by an orthographic camera, over black, at level 0, by the CPU ray caster.
 
 use supervol_runtime::engines::cells::{CellRule, Pairs};
-use supervol_runtime::engines::packets::Caster;
+use supervol_runtime::engines::cpu::Caster;
 use supervol_runtime::render::options::{Backend, RenderOptions};
 use supervol_scene::image::Image;
 

@@ -1,7 +1,7 @@
 //! The right panel: what the volume is, how it looks, and with what pictures are made.
 
 use eframe::egui::{self, Button, ComboBox, DragValue, Slider, SliderClamping, Ui};
-use supervol_runtime::engines::packets::MAX_ERROR_LIMITS;
+use supervol_runtime::engines::rules::MAX_ERROR_LIMITS;
 use supervol_runtime::render::options::Backend;
 use supervol_scene::facts::DataKind;
 use supervol_scene::image::GREY_LEVELS;

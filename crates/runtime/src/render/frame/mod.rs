@@ -11,7 +11,9 @@
 
 pub mod check;
 pub mod cpu;
+#[cfg_attr(not(feature = "gpu"), path = "no_gpu.rs")]
 pub(crate) mod gpu;
+pub(crate) mod on_device;
 pub mod predict;
 pub mod reference;
 pub mod setting;

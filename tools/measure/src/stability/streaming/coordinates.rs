@@ -3,7 +3,8 @@
 use std::sync::Arc;
 
 use supervol_format::{Container, Geometry, Lod};
-use supervol_runtime::engines::gpu::caster::GpuError;
+use supervol_runtime::engines::error::EngineError;
+use supervol_runtime::engines::gpu::error::GpuError;
 use supervol_runtime::render::error::RenderError;
 use supervol_runtime::render::options::Backend;
 use supervol_scene::image::Image;
@@ -163,7 +164,7 @@ fn huge_coordinates(context: &Context<'_>) -> Result<Outcome, ChartError> {
                 gates.push(Gate::at_most(what, worst_error, 1.0 / 256.0));
                 gates.push(Gate::at_most(format!("jitter of an orbit, {name} (pixels)"), worst_jitter, 0.1));
             }
-            Err(ChartError::Render(RenderError::Gpu(GpuError::NoAdapter { reason }))) => {
+            Err(ChartError::Render(RenderError::Engine(EngineError::Gpu(GpuError::NoAdapter { reason })))) => {
                 note += &format!(" Not measured: the GPU; no GPU adapter: {reason}.");
             }
             Err(error) => return Err(error),

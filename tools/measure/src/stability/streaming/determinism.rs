@@ -1,6 +1,7 @@
 //! S40 and S44: edits while bricks arrive; the same picture whatever the number of threads and whatever is there already.
 
-use supervol_runtime::engines::gpu::caster::GpuError;
+use supervol_runtime::engines::error::EngineError;
+use supervol_runtime::engines::gpu::error::GpuError;
 use supervol_runtime::render::error::RenderError;
 use supervol_runtime::render::options::{Backend, RenderOptions};
 use supervol_runtime::render::renderer::{Renderer, render};
@@ -105,7 +106,7 @@ fn determinism(context: &Context<'_>) -> Result<Outcome, ChartError> {
             gates.push(Gate::at_most("greatest difference between GPU pictures", worst, 1e-5));
             note += " GPU pictures: memory for all bricks and for a few, so that bricks arrive in other orders.";
         }
-        Err(ChartError::Render(RenderError::Gpu(GpuError::NoAdapter { reason }))) => {
+        Err(ChartError::Render(RenderError::Engine(EngineError::Gpu(GpuError::NoAdapter { reason })))) => {
             note += &format!(" Not measured: the GPU; no GPU adapter: {reason}.");
         }
         Err(error) => return Err(error),
@@ -125,7 +126,7 @@ fn gpu_differences(context: &Context<'_>, size: (u32, u32), curve: &mut Vec<Curv
     let (whole, stats) = render(&volume.container, &view, &options(1, 64 << 20))?;
     // What rays, tables and the fewest bricks take, and a tenth of what all bricks take.
     let least = match render(&volume.container, &view, &options(1, 1)) {
-        Err(RenderError::Gpu(GpuError::Budget { needed, .. })) => needed,
+        Err(RenderError::Engine(EngineError::Gpu(GpuError::Budget { needed, .. }))) => needed,
         other => return Err(ChartError::Broken(format!("a picture in 1 byte of GPU memory: {:?}", other.err()))),
     };
     let few = least + stats.gpu_bytes.saturating_sub(least) / 10;

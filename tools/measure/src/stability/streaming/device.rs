@@ -3,7 +3,9 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use supervol_runtime::engines::gpu::caster::{GpuDevice, GpuError};
+use supervol_runtime::engines::error::EngineError;
+use supervol_runtime::engines::gpu::device::GpuDevice;
+use supervol_runtime::engines::gpu::error::GpuError;
 use supervol_runtime::render::error::RenderError;
 use supervol_runtime::render::frame::render_gpu_surviving;
 use supervol_runtime::render::options::{Backend, Progress, RenderOptions};
@@ -127,7 +129,8 @@ fn losses(context: &Context<'_>, volume: &Volume) -> Result<Losses, ChartError> 
         }
         let gone = || Err(GpuError::NoAdapter { reason: "the only device is gone".into() });
         let again = render_gpu_surviving(device, &gone, &volume.container, &scene, &options).err();
-        losses.unclear += u64::from(!matches!(again, Some(RenderError::Gpu(GpuError::DeviceLost { .. }))));
+        losses.unclear +=
+            u64::from(!matches!(again, Some(RenderError::Engine(EngineError::Gpu(GpuError::DeviceLost { .. })))));
     }
     Ok(losses)
 }

@@ -1,7 +1,8 @@
 //! S48: memory of a long run.
 
 use glam::DVec3;
-use supervol_runtime::engines::gpu::caster::GpuError;
+use supervol_runtime::engines::error::EngineError;
+use supervol_runtime::engines::gpu::error::GpuError;
 use supervol_runtime::render::error::RenderError;
 use supervol_runtime::render::options::Backend;
 use supervol_runtime::render::process;
@@ -47,7 +48,7 @@ fn long_run(context: &Context<'_>) -> Result<Outcome, ChartError> {
                 let shown = (0..=last).filter(|i| i % resident.len().div_ceil(POINTS) == 0 || *i == last);
                 curve.extend(shown.map(|i| CurvePoint::new(series, i as f64 + 1.0, resident[i], Some(settled))));
             }
-            Err(ChartError::Render(RenderError::Gpu(GpuError::NoAdapter { reason }))) => {
+            Err(ChartError::Render(RenderError::Engine(EngineError::Gpu(GpuError::NoAdapter { reason })))) => {
                 note += &format!(" Not measured: the GPU; no GPU adapter: {reason}.");
             }
             Err(error) => return Err(error),
