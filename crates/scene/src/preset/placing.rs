@@ -1,18 +1,21 @@
-//! Where a volume is drawn: as it lies in the world, but for heights that somebody wants larger, for single lines of voxels, which
-//! nobody would see, and for surveys whose lines are no length apart that anybody knows.
+//! Changes of a volume's proportions before it is drawn.
+//!
+//! - Vertical exaggeration.
+//! - A visible width for a single line of voxels.
+//! - A limited height for surveys whose line spacing is unknown.
 
 use supervol_format::Container;
 
 use crate::facts::{Frame, VolumeFacts};
 
-/// How many times as long as wide a single line of voxels is drawn at most.
+/// Greatest ratio of length to width at which a single line of voxels is drawn.
 const LINE_LENGTHS: f64 = 10.0;
 
-/// How many times as high as wide a survey is drawn at most whose lines have no unit: the files say nothing of their distance.
+/// Greatest ratio of height to width at which a survey is drawn whose line spacing has no unit.
 const UNKNOWN_HEIGHT: f64 = 2.0;
 
-/// The container as it is drawn: heights or depths `exaggeration` times as large, a single line of voxels so wide that it can be
-/// seen, and a survey with lines of unknown distance no stick. `facts` are the container's own.
+/// The container with the geometry that is drawn: heights or depths multiplied by `exaggeration`, and the other changes
+/// of the module. `facts` are the container's own.
 #[must_use]
 pub fn placed(container: Container, facts: &VolumeFacts, exaggeration: f64) -> Container {
     let mut geometry = facts.geometry;
@@ -34,13 +37,13 @@ pub fn placed(container: Container, facts: &VolumeFacts, exaggeration: f64) -> C
     container.placed(geometry)
 }
 
-/// The grid's axis that stands most upright.
+/// The grid's axis that is most nearly vertical.
 #[must_use]
 pub fn upright_axis(facts: &VolumeFacts) -> usize {
     if facts.frame == Frame::Survey { 2 } else { axis_along(2, facts) }
 }
 
-/// The grid's axis that runs along a world axis most of all.
+/// The grid's axis that is most nearly parallel to a world axis.
 #[must_use]
 pub fn axis_along(world: usize, facts: &VolumeFacts) -> usize {
     let linear = facts.geometry.linear();
