@@ -2,8 +2,8 @@
 //
 // The origin of a ray and its stride (a fixed step along the ray) are fixed-point numbers that are linear in the pixel
 // (engines/gpu/rays.rs). The point any number of strides from the origin is found exactly by integer arithmetic: a base
-// point, given as voxel and fraction. The parameter t counts from the base point. So t, and the rounding error of `t *
-// direction`, stay small however large the volume is.
+// point, given as voxel and fraction. The parameter t counts from the base point. So t, and the rounding error of
+// `t * direction`, stay small however large the volume is.
 
 // `whole + high * 2^-32 + low * 2^-64` for each axis.
 struct Fixed3 {

@@ -1,5 +1,5 @@
-// Error bounds of a ray, summed up while it is cast. The effect of coarser bricks is the twin of lod/deviation.rs,
-// which derives the bounds. FAR stands for infinity, because WGSL does not guarantee infinities.
+// Error bounds of a ray, summed up while it is cast. Twin of lod/deviation.rs, which derives the bounds for coarser
+// bricks. FAR stands for infinity, because WGSL does not guarantee infinities.
 
 // Errors of this invocation's ray, if `FLAG_ERRORS` is set.
 var<private> ray_errors: RayErrors;

@@ -47,8 +47,8 @@ fn light_at(value: f32) -> LightAt {
     return LightAt(bitcast<vec4<i32>>(start), y * (left + (0.5 * y) * rise), left + y * rise);
 }
 
-// For the bin of a value (`behind` = 0) or the bin after it (`behind` = 1): sums of bends and of colour variation below
-// the bin, colour variation in it, and in the bin before.
+// Sums for the bin of a value (`behind` = 0) or the bin after it (`behind` = 1). Components: bends below the bin,
+// colour variation below it, colour variation in it, and in the bin before it.
 fn light_sums(value: f32, behind: f32) -> vec4<f32> {
     let texel = light_texel(min(light_bin(value) + behind, f32(LIGHT_BINS)));
     return bitcast<vec4<f32>>(light_texel_at(texel + vec2<u32>(2u, 0u)));

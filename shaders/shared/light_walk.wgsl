@@ -168,8 +168,8 @@ fn cell_at(ray: LightRay, t: f32) -> vec3<f32> {
 }
 
 // Whether the ray is inside a cell. This includes a cell of which no part is finished but the next part is already
-// shortened. A round must not start such a cell anew: finding a short enough part may take more iterations than a round
-// has, and the walk would never end.
+// shortened. A round must not start such a cell anew. Otherwise the walk might never end, because finding a short
+// enough part may take more iterations than a round has.
 fn is_in_cell(walk: ptr<function, LightWalk>) -> bool {
     return (*walk).at > 0.0 || (*walk).next < 1.0 || (*walk).has_crossings;
 }

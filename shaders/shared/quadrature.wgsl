@@ -15,8 +15,8 @@ fn opacity_of(tau: f32) -> f32 {
     return 1.0 - exp(-tau);
 }
 
-// Premultiplied colour and opacity of an interval from its two Gauss points, the nearer one first. The opacity is `1 -
-// exp(-tau)` with the Gauss value `tau = (kappa_1 + kappa_2) extent / 2`. The colour is the mean of both colours,
+// Premultiplied colour and opacity of an interval from its two Gauss points, the nearer one first. The opacity is
+// `1 - exp(-tau)` with the Gauss value `tau = (kappa_1 + kappa_2) extent / 2`. The colour is the mean of both colours,
 // weighted by the emission that leaves the interval, `kappa_i T_i`, where `T_2 / T_1 = exp(-tau / sqrt(3))`.
 fn integrate_pair(kappa: vec2<f32>, near_color: vec3<f32>, far_color: vec3<f32>, extent: f32) -> vec4<f32> {
     let tau = 0.5 * (kappa.x + kappa.y) * extent;
