@@ -1,4 +1,5 @@
 // The field along a chord of a trilinear cell. Twin of engines/cells/cell.rs.
+//
 // s(u) = c.x + c.y u + c.z u^2 + c.w u^3, u from 0 to 1. Corner c of a cell has the offsets
 // (c & 1, c >> 1 & 1, c >> 2). `low` holds the corners with z = 0, `high` those with z = 1. Interpolation is written
 // with differences, so that equal corners are reproduced exactly.

@@ -1,4 +1,5 @@
 // Emission and absorption along a chord. Twin of engines/cells/quadrature.rs.
+//
 // Between bends and steps of the transfer function, kappa and colour are smooth in u, so that a two-point Gauss rule is
 // of fourth order. `extent` is a world length, kappa an extinction per world length. The constants are in layout.wgsl,
 // shared with the CPU.

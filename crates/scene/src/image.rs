@@ -1,4 +1,5 @@
 //! Images: premultiplied RGBA without the background, and image files (RENDERING-MODEL, section 10).
+//!
 //! Row 0 is the top row; x runs fastest. A file is written under a temporary name in the same folder and then renamed.
 //! So a file with the image's name is always complete.
 

@@ -13,6 +13,7 @@ use crate::units::VALUE_LIMIT;
 /// The map is exact for integers of up to 16 bits and, without shift and scale, for `f32`. `u32`, `i32` and `f64`
 /// values are rounded to 24 bits of their distance from [`ValueMap::shift`]. The error of a data value d is at most
 /// `2^-24 |d - shift|`, which is at most `2^-23` of the range's width.
+///
 /// Consequence for a smooth transfer function: let w be the width over which its control points lie, as a share of the
 /// range's width. For w of at least 2^-16 the error is at most half a grey level. Narrower functions show steps: up to
 /// 7 grey levels at 2^-20, more than 100 at 2^-25 (`windows_of_values_that_f32_does_not_resolve` in

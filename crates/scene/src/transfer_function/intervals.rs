@@ -1,4 +1,5 @@
 //! Extremes and means of a transfer function over intervals of values: exact, `f64`, data values.
+//!
 //! The level-of-detail rules query them once per brick, not per sample. A table holds extremes over runs of 1, 2, 4,
 //! ... control points. A query takes two binary searches and two look-ups, and misses no step or spike, however narrow.
 

@@ -1,4 +1,5 @@
 //! The transfer function as emission and extinction in closed form: the look-up table of ray packets.
+//!
 //! The function is cut into *pieces* along the value axis. On each piece four channels are quadratic: extinction kappa,
 //! and kappa times red, green and blue (the emission). Their antiderivatives are cubic. So the mean of a channel over
 //! an interval of values is a difference of two look-ups divided by the interval's width. This holds whatever steps and

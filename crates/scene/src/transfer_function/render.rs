@@ -1,4 +1,5 @@
 //! The transfer function in the form of ray casters: `f32`, render values, answers in constant time.
+//!
 //! A *render value* is a data value minus a constant shift, so that `f32` resolves the data's range. A table of bins
 //! over `[first point, last point]` locates points. A bin names the last point of an earlier bin; a short scan from
 //! there finds the exact segment. So evaluation is exact for any number of bins; only its cost depends on it. Queries

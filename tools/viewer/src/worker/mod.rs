@@ -3,6 +3,7 @@
 //! ```text
 //! window --requests (the newest of each kind)--> worker --messages (the newest of each kind)--> window
 //! ```
+//!
 //! Names in this module:
 //!
 //! - `Wishes`: pending requests of the window.

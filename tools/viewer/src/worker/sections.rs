@@ -1,4 +1,5 @@
 //! Pictures of the panels, each a section of the volume, and probes of their pixels.
+//!
 //! Sections have a renderer of their own with a part of the memory. So the picture of the volume keeps its progress and
 //! its bricks while sections change. Both draw on the worker's thread, one after the other.
 

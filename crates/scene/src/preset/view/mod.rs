@@ -171,6 +171,7 @@ impl View {
 
     /// The camera that just sees all of the framed region, unless distance or zoom is set. `size` is the picture's
     /// width and height in pixels.
+    ///
     /// Let (x, y, z) be a point in the camera's frame around the middle. An eye at (cx, cy, -d) has it inside the
     /// picture if `|x - cx| <= k (d + z)` with `k = FILL tan_x`, and likewise for y. Take the greatest `x / k - z` and
     /// `-x / k - z` of all points: cx is k times half their difference, d is half their sum. Orthographic cameras have
