@@ -1,8 +1,8 @@
-// Finds the macro cells of a slot that are visible under the transfer function, and the distance of each other cell to
-// the nearest visible one. One workgroup per listed slot. Chebyshev distances are computed axis by axis.
+// Finds the visible macro cells of a slot under the transfer function, and the distance of each other cell to the
+// nearest visible one. One workgroup per listed slot. Chebyshev distances are computed axis by axis.
 
 @group(1) @binding(0) var<storage, read> slots_to_classify: array<u32>;
-// Ranges of the eight blocks of each macro cell, two blocks per word: least and greatest value as shares of the cell's
+// Ranges of the eight blocks of each macro cell, two blocks per word. Least and greatest value are shares of the cell's
 // own range, in units of 1/PARTS.
 @group(1) @binding(1) var<storage, read> block_ranges: array<vec4<u32>>;
 
@@ -13,9 +13,9 @@ const PARTS: u32 = 255u;
 const MOST_CELLS: u32 = 16u;
 var<private> along: array<u32, 16>;
 
-// One step of the distance transform along a line of cells that are `step` apart. The new distance of a cell is a
-// minimum over the cells k of the line: min over k of max(distance to k along the line, distance of k by the earlier
-// axes).
+// One step of the distance transform along a line of cells that are `step` apart. For each cell k of the line, take the
+// greater of two numbers: the distance to k along the line, and k's distance by the earlier axes. The new distance is
+// the least of these.
 fn sweep(first: u32, step: u32, edge: u32) {
     let count = min(edge, MOST_CELLS);
     for (var i = 0u; i < count; i += 1u) {
