@@ -13,9 +13,9 @@ const PARTS: u32 = 255u;
 const MOST_CELLS: u32 = 16u;
 var<private> along: array<u32, 16>;
 
-// One step of the distance transform along a line of cells that are `step` apart. For each cell k of the line, take the
-// greater of two numbers: the distance to k along the line, and k's distance by the earlier axes. The new distance is
-// the least of these.
+// One step of the distance transform along a line of cells that are `step` apart. Each cell k of the line gives a
+// bound: the greater of the distance to k along the line and k's distance by earlier axes. The new distance is the
+// least bound.
 fn sweep(first: u32, step: u32, edge: u32) {
     let count = min(edge, MOST_CELLS);
     for (var i = 0u; i < count; i += 1u) {

@@ -1,9 +1,9 @@
 // Mode dvr: the walk of a ray through a brick, part by part.
 //
 // One loop without branches. An iteration integrates the ray's next stretch: a cell, several cells of a smooth field,
-// or a part of a cell that was refused as a whole. Leaps come between rounds of iterations. So the rays of a group wait
-// for each other only at the end of the brick. Loops exit only at the end of the body: software adapters execute the
-// code behind any other exit once more with all lanes masked.
+// or a part of a refused cell. Leaps come between rounds of iterations. So the rays of a group wait for each other only
+// at the end of the brick. Loops exit only at the end of the body: software adapters execute the code behind any other
+// exit once more with all lanes masked.
 //
 // Shading and surfaces are in files of their own, each with an empty alternative. Drivers compile every function that a
 // shader calls, whatever its constants are.

@@ -18,9 +18,9 @@ use supervol_tests::forge::{Forge, reseal};
 const FLIPS: u64 = 5000;
 const SEED: u64 = 41;
 
-/// A small container with every codec, absent voxels, uniform and absent bricks, and four levels. The bricks along x,
-/// including two apron voxels on either side, have six contents: noise (raw), waves (zstd), one single voxel (rle), a
-/// constant (uniform), half absent, and completely absent.
+/// A small container with every codec, absent voxels, uniform and absent bricks, and four levels. The bricks along x
+/// are noise (raw), waves (zstd), one single voxel (rle), a constant (uniform), half absent, and completely absent.
+/// This includes their two apron voxels on either side.
 fn small_container() -> Forge {
     let field = Field::new([97, 16, 11], VoxelType::I16, |p| match p[0] {
         0..18 => (mix(p[0] ^ mix(p[1] ^ mix(p[2]))) % 65_536) as f64 - 32_768.0,

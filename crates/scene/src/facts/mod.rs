@@ -106,7 +106,7 @@ impl VolumeFacts {
     }
 
     /// The axis across a section, if the volume is one. A section has one voxel along this axis and more along the
-    /// others, or a few voxels along this axis and many more along the others.
+    /// others. A few voxels also count as a section if there are many more along the others.
     #[must_use]
     pub fn section_axis(&self) -> Option<usize> {
         let n = self.dims.0;

@@ -11,8 +11,8 @@ use crate::transfer_function::ControlPoint;
 const SECTION_SAMPLES: u32 = 16;
 /// Unit distance of opaque matter in voxels: its face hides everything behind.
 const FACE_VOXELS: f64 = 0.25;
-/// Criteria of a background: one histogram bin holds at least the first share of all voxels, or a quarter of the voxels
-/// lie below the second share of the range.
+/// Criteria of a background. Either one histogram bin holds at least the first share of all voxels. Or a quarter of the
+/// voxels lie below the second share of the range.
 const BACKGROUND: f64 = 0.3;
 const DARK: f64 = 0.1;
 
