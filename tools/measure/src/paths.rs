@@ -105,14 +105,14 @@ impl CameraPath {
     }
 }
 
-/// What moves, and how.
+/// Options of a ride.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// Which volumes.
+    /// Volumes to draw.
     pub subject: Subject,
-    /// Which pictures of each scene.
+    /// Looks of each scene.
     pub looks: Looks,
-    /// Voxels along an edge of the synthetic volumes; `None`: each has its own number.
+    /// Voxels along an edge of the synthetic volumes; `None`: the default of each volume.
     pub edge: Option<u64>,
     /// Gzipped NIfTI file of the real volume among the scenes (a carp).
     pub carp_nifti_gz: &'static [u8],
