@@ -249,7 +249,7 @@ fn narrow_spikes(context: &Context<'_>) -> Result<Outcome, ChartError> {
 struct SpikeError {
     /// Root mean square error of red, grey levels.
     red: f64,
-    /// Greatest error of the opacity, as a share of it.
+    /// Greatest error of the opacity, as a fraction of the opacity.
     opacity: f64,
 }
 
