@@ -75,8 +75,8 @@ fn bits_differ(a: &Image, b: &Image) -> f64 {
     if bits(a) == bits(b) { 0.0 } else { 1.0 }
 }
 
-/// Grey levels that packets may change with the size of bricks: a quarter of the error they aim at. They compute positions in
-/// `f32` from where a ray enters a brick, and refine by what is in front of the brick (docs/decisions/006-packets.md).
+/// Grey levels by which packets may change with the brick size: a quarter of their requested error. Positions are `f32`
+/// from a ray's entry into a brick; refinement depends on the opacity in front of it (docs/decisions/006-packets.md).
 const PACKET_BRICK_LEVELS: f64 = 0.125;
 
 /// The two CPU casters with their names: the default and the caster of comparison.

@@ -380,7 +380,7 @@ fn in_runs(shape: BrickShape, run: usize, random: &mut Random) -> Vec<u8> {
     out
 }
 
-/// Coded bytes divided by raw bytes. Counts decoded bytes that differ from the original.
+/// Coded bytes divided by raw bytes. Counts bricks that differ after decoding.
 fn coded_share(shape: BrickShape, voxels: &[u8], choice: CodecChoice, inexact: &mut f64) -> Result<f64, ChartError> {
     let broken = |e| ChartError::Broken(format!("{shape:?}: {e}"));
     let (codec, payload) = encode(choice, shape, voxels).map_err(broken)?;
