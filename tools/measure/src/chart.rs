@@ -6,8 +6,8 @@
 //! 3. The method draws it warm, with all bricks in memory, until it has been timed often enough. Cost and error belong
 //!    to the same picture. Tables that depend only on the transfer function are made before the warm clock starts.
 //!
-//! Processor time is that of the whole process, so nothing else may run in it. A method that fails is left out and
-//! named in the notes.
+//! Processor time is that of the whole process, so nothing else may run in it. Failed methods are left out and named in
+//! the notes.
 
 use std::time::{Duration, Instant};
 

@@ -1,7 +1,7 @@
 //! Records of measurements, kept by machine and date: `benches/record/<machine>/<date>.csv`.
 //!
 //! Each line is one measurement and the command that made it. The first six columns are the same as in the records of
-//! single-part benches. A missing number is an empty field. Lines are only appended, and only to files that have these
+//! single-part benches. A missing number is an empty field. Lines are only appended, and only to files with these
 //! columns.
 
 use std::fmt::Write as _;

@@ -3,8 +3,8 @@
 //! [`methods`] is the whole list. Each entry states the looks on which it is measured ([`On`]):
 //! - methods that change the integration of a ray: on all looks;
 //! - gradient operators: only on shaded looks;
-//! - accumulation precision, codecs, storage, reconstruction and the GPU backend: on one look of each scene (with
-//!   shading where shading matters), because their effect hardly depends on the transfer function.
+//! - accumulation precision, codecs, storage, reconstruction and the GPU backend: on one look of each scene (shaded
+//!   where shading matters). Their effect hardly depends on the transfer function.
 //!
 //! The default is a curve over the requested error (`--max-error`, [`ERRORS`]), measured on all looks. The default
 //! settings are one point of this curve.

@@ -52,8 +52,7 @@ pub struct Point {
     pub bias: f64,
     /// FLIP, mean over all pixels: 0 (equal) to 1; `None` without the feature `flip`.
     pub flip: Option<f64>,
-    /// Whether the point is on the Pareto front: no CPU method of this scene and look is both cheaper and more
-    /// accurate.
+    /// Whether the point is on the Pareto front of its scene and look: no CPU method is both cheaper and more accurate.
     pub pareto: bool,
     /// Whether these are the default settings.
     pub default: bool,
@@ -97,8 +96,7 @@ pub const CPU: &str = "cpu";
 ///
 /// Points that are equal in both count once: the first is marked. Never marked are
 /// - points of a GPU, which have no comparable processor time;
-/// - repetitions of the default (same picture, same work; for example from another codec), whose warm cost differs only
-///   by noise.
+/// - repetitions of the default (same picture and work, say from another codec): their warm cost differs only by noise.
 pub fn mark_front(points: &mut [Point]) {
     let default = points.iter().find(|p| p.default).cloned();
     let competes = |p: &Point| p.backend == CPU && !default.as_ref().is_some_and(|d| repeats(p, d));

@@ -1,9 +1,8 @@
 //! RICKER: a synthetic seismic cube with a known spectrum.
 //!
-//! White random reflectivity, convolved with a Ricker wavelet (Ricker 1953, "The form and laws of propagation of
-//! seismic wavelets") at 4 ms per voxel of z. Layers dip along x and y; one fault displaces them. Values are f32
-//! amplitudes up to 3e4, optionally with spikes of 1e7 and dead traces. x and y number the traces; z is the sample axis
-//! and points down.
+//! White random reflectivity at 4 ms per voxel of z, convolved with a Ricker wavelet (Ricker 1953, "The form and laws
+//! of propagation of seismic wavelets"). Layers dip along x and y; one fault displaces them. Values are f32 amplitudes
+//! up to 3e4, optionally with spikes of 1e7 and dead traces. x and y number the traces; z (samples) points down.
 
 use std::f64::consts::PI;
 
@@ -17,8 +16,7 @@ pub const SAMPLE_SECONDS: f64 = 0.004;
 pub const AMPLITUDE: f64 = 3e4;
 /// Amplitude of a spike, positive or negative.
 pub const SPIKE: f64 = 1e7;
-/// Table entries per sample of depth. Linear interpolation between entries has an error of about 0.2 % of the
-/// amplitude.
+/// Table entries per sample of depth. Linear interpolation has an error of about 0.2 % of the amplitude.
 const ENTRIES_PER_SAMPLE: usize = 8;
 /// Increase of depth per trace along x and y, samples.
 const DIP: [f64; 2] = [0.31, 0.17];

@@ -1,9 +1,9 @@
 //! Scenes of the chart, as data: six volumes, four shapes of transfer function, with and without shading.
 //!
-//! Each volume is loaded into memory as a [`Grid`] of data values on a unit grid: one world unit per voxel, whatever
-//! the spacing of the source is. The chart stores it again in each compared way: see [`Grid::source`]. Transfer
-//! functions use fractions of the volume's value range; opacities are per voxel length. A volume without its file is
-//! left out with a message: [`Loaded::Missing`].
+//! Each volume is loaded into memory as a [`Grid`] of data values with one world unit per voxel, for any spacing of the
+//! source. The chart stores it again in each compared way: see [`Grid::source`]. Transfer functions use fractions of
+//! the volume's value range; opacities are per voxel length. A volume without its file is left out with a message:
+//! [`Loaded::Missing`].
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -228,8 +228,7 @@ fn f3(_: &Context<'_>, edge: u64) -> Result<Loaded, ChartError> {
     Ok(Loaded::Grid(Grid::of_box(&source, [0; 3], [edge; 3])?))
 }
 
-/// A file of the developers' data folder: `$SUPERVOL_DATA`, or `shared/data` beside the working folder or the
-/// workspace.
+/// A file of the developers' data folder: `$SUPERVOL_DATA`, or `shared/data` beside the working folder or workspace.
 pub(crate) fn data_file(name: &str) -> Option<PathBuf> {
     let manifest = Path::new(env!("CARGO_MANIFEST_DIR"));
     let beside = ["../../shared/data", "../../../shared/data", "../../../../shared/data"].map(|p| manifest.join(p));

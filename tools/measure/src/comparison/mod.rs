@@ -3,12 +3,11 @@
 //! They plug into the renderer's scalar caster (`supervol_runtime::engines::cells`) by [`Sampling::caster`].
 //!
 //! A [`Sampling`] cuts each ray at equal distances and integrates each interval by one rule. All other parts (bricks,
-//! streaming, skipping, camera, clipping, scene) are those of the default. So a difference in picture or time comes
-//! from the method alone.
+//! streaming, skipping, camera, clipping, scene) are those of the default. Only the method changes picture or time.
 //!
-//! Interval j of a ray covers `[(j - 1 + offset) h, (j + offset) h]` from the ray's entry into the clipped volume, cut
-//! to the ray's segment; h is the step. Jittered rays begin with a whole interval and sample each interval at a random
-//! position. Every position then has its right weight.
+//! Interval j of a ray covers `[(j - 1 + offset) h, (j + offset) h]` from the ray's entry into the clipped volume; h is
+//! the step. It is cut to the ray's segment. Jittered rays begin with a whole interval and sample each interval at a
+//! random position. Every position then has its right weight.
 
 pub mod gradient;
 pub mod preintegration;
@@ -101,8 +100,7 @@ pub enum Rule {
 pub enum Classification {
     /// After interpolation, as the rendering model requires.
     Post,
-    /// Before interpolation: premultiplied colours and opacities of voxels are interpolated. Trilinear reconstruction
-    /// only.
+    /// Before interpolation: premultiplied colours and opacities of voxels are interpolated. Only trilinear.
     Pre,
 }
 

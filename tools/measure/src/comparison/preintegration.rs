@@ -1,14 +1,13 @@
 //! Pre-integration: the exact integral of the transfer function over an interval in which the value is linear.
 //!
-//! With s linear from s_f to s_b over the length h, the optical depth is `tau = h (K(s_b) - K(s_f)) / (s_b - s_f)`, K
-//! the integral of kappa (Engel, Kraus, Ertl 2001, "High-Quality Pre-Integrated Volume Rendering", eq. 7). The colour
-//! `C = (int c kappa ds / int kappa ds) (1 - exp(-tau))` is the average colour, attenuated as if it were spread evenly.
-//! Two one-dimensional prefix sums replace the two-dimensional table, so the cost does not grow with the bit depth of
-//! the values. The method wins where the value is linear inside an interval, however steep the transfer function is. It
-//! loses where the value bends.
+//! The value s is linear from s_f to s_b over the length h. The optical depth is
+//! `tau = h (K(s_b) - K(s_f)) / (s_b - s_f)`, K the integral of kappa (Engel, Kraus, Ertl 2001, "High-Quality
+//! Pre-Integrated Volume Rendering", eq. 7). The colour `C = (int c kappa ds / int kappa ds) (1 - exp(-tau))` is the
+//! average colour, attenuated as if it were spread evenly. Two one-dimensional prefix sums replace the two-dimensional
+//! table, so the cost does not grow with the bit depth of the values. The method wins where the value is linear inside
+//! an interval, however steep the transfer function is. It loses where the value bends.
 //!
-//! Values are data values, `f64`. Within one bin of the sums, K is the cubic Hermite polynomial with exact ends and
-//! slopes.
+//! Data values are `f64`. Within one bin of the sums, K is a cubic Hermite polynomial with exact ends and slopes.
 
 use supervol_scene::transfer_function::TransferFunction;
 use supervol_scene::transfer_function::render::with_limit_points;
@@ -95,8 +94,7 @@ impl PreIntegration {
         table
     }
 
-    /// Integral of kappa times colour, and of kappa, from the first control point to `value`; negative below that
-    /// point.
+    /// Integral of kappa times colour, and of kappa, from the first control point to `value`; negative below it.
     fn integral(&self, value: f64) -> Emission {
         let inside = value.clamp(self.low, self.high);
         let mut sum = self.integral_inside(inside);
@@ -126,8 +124,7 @@ impl PreIntegration {
         })
     }
 
-    /// Premultiplied colour and opacity of an interval of world length `h` with data values `front` and `back` at its
-    /// ends.
+    /// Premultiplied colour and opacity of an interval of world length `h` with end values `front` and `back`.
     #[must_use]
     pub fn interval(&self, front: f64, back: f64, h: f64, attenuation: Attenuation) -> ([f64; 3], f64) {
         let width = back - front;

@@ -40,8 +40,7 @@ pub struct OrderRow {
     pub order_spread: f64,
     /// Order known from an independent computation; null if there is none.
     pub expected_order: Option<f64>,
-    /// Samples per voxel at and above which the error stays below half a grey level; null if it is above the tried
-    /// range.
+    /// Samples per voxel from which on the error stays below half a grey level; null if more than tried.
     pub samples_per_voxel_needed: Option<f64>,
     /// Known value of `samples_per_voxel_needed`; null if it is above 88 or unknown.
     pub expected_samples: Option<f64>,
@@ -135,8 +134,7 @@ const KNOWN: [[[Known; 4]; 3]; 2] = [
 /// | trilinear | step | pre-integration | 1.94 +- 0.49 | 2.20 |
 ///
 /// The known orders come from one set of rays. All but the hat's midpoint rule lie within about twice the spread, so
-/// another set explains them. The theoretical order is 1 for the left rule, 1 for midpoints over a step, and 2 for the
-/// others.
+/// another set explains them. The theoretical order is 1 for the left rule and for midpoints over a step, otherwise 2.
 pub const OTHER_ORDERS: &[[&str; 3]] = &[
     ["analytic", "hat of width 0.1", "left Riemann"],
     ["analytic", "step", "left Riemann"],

@@ -232,8 +232,8 @@ pub(super) fn rows(context: &Context<'_>) -> Result<Vec<OrderRow>, ChartError> {
     Ok(rows)
 }
 
-/// Geometric mean over sets of the error at each sampling, whose slope is the mean order; and the orders' standard
-/// deviation.
+/// Geometric mean over sets of the error at each sampling (its slope is the mean order); standard deviation of the
+/// order.
 fn over_sets(errors: &[RayErrors], of_set: impl Fn(&[RayErrors], usize) -> f64) -> (Vec<(f64, f64)>, f64) {
     let curves: Vec<Vec<(f64, f64)>> = errors
         .chunks(SET)

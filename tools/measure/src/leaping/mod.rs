@@ -6,8 +6,8 @@
 //! - *Ways*: the rays of a picture through every brick of level 0, by the walker of packets alone, without voxels. It
 //!   shows the number of leaps, the share of the way walked cell by cell, and the processor time.
 //!
-//! The second table also walks ray by ray, over clouds and over an octree. Processor times can be compared only within
-//! one kind of walker.
+//! The second table also walks ray by ray, over clouds and over an octree. Times can be compared only within one kind
+//! of walker.
 
 mod by_rays;
 

@@ -10,8 +10,8 @@
 //! | `vessels` | branching tubes, 512^3, nearly all of it empty: sparse | 0.2, 0.3 a voxel at 0.9 |
 //! | `carp` | computed tomography, 256 x 512 x 256 | flesh as a veil, bones nearly opaque |
 //!
-//! Published times refer to the first three scenes: spacing 1, eye 2.6 edges from the centre at azimuth 30 and
-//! elevation 20 degrees, angle of view 30 degrees, one ramp from blue to yellow. The volume fills the picture's height;
+//! Published times refer to the first three scenes: spacing 1, angle of view 30 degrees, one ramp from blue to yellow.
+//! The eye is 2.6 edges from the centre at azimuth 30 and elevation 20 degrees. The volume fills the picture's height;
 //! its lowest corner lies just outside.
 
 use std::path::{Path, PathBuf};
@@ -139,8 +139,7 @@ const FLESH_AND_BONES: &[Point] = &[
     (220.0, [1.0, 1.0, 1.0], 0.8),
 ];
 
-/// Volumes of a run, in order. `edge`: voxels along an edge of the synthetic volumes; `None`: the default of each
-/// volume.
+/// Volumes of a run, in order. `edge`: voxels along an edge of the synthetic volumes; `None`: each volume's default.
 ///
 /// # Errors
 /// If a scene name is unknown.

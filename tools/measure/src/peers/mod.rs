@@ -8,9 +8,10 @@
 //!   `-> rows:   cost, distance of each picture from the reference, ratio of costs
 //! ```
 //!
-//! Both programs read the same voxels, use the same camera, cast one ray per pixel with the same number of threads and
-//! draw the same domain. VTK's volume ends at the centres of its outermost voxels, Supervol's half a voxel further out,
-//! so Supervol's is clipped. The programs run alternately, case by case, so that a busy machine slows both.
+//! Both programs read the same voxels, use the same camera and draw the same domain. They cast one ray per pixel with
+//! the same number of threads. VTK's volume ends at the centres of its outermost voxels, Supervol's half a voxel
+//! further out, so Supervol's is clipped. The programs run alternately, case by case, so that a busy machine slows
+//! both.
 //!
 //! Costs are processor time of all threads. Pictures are compared as gathered along the rays: colour and opacity before
 //! the background, not rounded to 8 bits. Errors belong to the timed pictures and are measured at random pixels.
@@ -133,8 +134,7 @@ pub struct Row {
     pub ratio_to_default: f64,
     /// Processor time divided by that of Supervol with the same sampling; null if that was not measured.
     pub ratio_to_same_sampling: Option<f64>,
-    /// Distance from the reference, at [`Self::error_pixels`] pixels; null if the volume is too large for the
-    /// reference.
+    /// Distance from the reference, at [`Self::error_pixels`] pixels; null if the volume is too large.
     pub from_reference: Option<Levels>,
     /// Number of pixels at which this distance was measured.
     pub error_pixels: usize,

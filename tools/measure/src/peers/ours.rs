@@ -28,8 +28,8 @@ pub struct Sampler {
 }
 
 impl Sampler {
-    /// The default, then the peer's sampling at each of these steps: one sample in the middle of each interval, and the
-    /// peer's opacity limit for ending rays. Offsets and arithmetic are Supervol's own.
+    /// The default, then the peer's sampling at each of these steps: midpoint samples, and the peer's opacity limit for
+    /// ending rays. Offsets and arithmetic are Supervol's own.
     #[must_use]
     pub fn all(steps_voxels: &[f64]) -> Vec<Self> {
         let default = Self { integration: Integrated::DEFAULT, step_voxels: None };

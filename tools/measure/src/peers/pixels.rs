@@ -1,8 +1,7 @@
 //! Errors of large pictures at some of their pixels: the reference integrator is too slow for all pixels.
 //!
 //! The pixels are drawn at random, without repetition, among those with a ray through the drawn domain. The seed is
-//! fixed, so every program and run uses the same pixels. Rare errors may be missed: the largest error is that of these
-//! pixels.
+//! fixed, so every program and run uses the same pixels. Rare errors may be missed.
 
 use supervol_format::random::Random;
 use supervol_format::{Dims, Geometry};

@@ -3,8 +3,9 @@
 //! One process draws one case. It reads a job as JSON and writes numbers as JSON and pictures as raw 16-bit RGBA;
 //! `vtk_render.py` describes the details. Known differences from Supervol's model:
 //! - samples are points at equal distances, opacity is corrected by a table, all arithmetic is 15-bit fixed point;
-//! - gradients are central differences at the voxels, rounded to a table of directions and made once per volume (in the
-//!   first picture); highlights use the camera's direction instead of each ray's;
+//! - gradients are central differences at the voxels, rounded to a table of directions, made once (in the first
+//!   picture);
+//! - highlights use the camera's direction instead of each ray's;
 //! - a ray ends when its opacity reaches [`TERMINATION_OPACITY`], which may cost two grey levels;
 //! - there are no absent voxels: volumes with absent voxels are not compared.
 //!

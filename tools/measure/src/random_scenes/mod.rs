@@ -2,8 +2,7 @@
 //!
 //! Each scene ([`RandomScene`]) is built into a container and drawn by the default method in one mode, at every error
 //! of [`ERRORS`]. Each pixel is compared with the reference integrator. Tests draw a few scenes, and
-//! `supervol bench --random-scenes N` draws any number. Scene K of seed S is the same in both, independent of earlier
-//! scenes.
+//! `supervol bench --random-scenes N` draws any number. Scene K of seed S is the same in both.
 
 mod generate;
 

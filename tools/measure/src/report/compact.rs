@@ -1,5 +1,5 @@
-//! Shorter SVG of a plot, about a third of the length: the plotting library writes a full element for every dash, tick
-//! and mark.
+//! Shorter SVG of a plot, a third of the length: the plotting library writes a full element for each dash, tick and
+//! mark.
 //!
 //! Consecutive shapes of one style become one path. Attributes with initial values are removed; fonts are those of the
 //! page. Unknown elements stay unchanged. The picture is the same.

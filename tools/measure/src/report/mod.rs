@@ -38,8 +38,8 @@ pub use stability::stability_page;
 pub enum Extent {
     /// All results.
     Whole,
-    /// All plots and findings, few pictures, no table of all points, the regimes as a table. Small enough to be kept in
-    /// the repository.
+    /// All plots and findings, few pictures, no table of all points, the regimes as a table. Small enough for the
+    /// repository.
     Summary,
 }
 

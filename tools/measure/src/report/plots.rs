@@ -119,7 +119,7 @@ impl Axis {
         if self.is_logarithmic { value.log10() } else { value }
     }
 
-    /// Values with a tick: powers of ten, on short logarithmic axes also 2 and 5 times these; on linear axes round
+    /// Values with a tick. Logarithmic axes: powers of ten, short axes also 2 and 5 times these. Linear axes: round
     /// steps.
     fn ticks(&self) -> Vec<f64> {
         let [low, high] = self.range;

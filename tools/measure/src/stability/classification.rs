@@ -106,7 +106,7 @@ fn across_the_edge(volume: &Volume, pixels: u32, options: &RenderOptions) -> Res
         ],
     );
     let width = (RAMP - 1) as f64;
-    // A few rows are enough, because all are equal. The picture is as wide as the distance from the first to the last
+    // A few rows are enough, because all are equal. The picture's width is the distance from the first to the last
     // voxel.
     let rows = 4;
     let height = width * f64::from(rows) / f64::from(pixels);
@@ -166,8 +166,7 @@ fn bent_segments(context: &Context<'_>) -> Result<Outcome, ChartError> {
         }
     }
     curve.extend(steps.iter().map(|&step| CurvePoint::new("default", step, GREY_LEVELS * default.linf, None)));
-    // While a step is longer than the ray's path through the hat, the error falls irregularly. The order is taken from
-    // the finest steps.
+    // The error falls irregularly while a step exceeds the ray's path through the hat, so only the finest steps count.
     let order = order_of(&errors[errors.len() - 3..]).unwrap_or(f64::NAN);
     let gates = vec![
         Gate::at_most("default, distance from the reference, grey levels", GREY_LEVELS * default.linf, HALF_A_LEVEL),

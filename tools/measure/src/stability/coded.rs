@@ -1,8 +1,7 @@
 //! Regimes of coded voxels: S19 (wavelets overshoot), S20 (quantised coefficients). Skipping uses value bounds; they
 //! must hold for the decoded voxels, which are the ones drawn.
 //!
-//! Each cell of eight decoded voxels is checked against the bounds of its brick and of its macro cells, corner by
-//! corner.
+//! Each corner of each cell of decoded voxels is checked against the bounds of its brick and of its macro cells.
 
 use supervol_format::brick::{APRON, MACRO_CELL};
 use supervol_format::codec::{Codec, CodecChoice};
@@ -105,7 +104,7 @@ impl Decoded {
     }
 
     /// Macro cells on an axis that contain the cell between stored voxels `i` and `i + 1`: the owners of the two
-    /// voxels, or the nearest macro cell at the ends.
+    /// voxels. At the ends it is the nearest macro cell.
     fn owners(&self, axis: usize, i: usize) -> [usize; 2] {
         [i, i + 1].map(|voxel| (voxel.saturating_sub(APRON) / MACRO_CELL).min(self.macro_cells[axis] - 1))
     }
@@ -272,8 +271,7 @@ fn quantised_coefficients((_, brick): &(BrickKey, Decoded), step: f64) -> Result
     Ok(values)
 }
 
-/// Sums and differences of pairs along each axis, times sqrt(1/2); the transform is its own inverse. A last single
-/// voxel stays.
+/// Sums and differences of pairs along each axis, times sqrt(1/2): its own inverse. A last single voxel stays.
 fn haar(values: &mut [f64], extent: [usize; 3]) {
     let strides = [1, extent[0], extent[0] * extent[1]];
     for axis in 0..3 {

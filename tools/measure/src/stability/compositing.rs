@@ -244,8 +244,7 @@ fn worst_loss(volume: &Volume, limit: f64, options: &RenderOptions) -> Result<f6
 /// Mean difference from the whole picture over all channels. A slanted plane cuts the body: all its thicknesses occur.
 fn wedge_bias(volume: &Volume, options: &RenderOptions) -> Result<f64, ChartError> {
     let depth = BODY.0 as f64;
-    // The picture is 64 times as wide as high. The plane passes z = depth at its start and z = 0 at its end: VIEW
-    // apart, about x = 2.5.
+    // The picture is 64 times as wide as high. The plane passes z = depth at its start and z = 0 at its end.
     let slope = depth / VIEW;
     let offset = depth + slope * (2.5 - 0.5 * VIEW);
     let cut = format!(r#""clip": {{"planes": [{{"normal": [{slope:?}, 0, 1], "offset": {offset:?}}}]}}"#);

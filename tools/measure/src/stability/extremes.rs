@@ -69,8 +69,8 @@ impl Case {
     }
 }
 
-/// Cases of all series, each with its power of two. Values: 1e-300 to 1e300; spacings: 1e-30 to 1e30; origins: up to
-/// 1e18 spacings.
+/// Cases of all series with their powers of two: values 1e-300 to 1e300, spacings 1e-30 to 1e30, origins to 1e18
+/// spacings.
 fn cases(context: &Context<'_>) -> Vec<(i32, Case)> {
     type Place = fn(f64) -> Case;
     let series: [(&[i32], &[i32], Place); 5] = [

@@ -104,8 +104,7 @@ fn axis_parallel(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let exponents: &[i32] = context.pick(&[7, 2, 4, 10, 15, 30], &[7, 2]);
     let field = Volume::build(context, "S24 waves", &waves([EDGE; 3]), &build_options(16))?;
     let constant = Volume::build(context, "S24 CONST", &fixtures::constant([EDGE; 3], 1.0), &build_options(16))?;
-    // 33 pixels over 16.5 voxels: rays at all integers and halves from 16 to 32, including two brick faces (15.5 and
-    // 31.5).
+    // 33 pixels over 16.5 voxels: rays at all integers and halves from 16 to 32, and two brick faces (15.5 and 31.5).
     let pixels = context.pick(49, 33);
     let height = format!(
         r#""camera": {{"eye": [0,0,0], "target": [1,0,0], "up": [0,0,1], "height": {}}}"#,

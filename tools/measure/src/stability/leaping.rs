@@ -86,8 +86,8 @@ impl Findings {
         }
     }
 
-    /// Examines one ray. `shows` returns whether a cell (a cube of `side` voxels) is visible; cells outside the brick
-    /// may occur.
+    /// Examines one ray. `shows`: whether a cell (a cube of `side` voxels) is visible. Cells outside the brick may
+    /// occur.
     fn of_ray(
         ray: &LocalRay,
         ways: &[Stretch],

@@ -332,8 +332,7 @@ fn seismic_opacity(context: &Context<'_>) -> Result<(Vec<CurvePoint>, f64, usize
 }
 
 /// Mean opacities of far pictures by pixel size: of automatic levels, and of level 0. The farthest picture has only 36
-/// pixels, and their positions alone change its mean by 10 %. So each value averages pictures shifted by parts of a
-/// pixel.
+/// pixels, and their positions alone change its mean by 10 %. So each value averages pictures with sub-pixel shifts.
 fn mean_opacities(volume: &Volume, members: &[&str], coarsest: &mut usize) -> Result<Vec<(f64, [f64; 2])>, ChartError> {
     /// Number of shifts along each side of a pixel.
     const SHIFTS: u32 = 4;

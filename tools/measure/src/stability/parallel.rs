@@ -16,8 +16,7 @@ use crate::volume::{Volume, finest};
 /// Termination opacity that no ray reaches, so that early termination has no effect on the result.
 pub(crate) const NEVER: f64 = 2.0;
 
-/// `"camera"`: orthographic, looking along +x (0), +y (1) or +z (2) at the centre of the volume. `height` is a world
-/// length.
+/// `"camera"`: orthographic, looking along +x (0), +y (1) or +z (2) at the volume's centre. `height` is a world length.
 ///
 /// Looking along z, x runs to the right and y downwards, as voxels lie in memory.
 pub(crate) fn looking_along(volume: &Volume, axis: usize, height: f64) -> String {

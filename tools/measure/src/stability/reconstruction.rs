@@ -209,8 +209,7 @@ fn byte_fractions(context: &Context<'_>) -> Result<Outcome, ChartError> {
     Ok(Outcome { curve, gates, note })
 }
 
-/// Greatest value error from rounding the fractions on 40^3, as a fraction of ML's range (1), and the number of tested
-/// points.
+/// Greatest value error from rounding the fractions on 40^3, fraction of ML's range (1); number of tested points.
 fn greatest_byte_error(points: u32) -> (f64, u32) {
     let grid = Grid::new(40);
     let mut random = Random::new(SEED);

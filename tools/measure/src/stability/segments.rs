@@ -44,8 +44,7 @@ const OFFSETS: u32 = 16;
 /// Ray direction of S05: along no axis and no diagonal.
 const ACROSS: DVec3 = DVec3::new(0.57, 0.71, 0.41);
 
-/// ML with a transfer function without steps, seen from a distance by parallel rays along [`ACROSS`], cut by a plane
-/// across them.
+/// ML with a transfer function without steps, seen by parallel rays along [`ACROSS`], cut by a plane across them.
 struct Cut {
     volume: Volume,
     pixels: u32,
@@ -89,8 +88,7 @@ fn varying_segments(context: &Context<'_>) -> Result<Outcome, ChartError> {
         by_samples(Sampling { rule, offset, termination_opacity: NEVER, ..Sampling::default() })
     };
     let series: [(&str, Box<Moved<'_>>); 3] = [
-        // The default has no samples to move. The eye moves along the rays instead, so that lengths are rounded
-        // differently.
+        // The default has no samples to move. Instead, the eye moves along the rays, which changes the rounding.
         ("default", Box::new(|i| cut.picture(f64::from(i) / f64::from(OFFSETS), 0.1, &default))),
         (
             "pre-integration, one sample per voxel",

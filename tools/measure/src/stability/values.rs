@@ -232,7 +232,7 @@ fn share_absent(is_hole: Hole) -> f64 {
 
 /// Whether a ray along z at this x and y meets a cell with an absent corner, including rays in a face of the cell.
 ///
-/// In such a face the absent voxel has no weight, so the exact picture is that of the whole volume. There the reference
+/// In such a face the absent voxel has no weight and the exact picture is that of the whole volume: the reference
 /// decides.
 fn footprint(origin: &DVec3, is_hole: Hole) -> bool {
     let reach = |p: f64, n: u64| (0..n).filter(move |&i| (p.clamp(0.0, (n - 1) as f64) - i as f64).abs() <= 1.0);

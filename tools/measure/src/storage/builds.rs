@@ -157,8 +157,8 @@ fn build_once(file: &RawFile, choice: CodecChoice, output: &Path) -> Result<u64,
     Ok(build(&source, origin, output, &options, &|_| ())?.container_bytes)
 }
 
-/// Resets the peak resident memory that Linux records for this process. Returns `false` if that fails; later peaks are
-/// then unknown.
+/// Resets the peak resident memory that Linux records for this process. `false`: it failed, and later peaks are
+/// unknown.
 fn forget_peak(clear_refs: &Path) -> bool {
     std::fs::write(clear_refs, "5").is_ok()
 }

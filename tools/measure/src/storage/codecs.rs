@@ -92,8 +92,7 @@ impl Rates {
     }
 }
 
-/// Up to `most` bricks of level 0 and the range of their values. The bricks are evenly spaced among those with more
-/// than one value.
+/// Up to `most` bricks of level 0 and the range of their values. Uniform bricks are skipped; the rest is evenly spaced.
 ///
 /// # Errors
 /// If the container cannot be read.
@@ -205,8 +204,7 @@ fn measure_source(context: &Context<'_>, name: &str, source: &dyn VolumeSource) 
     let absence = volume.container.descriptor().absence;
     let within = |share: f64| {
         let quantizer = Quantizer::within(voxel_type, share * range.width());
-        // No quantizer: the allowed error is smaller than the difference between whole numbers, so there is nothing to
-        // round.
+        // No quantizer: the allowed error is smaller than the difference between whole numbers.
         (share == 0.0 || quantizer.is_some()).then(|| {
             let bricks = moved(&exact, absence, quantizer);
             let of_choice = |choice| figures(&bricks, Coding { choice, absence, quantizer }, ROUNDS);

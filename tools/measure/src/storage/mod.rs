@@ -29,8 +29,7 @@ pub struct Storage {
     pub notes: Vec<String>,
 }
 
-/// Measurements for the report. Call it first: the memory of a build is measured against the memory that the process
-/// already uses.
+/// Measurements for the report. Call it first: memory already used by the process is subtracted from that of a build.
 ///
 /// # Errors
 /// If a volume cannot be made or built.

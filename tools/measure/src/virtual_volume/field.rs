@@ -19,8 +19,7 @@ const AMPLITUDE: f64 = 10_000.0;
 pub enum Field {
     /// Each voxel (`u8`) names its brick: twice the brick's number ([`number`]), plus one in every other macro cell
     /// ([`value`]). No brick larger than a macro cell is uniform, and a misplaced brick shows in the picture. Coarser
-    /// voxels name their own brick instead of averaging finer ones, so the error of a level is the whole difference of
-    /// values.
+    /// voxels name their own brick instead of averaging finer ones, so their error is the whole range of values.
     BrickId,
     /// Sum of three waves (`i16`), one along each axis. Coarser voxels sample the same waves at their own centres.
     /// Their error is small on fine levels and four times as large on each next level, as for smooth data. The error
@@ -29,8 +28,8 @@ pub enum Field {
 }
 
 /// The number of a brick, 0 to 124. Two bricks of one level share a number only if their positions are congruent modulo
-/// 5 on every axis. A neighbour in the wrong position therefore shows. So does a position that is wrong by a power of
-/// two (an overflow, a lost bit), because no power of two is divisible by 5. Each level shifts the numbers by 31.
+/// 5 on every axis. So a misplaced neighbour shows. A position that is wrong by a power of two (an overflow, a lost
+/// bit) shows too: no power of two is divisible by 5. Each level shifts the numbers by 31.
 #[must_use]
 pub fn number(key: BrickKey) -> u32 {
     let [x, y, z] = key.brick().0.map(|i| i % PERIOD);
@@ -106,13 +105,12 @@ impl Field {
         }
     }
 
-    /// Range of the voxels from `start` to `end` (both included, voxels of the level). Candidates for the extremes are
-    /// chosen axis by axis.
+    /// Range of the voxels from `start` to `end` (both included, voxels of the level). The axes are searched one by
+    /// one.
     #[must_use]
     pub fn range(self, pyramid: &Pyramid, lod: Lod, start: [u64; 3], end: [u64; 3]) -> ValueRange {
         let along: [Vec<u64>; 3] = std::array::from_fn(|a| match self {
-            // Values change only at borders of macro cells: two cells of the core and one voxel on either side give all
-            // values.
+            // Values change only at borders of macro cells: two cells of the core and one voxel on either side suffice.
             Self::BrickId => {
                 let first = start[a].next_multiple_of(MACRO_CELL as u64);
                 [start[a], first, first + MACRO_CELL as u64, end[a]].map(|v| v.min(end[a])).to_vec()
@@ -148,8 +146,7 @@ impl Field {
     }
 }
 
-/// Voxel values of brick numbers. Rows with the same bricks and macro cells across x are equal, so each is computed
-/// once.
+/// Voxel values of brick numbers. Rows in the same bricks and macro cells across x are equal and are computed once.
 fn brick_numbers(core: u64, lod: Lod, along: &[Vec<u64>; 3]) -> Vec<u8> {
     let mut rows: HashMap<[u64; 3], Vec<u8>> = HashMap::new();
     let mut out = Vec::with_capacity(along.iter().map(Vec::len).product());

@@ -8,7 +8,7 @@
 //! `number of its TOC entry * stride` after the start of the records.
 //!
 //! Fields repeat every [`PERIOD`] bricks of a level. Bricks with congruent positions and the same borders have the same
-//! record. So TOC pages are cheap, although each entry holds the checksum of its record: at most 8^3 records per level
+//! record. So TOC pages are cheap, although each entry holds the checksum of its record. At most 8^3 records per level
 //! are sealed, and all of them are kept.
 
 mod field;

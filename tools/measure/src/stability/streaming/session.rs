@@ -33,8 +33,7 @@ pub struct Settings {
     /// Backend that casts the rays.
     pub backend: Backend,
     /// Requested error, fraction of full scale. The default is `ANY_ERROR`, so that levels depend only on the size of
-    /// voxels. BRICKID states its whole value range as the error of every brick, but the number of bricks should follow
-    /// the picture.
+    /// voxels. BRICKID states its whole value range as the error of every brick, which would select too fine levels.
     pub max_error: f64,
 }
 
