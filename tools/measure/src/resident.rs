@@ -1,9 +1,11 @@
-//! A container's bricks, all of them decoded in memory, and views of them that no streamer would hand out.
+//! All bricks of a container, decoded in memory, and brick views that the streamer never hands out.
 //!
-//! The frame decides which level each brick is drawn from, and which bricks are left out. Here a measurement decides:
-//! [`Mixed`] forces two levels into one picture, [`Classified`] leaves out what one transfer function cannot see without
-//! reading anything, so that thousands of pictures take seconds. Cast, gathered and composited as every picture of the
-//! CPU ray caster.
+//! In a frame, the streamer selects the level of each brick and skips bricks. Here the measurement does:
+//! - [`Mixed`] forces two levels into one picture;
+//! - [`Classified`] skips the bricks that a transfer function makes invisible, without reading anything, so that
+//!   thousands of pictures take seconds.
+//!
+//! Casting and compositing are those of the CPU ray caster.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -22,7 +24,7 @@ use supervol_scene::value_map::ValueMap;
 
 use crate::context::ChartError;
 
-/// All bricks of all levels.
+/// All bricks of all levels, decoded.
 pub struct ResidentBricks {
     container: Arc<Container>,
     map: ValueMap,
@@ -33,7 +35,7 @@ impl ResidentBricks {
     /// Reads and decodes every brick.
     ///
     /// # Errors
-    /// If one cannot be read.
+    /// If a brick cannot be read.
     pub fn load(container: &Arc<Container>) -> Result<Self, ChartError> {
         let map = value_map(container);
         let mut bricks = HashMap::new();
@@ -72,10 +74,10 @@ impl ResidentBricks {
         CpuFrame::new(scene, &volume, quality)
     }
 
-    /// The picture of one level.
+    /// The picture of one fixed level.
     ///
     /// # Errors
-    /// Never: every brick is there.
+    /// Never: all bricks are in memory.
     pub fn level(&self, scene: &ResolvedScene, lod: Lod) -> Result<Image, ChartError> {
         self.picture(self, scene, at_level(lod))
     }
@@ -94,7 +96,7 @@ pub fn cast<V: BrickView + ?Sized>(view: &V, frame: &CpuFrame) -> Result<CpuRays
     }
 }
 
-/// One level everywhere, everything else as users get it.
+/// One fixed level everywhere; default settings otherwise.
 #[must_use]
 pub fn at_level(lod: Lod) -> CpuQuality {
     CpuQuality { lod: LodChoice::Fixed(lod), ..CpuQuality::default() }
@@ -106,13 +108,13 @@ impl BrickView for ResidentBricks {
     }
 }
 
-/// Level 0 where `is_coarse` says no, level `coarse` where it says yes: as if the finer bricks there had failed.
+/// Mixed levels: `coarse` for bricks that `is_coarse` selects, as if their finer bricks had failed, else level 0.
 pub struct Mixed<'a> {
-    /// Where the bricks are.
+    /// All bricks of the container.
     pub all: &'a ResidentBricks,
     /// The coarser of the two levels.
     pub coarse: Lod,
-    /// Asked about bricks of level 0.
+    /// Selector, called with brick keys of level 0.
     pub is_coarse: &'a (dyn Fn(BrickKey) -> bool + Sync),
 }
 
@@ -123,21 +125,21 @@ impl BrickView for Mixed<'_> {
     }
 }
 
-/// The bricks as the streamer would hand them out for one scene: what the scene cannot see is left out.
+/// Bricks as the streamer hands them out for one scene: invisible bricks are skipped.
 pub struct Classified<'a> {
     all: &'a ResidentBricks,
     classes: HashMap<BrickKey, Class>,
 }
 
 impl<'a> Classified<'a> {
-    /// Asks the streamer's classifier about every brick.
+    /// Classifies every brick with the streamer's classifier.
     ///
     /// # Errors
     /// If the table of contents cannot be read.
     pub fn new(all: &'a ResidentBricks, scene: &ResolvedScene, skipping: Skipping) -> Result<Self, ChartError> {
         let container = &all.container;
         let classifier = Classifier::new(scene, container.descriptor().voxel_type, all.map, skipping);
-        // These views draw one level, whatever it shows.
+        // These views draw one fixed level, even where it is invisible.
         let class = |&key: &BrickKey| Ok((key, classifier.classify_drawn(&container.entry(key)?)));
         Ok(Self { all, classes: all.bricks.keys().map(class).collect::<Result<_, ChartError>>()? })
     }
