@@ -13,7 +13,7 @@ pub struct PacketRule {
     pub instructions: Option<InstructionSet>,
     /// Whether what cells and levels may do is summed up along rays, for a prediction: 1 to 2 % of the time.
     pub sums_errors: bool,
-    /// Whether it is counted what each ray costs ([`super::work`]): several times the time.
+    /// Whether it is counted what each ray costs (`work`): several times the time.
     pub counts_work: bool,
 }
 
