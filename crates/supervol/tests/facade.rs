@@ -58,7 +58,7 @@ fn wrong_options_scenes_and_boxes_are_errors() {
     let (_folder, path) = container();
     let volume = Volume::open(&path).unwrap();
     let scene = small("{}");
-    for max_error in [f64::NAN, 0.0, -1.0] {
+    for max_error in [f64::NAN, -1.0, f64::NEG_INFINITY] {
         let options = Options { max_error, ..Options::default() };
         let error = volume.draw(&scene, &options).unwrap_err();
         assert!(error.kind() == ErrorKind::Request && error.to_string().contains("max_error"), "{error}");

@@ -130,11 +130,11 @@ impl RenderOptions {
     /// Refuses numbers that mean nothing.
     ///
     /// # Errors
-    /// [`RenderError::Option`], if the requested error is not a positive number, or there are to be no threads.
+    /// [`RenderError::Option`], if the requested error is negative or no number, or there are to be no threads.
     pub fn validate(&self) -> Result<(), RenderError> {
         let wrong = |option, expected, found: f64| Err(RenderError::Option { option, expected, found });
-        if self.max_error.is_nan() || self.max_error <= 0.0 {
-            return wrong("max_error", "a positive share of full scale, for example 0.5 / 255", self.max_error);
+        if self.max_error.is_nan() || self.max_error < 0.0 {
+            return wrong("max_error", "a share of full scale from 0 on, for example 0.5 / 255", self.max_error);
         }
         if self.threads == Some(0) {
             return wrong("threads", "at least 1", 0.0);
