@@ -1,4 +1,4 @@
-// Sets rays on their way through their next part, one per invocation.
+// Begins the next part of each listed ray, one ray per invocation.
 
 @group(1) @binding(0) var<storage, read_write> states: array<RayState>;
 @group(1) @binding(1) var<storage, read> parts: array<RayPart>;

@@ -1,4 +1,4 @@
-// Clips the rays of a band, one per invocation.
+// Clips the rays of a band and sets their initial state, one ray per invocation.
 
 @group(1) @binding(0) var<storage, read_write> states: array<RayState>;
 @group(1) @binding(1) var<storage, read_write> errors: array<RayErrors>;

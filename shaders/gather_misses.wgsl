@@ -1,4 +1,4 @@
-// Writes beside every listed miss how many rays wait for it.
+// Writes the number of waiting rays beside each listed miss.
 
 @compute @workgroup_size(64)
 fn gather_misses(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {

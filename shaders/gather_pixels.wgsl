@@ -1,10 +1,10 @@
-// Puts what rays of a band have gathered in the order of its pixels, row by row: one ray per invocation.
+// Copies the results of a band's rays into pixel order, row by row: one ray per invocation.
 
 @group(1) @binding(0) var<storage, read> states: array<RayState>;
 @group(1) @binding(1) var<storage, read> errors: array<RayErrors>;
-// Colour and transmittance; in modes that count by value: value, length over which it was present, 0, transmittance.
+// Colour and transmittance. In modes `mip`, `minip` and `mean`: value, present length, 0, transmittance.
 @group(1) @binding(2) var<storage, read_write> gathered: array<vec4<f32>>;
-// In the same order, where `FLAG_ERRORS` is set.
+// Errors in the same order, if `FLAG_ERRORS` is set.
 @group(1) @binding(3) var<storage, read_write> gathered_errors: array<RayErrors>;
 
 @compute @workgroup_size(64)

@@ -1,5 +1,5 @@
-// Casts one ray per invocation: on from where it stopped, until it is finished, lacks a brick, or has done its share. A workgroup
-// has the rays of a tile of the run.
+// Casts one ray per invocation from where it stopped, until it is finished, lacks a brick, or has used up its work
+// limit. A workgroup casts the rays of one listed tile.
 
 @group(1) @binding(0) var<storage, read_write> states: array<RayState>;
 @group(1) @binding(1) var<storage, read_write> errors: array<RayErrors>;
@@ -7,7 +7,7 @@
 @compute @workgroup_size(64)
 fn raycast(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     config = scene.config;
-    // A ray that has nothing to do adds nothing to the counters either.
+    // A ray that is finished or waiting adds nothing to the counters.
     let place = tile_of(group.x) * WORKGROUP_RAYS + lane;
     if (place < scene.view.places) {
         var state = states[place];

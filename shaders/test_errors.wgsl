@@ -1,13 +1,13 @@
-// For the tests: what coarser bricks do to rays, on given numbers; to be compared with lod/deviation.rs.
+// For tests: errors of rays drawn from coarser bricks, on given numbers. Compared with lod/deviation.rs.
 
 // Three bricks of a ray.
 struct ErrorCase {
-    // Numbers of their deviations; bit i of the last: whether brick i is drawn.
+    // Numbers of the bricks' deviations. Bit i of the last component: whether brick i is drawn.
     bricks: vec4<u32>,
     lengths: vec4<f32>,
-    // Of the ray in front of the first one and behind each.
+    // Transmittance of the ray in front of the first brick and behind each.
     transmittance: vec4<f32>,
-    // The same; bit i of `there`: whether there is one.
+    // The ray's value at the same places. Bit i of `there`: whether value i exists.
     values: vec4<f32>,
     there: u32,
 }

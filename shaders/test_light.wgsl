@@ -1,4 +1,5 @@
-// For the tests: a part of a ray by antiderivatives, and its light, on given numbers; to be compared with their Rust twins.
+// For tests: integration of a part of a ray by antiderivatives, and its shading, on given numbers. Compared with Rust
+// twins.
 
 // Numbers in [0, 1], as in test_twins.wgsl.
 struct LightCase {
@@ -11,13 +12,14 @@ struct LightCase {
 }
 
 struct LightResult {
-    // Of a chord: colour and transmittance; error, and value and twist of a cell; channels at a value.
+    // One chord: colour and transmittance; error, then value and twist of a cell; channels at a value.
     part: vec4<f32>,
     cell: vec4<f32>,
     channels: vec4<f32>,
-    // The part after shading: colour and error.
+    // The same part after shading: colour and error.
     lit: vec4<f32>,
-    // Of two chords by one line: colour and transmittance; error; mean and greatest distance, and width, in tables.
+    // Two chords merged into one line: colour and transmittance; error, then mean and greatest distance and width, as
+    // shares of the table.
     both: vec4<f32>,
     line: vec4<f32>,
 }
@@ -35,12 +37,12 @@ fn test_light(@builtin(global_invocation_id) id: vec3<u32>) {
     let a = c.a_value.xyz;
     let u = c.b_u.w;
     var result: LightResult;
-    // Chords of a bin and of all bins, also outside.
+    // Chords within one bin up to chords over all bins, also outside the table.
     let bins = f32(LIGHT_BINS) * (1.2 * c.low - 0.1);
     let spread = c.high.w * c.high.w * c.high.w * c.high.w;
     let values = mix(bins.xxx, bins.xyz, spread);
     let part = integrate_chord(LightChord(values, 100.0 * spread * c.high.x, 4.0 * u));
-    // Another part behind it, by one line with it.
+    // Another part behind the first one, merged with it into one line.
     let behind = LightChord(values.zyx + 0.1 * (values.yxz - values.xxx), 50.0 * spread * c.high.y, 2.0 * c.near.x);
     let first = line_over(no_line(), line_of(LightChord(values, 100.0 * spread * c.high.x, 4.0 * u)));
     let line = line_over(first, line_of(behind));
@@ -49,7 +51,7 @@ fn test_light(@builtin(global_invocation_id) id: vec3<u32>) {
     result.part = vec4<f32>(part.color, part.transmittance);
     result.cell = vec4<f32>(part.error, value_in(field, a), twist_of(field), 0.0);
     result.channels = light_at(bins.w).value;
-    // Normals of all directions, some of which turn little, and some gradients too short for any.
+    // Normals in all directions, some of which turn little; some gradients are too short for a normal.
     let begin = c.low.xyz - 0.5;
     let turn = c.far.x * c.far.x;
     let size = select(1.0, 1.0e-8, c.far.y < 0.1);

@@ -1,8 +1,9 @@
-// For the tests: where a ray is, which brick that is, what is drawn there, gradients of a cell; compared with Rust twins.
+// For tests: position on a ray, its brick, the page that is drawn there, and gradients of a cell. Compared with Rust
+// twins.
 
 struct PlaceCase {
     pixel: vec2<u32>,
-    // To the ray's base point.
+    // Strides to the ray's base point.
     strides: u32,
     padding_0: u32,
     near: vec3<i32>,
@@ -10,7 +11,7 @@ struct PlaceCase {
     cell: vec3<i32>,
     padding_1: u32,
     a: vec3<f32>,
-    // Of the place, from the base point.
+    // Parameter of the position, relative to the base point.
     t: f32,
     b: vec3<f32>,
     padding_2: f32,
@@ -26,9 +27,9 @@ struct PlaceResult {
     region: vec4<i32>,
     page: vec4<i32>,
     entry: vec4<u32>,
-    // Index-space gradients at the begin, the middle and the end of the chord, and whether there are any.
+    // Index-space gradients at the beginning, the middle and the end of the chord; w: whether they are present.
     gradients: array<vec4<f32>, 3>,
-    // Begin and end.
+    // Beginning and end of the segment.
     segment: vec2<f32>,
     segment_strides: vec2<u32>,
     length: f32,
@@ -46,7 +47,7 @@ fn index_gradient(gradient: ChordGradient, u: f32) -> vec4<f32> {
 
 @compute @workgroup_size(64)
 fn test_places(@builtin(global_invocation_id) id: vec3<u32>) {
-    // One behind the last is the last one's: they write the same.
+    // Invocations beyond the last case repeat the last one and write the same result.
     let number = min(id.x, arrayLength(&place_cases) - 1u);
     let c = place_cases[number];
     config = scene.config;

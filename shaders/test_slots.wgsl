@@ -1,6 +1,6 @@
-// For the tests: places in textures, marks of surfaces and strides, on given numbers; to be compared with their Rust twins.
+// For tests: texel positions, surface bits and strides, on given numbers. Compared with Rust twins.
 
-// As in test_walk.wgsl.
+// Same layout as `WalkCase` in test_walk.wgsl.
 struct SlotCase {
     low: vec4<f32>,
     high: vec4<f32>,
@@ -19,16 +19,16 @@ struct SlotCase {
 }
 
 struct SlotResult {
-    // Texture and first texel.
+    // Slot: texture and first texel. Square: four bytes of a texel.
     slot: vec4<u32>,
     square: vec4<u32>,
-    // A pair of 16-bit numbers; pixel of a place.
+    // Two 16-bit numbers of a texel; pixel of a stored ray.
     pair: vec4<u32>,
-    // Sides of a value, all surfaces, whether surfaces are met, number of the macro cell.
+    // Sides of a value, bits of all surfaces, whether surfaces are met, index of the macro cell.
     surfaces: vec4<u32>,
-    // Whether numbers are absent, as bits; what the rebased ray has taken.
+    // Which numbers are absent, as bits; strides of the rebased ray.
     marks: vec4<u32>,
-    // End of the segment; the parameter that is left to the rebased ray.
+    // End of the segment; remaining parameter of the rebased ray.
     along: vec4<f32>,
 }
 

@@ -1,9 +1,9 @@
-// For the tests: shader functions on given numbers, to be compared with their Rust twins.
+// For tests: shader functions on given numbers. Compared with Rust twins.
 
 struct TwinCase {
     low: vec4<f32>,
     high: vec4<f32>,
-    // Begin of a chord, and a render value.
+    // Beginning of a chord, and a render value.
     a_value: vec4<f32>,
     // End of the chord, and a number in (0, 1).
     b_u: vec4<f32>,
@@ -15,16 +15,16 @@ struct TwinCase {
 struct TwinResult {
     cubic: vec4<f32>,
     intervals: vec4<f32>,
-    // Trilinear at the chord's begin, the cubic's mean, its extremes.
+    // Trilinear value at the chord's beginning, mean of the cubic, its extremes.
     field: vec4<f32>,
     rgba: vec4<f32>,
     // Variation, absorbance, opacity, extinction.
     light: vec4<f32>,
     pair: vec4<f32>,
     shaded: vec4<f32>,
-    // Root in the first monotone interval (2 where there is none), visibility, first knot and number of knots.
+    // Root in the first monotone interval (2 if there is none), visibility, first knot, number of knots.
     search: vec4<f32>,
-    // Gauss pairs for a variation, for a turning normal, and for a part of a chord.
+    // Number of Gauss pairs for a variation, for a turning normal, and for a part of a chord.
     counts: vec4<f32>,
 }
 
@@ -52,7 +52,7 @@ fn test_twins(@builtin(global_invocation_id) id: vec3<u32>) {
     result.rgba = classify(value);
     result.light = vec4<f32>(variation(value, value + u), absorbance(u), opacity_of(4.0 * u), extinction(u));
     result.pair = integrate_pair(vec2<f32>(c.near.w, c.far.w), c.near.rgb, c.far.rgb, 4.0 * u);
-    // A corner layer serves as a gradient, the chord as a line of sight.
+    // A layer of corners serves as a gradient, the chord as the viewing direction.
     result.shaded = vec4<f32>(shade(c.near.rgb, c.low.xyz, normalize(a - c.b_u.xyz)), 0.0);
     result.search = vec4<f32>(
         min(monotone_root(cubic, intervals.x, intervals.y, value), 2.0),
@@ -60,7 +60,7 @@ fn test_twins(@builtin(global_invocation_id) id: vec3<u32>) {
         f32(select(0u, knots.x, knot_count > 0u)),
         f32(knot_count),
     );
-    // Squared: small variations are most frequent.
+    // Squared, because small variations are most frequent.
     result.counts.x = f32(pair_count(c.near.x * c.near.x, 8.0 * c.near.y));
     let range = range_of_corners(Corners(c.low, c.high, vec4<f32>(1.0), vec4<f32>(1.0)));
     let view = cell_view(Corners(c.low, c.high, vec4<f32>(1.0), vec4<f32>(1.0)), range, Chord(a, c.b_u.xyz, 4.0));

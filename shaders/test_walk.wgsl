@@ -1,4 +1,4 @@
-// For the tests: the arithmetic of a ray on its way through bricks, on given numbers; to be compared with its Rust twins.
+// For tests: arithmetic of a ray's walk through bricks, on given numbers. Compared with Rust twins.
 
 struct WalkCase {
     low: vec4<f32>,
@@ -18,18 +18,18 @@ struct WalkCase {
 }
 
 struct WalkResult {
-    // Sides of surfaces at u of a chord; Gauss pairs for light.
+    // Sides of surfaces at u of a chord; number of Gauss pairs for shading.
     counts: vec4<u32>,
     bins: vec4<f32>,
-    // A ray in a brick: parameter per voxel and margin; parameter of plane 0 and extent per parameter.
+    // A ray in a brick: parameter per voxel and leap margin; parameter of plane 0 and extent per unit of t.
     inverse: vec4<f32>,
     offset: vec4<f32>,
-    // The cell at a place, and length of the next part; the macro cell there.
+    // The cell at a position and the length of the next part; the macro cell at that position.
     cell: vec4<f32>,
     macro_cell: vec4<f32>,
-    // (least, greatest) corner, the field at u, and where it first changes sides (2 where it does not).
+    // (least, greatest) corner, the field at u, and the u at which it first changes sides (2 if it does not).
     field: vec4<f32>,
-    // Of a cell of stored numbers: its field in bins and in render values.
+    // The field of a cell of stored numbers, in bins and in render values.
     stored: vec4<f32>,
     gradient: vec4<f32>,
     normal: vec4<f32>,
@@ -41,7 +41,7 @@ struct WalkResult {
 
 fn ray_of_case(c: WalkCase) -> LocalRay {
     let level = LevelRay(vec3<i32>(0), vec3<f32>(0.0), c.b_u.xyz - 0.5, vec3<f32>(0.0), 1.0 + c.b_u.w);
-    // Three of four rays run along a plane.
+    // Three of four rays run parallel to a plane.
     let direction = select(level.direction, vec3<f32>(0.0), vec3<u32>(0u, 1u, 2u) == vec3<u32>(c.ray % 4u));
     return LocalRay(32.0 * c.a_value.xyz - 1.0, direction, level, vec3<i32>(0), normalize(c.b_u.xyz), c.low.xyz);
 }

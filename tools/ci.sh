@@ -4,7 +4,7 @@
 # viewer in a real window, a soak, and files held against other programs' readers.
 #
 #   tools/ci.sh            all steps
-#   tools/ci.sh tests      only the steps named: format clippy documents portable tests audit fuzz demo window readers soak
+#   tools/ci.sh tests      only the steps named: format clippy documents portable tests audit fuzz examples demo window readers soak
 #
 # Works on a fresh Debian 12 with Rust 1.95; installs what is missing by apt. Environment:
 #   FUZZ_SECONDS (7)       seconds per fuzz target
@@ -19,7 +19,7 @@ set -euo pipefail
 
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
-readonly ALL_STEPS=(format clippy documents portable tests audit fuzz demo window readers soak)
+readonly ALL_STEPS=(format clippy documents portable tests audit fuzz examples demo window readers soak)
 readonly MIN_FREE_GB=10
 # Other systems that the code must compile for.
 readonly PORTABLE_TARGETS=(x86_64-pc-windows-gnu aarch64-apple-darwin aarch64-unknown-linux-gnu)
@@ -230,6 +230,24 @@ fuzz_run() {
     [ "$failures" -eq 0 ] || { say "fuzz: $failures targets failed"; return 1; }
 }
 
+# The programs in crates/supervol/examples, on the sample volume.
+examples() {
+    built
+    local examples="$built_target/examples" sample=tests/data/carp_ct.nii.gz out="$work/examples"
+    export XDG_CACHE_HOME="$work/cache"
+    mkdir -p "$out"
+    "$examples/open_and_draw" "$sample" "$out/carp.png"
+    "$examples/orbit" "$sample" "$out/orbit"
+    "$examples/read_box" "$sample"
+    "$examples/build_from_array" "$out/built"
+    "$examples/own_engine" "$sample" "$out/slabs.png"
+    "$examples/error_map" "$sample" "$out/errors"
+    local file
+    for file in carp.png orbit/converged.png built/waves.png slabs.png errors/picture.png errors/errors.npy; do
+        [ -s "$out/$file" ] || fail "the examples made no $file"
+    done
+}
+
 demo() {
     built
     "$program" demo --output "$work/demo"
@@ -351,6 +369,7 @@ main() {
         step "fuzz build" fuzz_build
         step "fuzz run" fuzz_run
     fi
+    if wanted examples; then step "examples" examples; fi
     if wanted demo; then step "demo" demo; fi
     if wanted window; then step "window" window; fi
     if wanted readers; then step "readers" readers; fi

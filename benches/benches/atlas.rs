@@ -1,17 +1,19 @@
-//! Whether a packed adaptive atlas (Kraus and Ertl 2002) would pay: how coarse a lattice each brick of real volumes could be kept
-//! on, and how much memory that would save: `cargo bench -p supervol-benches --bench atlas -- A.svol B.svol ...` prints a table.
+//! Memory saving by a packed adaptive atlas (Kraus and Ertl 2002). The bench finds the coarsest sufficient lattice for
+//! each brick of real volumes, and the memory that this would save. `cargo bench -p supervol-benches --bench atlas --
+//! A.svol B.svol ...` prints a table.
 //!
-//! A lattice has every 2nd, 4th, 8th or 16th voxel along each axis, the core's first voxel among them. Its nodes are voxels, so that
-//! within a cell of the fine grid both interpolants are trilinear, and the greatest distance between them is one between voxels:
-//! what is compared here is what rays would see. Layers of apron outside the grid repeat its edge, are no data, and are not
-//! compared; nodes there, and beyond the stored voxels, continue the line through the last two known ones, as exactly as the type of the voxels can say
-//! it. A brick with holes stays as it is. Beside lattices a brick may become one value.
+//! A lattice has every 2nd, 4th, 8th or 16th voxel along each axis, starting at the core's first voxel. Its nodes are
+//! voxels. Within a cell of the fine grid both interpolants are then trilinear, and their greatest difference occurs at
+//! a voxel. So the comparison covers everything that rays see. Apron layers outside the grid repeat its edge; they are
+//! not data and are not compared. Nodes there, and beyond the stored voxels, continue the line through the last two
+//! known nodes, as exactly as the voxel type allows. Bricks with absent voxels stay unchanged. A brick may also become
+//! uniform.
 //!
-//! Containers must hold the source's own voxels. For each tolerance, a share of the volume's range, it is said
-//! - what bricks take in memory today: those of one value nothing, all others their stored voxels;
-//! - what they would take from a container of `build --max-error` at that tolerance, in which more are of one value;
-//! - what they would take on lattices, alike along all axes or not, packed without loss;
-//! - the same of bricks whose parent is further off than the tolerance: all others are drawn from the coarser level.
+//! Containers must hold the source's own voxels. For each tolerance (a share of the volume's range) the table shows:
+//! - the present memory of bricks: none for uniform bricks, the stored voxels for all others;
+//! - their memory from a container of `build --max-error` with that tolerance, in which more bricks are uniform;
+//! - their memory as lattices, equal along all axes or not, packed without loss;
+//! - the same for bricks whose parent's error exceeds the tolerance: all others are drawn from the coarser level.
 
 #![allow(missing_docs, clippy::print_stdout, reason = "a bench has no callers, and prints what it found")]
 
@@ -24,25 +26,25 @@ use supervol_format::{BrickKey, Container, Lod, VoxelType};
 
 /// Greatest errors, as shares of the volume's range.
 const TOLERANCES: [f64; 5] = [0.0, 0.001, 0.005, 0.01, 0.02];
-/// Voxels from node to node.
+/// Distances between nodes, in voxels.
 const SCALES: [usize; 5] = [1, 2, 4, 8, 16];
-/// What is asked how many bricks fit into.
+/// Cache size for the number of bricks that fit.
 const CACHE_BYTES: f64 = 256.0 * 1024.0 * 1024.0;
 
-/// The stored voxels of a brick, and which of them lie within the grid.
+/// The stored voxels of a brick, and the part of them inside the grid.
 struct Brick {
     values: Vec<f64>,
     extent: [usize; 3],
-    /// First and last voxel within the grid, along each axis.
+    /// First and last voxel inside the grid, along each axis.
     inside: [(usize, usize); 3],
     voxel_type: VoxelType,
 }
 
-/// Nodes along one axis, and between which of them each voxel lies.
+/// Nodes along one axis, and the position of each voxel between them.
 struct Axis {
-    /// Where each node lies, voxels; some beyond the grid.
+    /// Position of each node in voxels; some lie beyond the grid.
     nodes: Vec<isize>,
-    /// For each voxel within the grid: the node before it, and how far it is on the way to the next, 0 to 1.
+    /// For each voxel inside the grid: the node before it, and the share of the way to the next node, 0 to 1.
     places: Vec<(usize, f64)>,
 }
 
@@ -60,7 +62,7 @@ impl Axis {
         Self { places: (first..=last).map(place).collect(), nodes }
     }
 
-    /// Voxels whose values, with these weights, make a node: itself, or the line through two others.
+    /// Voxels and weights that give a node's value: the voxel itself, or the line through two others.
     fn sources(&self, node: usize, (first, last): (usize, usize)) -> [(usize, f64); 2] {
         let at = self.nodes[node];
         let line = |edge: usize, inner: isize| {
@@ -102,7 +104,7 @@ impl Brick {
         self.values[(z * self.extent[1] + y) * self.extent[0] + x]
     }
 
-    /// The nodes of a lattice, x fastest, as voxels of this type can hold them.
+    /// The nodes of a lattice, x fastest, rounded to the voxel type.
     fn lattice(&self, axes: &[Axis; 3]) -> Vec<f64> {
         let sources: [Vec<[(usize, f64); 2]>; 3] =
             std::array::from_fn(|a| (0..axes[a].nodes.len()).map(|n| axes[a].sources(n, self.inside[a])).collect());
@@ -130,7 +132,7 @@ impl Brick {
         })
     }
 
-    /// Greatest distance between the voxels and a lattice with these scales; infinite as soon as it exceeds `limit`.
+    /// Greatest distance between the voxels and a lattice with these scales; infinity as soon as it exceeds `limit`.
     fn error(&self, scales: [usize; 3], limit: f64) -> f64 {
         let axes: [Axis; 3] = std::array::from_fn(|a| Axis::new(self.inside[a], scales[a]));
         let nodes = self.lattice(&axes);
@@ -138,7 +140,7 @@ impl Brick {
         let mut worst = 0.0f64;
         for (k, &(z, wz)) in axes[2].places.iter().enumerate() {
             for (j, &(y, wy)) in axes[1].places.iter().enumerate() {
-                // The four rows of nodes around, as one row.
+                // The four surrounding rows of nodes, combined into one row.
                 let (y1, z1) = ((y + 1).min(ny - 1), (z + 1).min(nz - 1));
                 let node = |x: usize, y: usize, z: usize| nodes[(z * ny + y) * nx + x];
                 let row: Vec<f64> = (0..nx)
@@ -160,7 +162,7 @@ impl Brick {
         worst
     }
 
-    /// Half of what its voxels are apart: how far they are from the best single value.
+    /// Half of the value range: the distance from the best single value.
     fn error_of_one_value(&self) -> f64 {
         let (min, max) = self.values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), &v| (a.min(v), b.max(v)));
         0.5 * (max - min)
@@ -174,13 +176,13 @@ impl Brick {
         self.values.len() * self.voxel_bytes()
     }
 
-    /// What it takes on a lattice that spans its stored voxels.
+    /// Bytes on a lattice that covers the stored voxels.
     fn bytes_at(&self, scales: [usize; 3]) -> usize {
         let nodes = (0..3).map(|a| Axis::new((0, self.extent[a] - 1), scales[a]).nodes.len());
         (nodes.product::<usize>() * self.voxel_bytes()).min(self.bytes())
     }
 
-    /// Whether `build --max-error` would leave one value.
+    /// Whether `build --max-error` makes the brick uniform.
     fn is_one_value_within(&self, tolerance: f64) -> bool {
         let Some(quantizer) = Quantizer::within(self.voxel_type, tolerance) else { return false };
         supervol_format::with_voxel!(self.voxel_type, V => {
@@ -195,14 +197,14 @@ impl Brick {
 /// Sums over the bricks of a container at one tolerance.
 #[derive(Default, Clone, Copy)]
 struct Sums {
-    /// Bricks that take memory today, and from a container of this error.
+    /// Number of bricks with memory now, and from a container with this error.
     bricks: usize,
-    /// Of these, by the scale that they would be kept at, alike along all axes; the last are of one value.
+    /// Numbers of these bricks by scale, equal along all axes; the last entry counts uniform bricks.
     by_scale: [usize; SCALES.len() + 1],
-    /// Bytes of bricks of more than one value: today, and within the tolerance.
+    /// Bytes of bricks that are not uniform: now, and with the tolerance.
     today: usize,
     bounded: usize,
-    /// Bytes on lattices alike along all axes, and on any.
+    /// Bytes as lattices with equal scales along all axes, and with any scales.
     alike: usize,
     any: usize,
 }
@@ -241,7 +243,7 @@ fn measure(path: &Path) {
     let width = top.reduce(|a, b| a.union(b)).expect("a level has bricks").width();
     let tolerances = TOLERANCES.map(|share| share * width);
     let greatest = tolerances[TOLERANCES.len() - 1];
-    // All bricks, and those that no coarser level stands for.
+    // All bricks, and those that no coarser level replaces.
     let mut sums = [[Sums::default(); TOLERANCES.len()]; 2];
     for lod in 0..pyramid.levels().len() {
         for key in pyramid.keys_of(Lod(lod as u8)) {
@@ -293,7 +295,7 @@ fn main() {
          --max-error, of those |"
     );
     println!("|---|---|---|---|---|---|---|---|---|---|");
-    // Cargo hands benches an option of its own.
+    // Cargo passes an option of its own to benches.
     let containers = std::env::args_os().skip(1).filter(|argument| !argument.to_string_lossy().starts_with("--"));
     containers.map(PathBuf::from).for_each(|path| measure(&path));
 }

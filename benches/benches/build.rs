@@ -1,4 +1,4 @@
-//! Bytes of source voxels per second of a whole build: pyramid, ranges, error bounds, checksums, file.
+//! Throughput of a whole build in bytes of source voxels per second: pyramid, ranges, error bounds, checksums, file.
 
 #![allow(missing_docs, reason = "a bench has no callers")]
 
@@ -30,7 +30,7 @@ fn build_256(bencher: Bencher<'_, '_>, name: &str) {
     });
 }
 
-/// What the viewer shows while such a volume is built, from the page cache: 1024 x 1024 x 512 bytes, of which every 4th slice is read.
+/// The preview of the viewer, from the page cache: 1024 x 1024 x 512 bytes, of which every 4th slice is read.
 #[divan::bench(sample_count = 5, sample_size = 1)]
 fn preview_of_half_a_gigabyte(bencher: Bencher<'_, '_>) {
     let dims = Dims([1024, 1024, 512]);

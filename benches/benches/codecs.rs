@@ -1,4 +1,4 @@
-//! Bytes of decoded voxels per second and core, by codec, on one brick of the synthetic survey.
+//! Throughput of codecs in bytes of decoded voxels per second and core, on one brick of the synthetic survey.
 
 #![allow(missing_docs, reason = "a bench has no callers")]
 

@@ -1,17 +1,16 @@
-//! Rate, distortion and speed of the codecs on the bricks of real volumes:
-//! `cargo bench -p supervol-benches --bench rates -- A.svol B.svol ...` prints a table; with `--bricks FOLDER`, the bricks that
-//! were measured, exact and moved, and the figures are written, too: what `tools/rates.py` reads.
+//! Rate, distortion and speed of the codecs on the bricks of real volumes. `cargo bench -p supervol-benches --bench
+//! rates -- A.svol B.svol ...` prints a table. With `--bricks FOLDER`, the measured bricks (exact and quantised) and
+//! the figures are written, too, for `tools/rates.py`.
 //!
-//! Of each container, which must hold the source's own voxels, up to [`BRICKS`] bricks of level 0 are looked at, evenly
-//! spaced among those of more than one value. Voxels are moved to multiples of a step for each of [`SHARES`] of the
-//! volume's range, as `build --max-error` does, and encoded by each codec. Bits are per voxel that is stored, aprons
-//! included; speeds are bytes of voxels per second of processor time on one thread, the best of [`ROUNDS`] rounds over all
-//! bricks.
+//! Containers must hold the source's own voxels. Up to [`BRICKS`] bricks of level 0 are measured per container, evenly
+//! spaced among those that are not uniform. Voxels are quantised with an error of each of [`SHARES`] of the volume's
+//! range, as `build --max-error` does, and encoded by each codec. Bits are per stored voxel, aprons included. Speeds
+//! are bytes of voxels per second of processor time on one thread, the best of [`ROUNDS`] rounds over all bricks.
 //!
-//! Into `FOLDER` go, for each `NAME.svol`, `NAME-SHARE.raw`, which is all bricks one behind the other, x fastest,
-//! little-endian, and `NAME.json`: the type of voxels, the stored voxels of each brick along x, y, z with the apron, the
-//! range, the declared "no data" value, and for each share the file of moved bricks, the step, the errors and the codecs'
-//! figures.
+//! Files in `FOLDER` for each `NAME.svol`:
+//! - `NAME-SHARE.raw`: all bricks one after the other, x fastest, little-endian.
+//! - `NAME.json`: voxel type, stored voxels of each brick along x, y, z with the apron, value range and nodata value.
+//!   For each share: file of the quantised bricks, step, errors and the codecs' figures.
 
 #![allow(missing_docs, clippy::print_stdout, reason = "a bench has no callers, and prints what it found")]
 
@@ -35,7 +34,7 @@ const CODECS: [CodecChoice; 4] = [
     CodecChoice::Smallest,
 ];
 
-/// Greatest error and mean square error of moved voxels.
+/// Greatest error and mean square error of quantised voxels.
 fn distortion(container: &Container, exact: &[Brick], moved: &[Brick]) -> (f64, f64) {
     let descriptor = container.descriptor();
     let (mut greatest, mut squares, mut count) = (0.0f64, 0.0, 0.0f64);
@@ -50,7 +49,7 @@ fn distortion(container: &Container, exact: &[Brick], moved: &[Brick]) -> (f64, 
     (greatest, squares / count.max(1.0))
 }
 
-/// Writes bricks one behind the other.
+/// Writes bricks one after the other.
 fn write_bricks(path: &Path, bricks: &[Brick]) {
     let voxels: Vec<&[u8]> = bricks.iter().map(|brick| brick.voxels.as_slice()).collect();
     std::fs::write(path, voxels.concat()).expect("room for bricks");
@@ -111,7 +110,7 @@ fn main() {
         if argument == "--bricks" {
             folder = Some(PathBuf::from(arguments.next().expect("a folder after --bricks")));
         } else if !argument.to_string_lossy().starts_with("--") {
-            // Cargo hands benches an option of its own.
+            // Cargo passes an option of its own to benches.
             containers.push(PathBuf::from(argument));
         }
     }

@@ -1,4 +1,4 @@
-//! Time of one converged picture, 400 x 300, level 0, from a container in the page cache, CPU backend.
+//! Time of one converged picture: 400 x 300, level 0, from a container in the page cache, CPU backend.
 
 #![allow(missing_docs, reason = "a bench has no callers")]
 

@@ -1,10 +1,11 @@
-//! Whether rays could walk run lengths instead of decoded voxels: what bricks of labels, masks and sparse volumes would take in memory as
-//! runs along x, and what a cell costs whose eight voxels are looked up in them:
-//! `cargo bench -p supervol-benches --bench runs -- A.svol B.svol ...` prints a table.
+//! Run lengths instead of decoded voxels, for bricks of labels, masks and sparse volumes. The bench measures their
+//! memory as runs along x, and the cost of looking up the eight voxels of a cell. `cargo bench -p supervol-benches
+//! --bench runs -- A.svol B.svol ...` prints a table.
 //!
-//! Runs of a row: where each begins (a byte), its value, and per row where its runs begin (four bytes). A voxel is found by bisection of
-//! its row's runs; its neighbour along x is in the same run or the next. Rays cross bricks in sixteen directions, a cell every voxel, as
-//! both representations are asked for the same eight voxels. One thread; no ray caster, no classification: the looking up alone.
+//! A row stores the beginning (one byte) and the value of each run, and the index of its first run (four bytes). A
+//! voxel is found by bisection of its row's runs; its neighbour along x is in the same run or the next one. Rays cross
+//! bricks in sixteen directions, with one cell per voxel; both representations look up the same eight voxels. One
+//! thread, without ray casting and classification.
 
 #![allow(missing_docs, clippy::print_stdout, reason = "a bench has no callers, and prints what it found")]
 
@@ -16,11 +17,11 @@ use supervol_format::random::Random;
 use supervol_format::voxel_type::voxels_as_f64;
 use supervol_format::{Container, Lod};
 
-/// Most bricks of level 0 that are looked at, evenly over the volume.
+/// Most bricks of level 0 that are measured, evenly spread over the volume.
 const BRICKS_LIMIT: usize = 200;
 /// Rays through each brick.
 const RAYS: usize = 1024;
-/// Directions they take their turn in.
+/// Number of different directions of the rays.
 const DIRECTIONS: usize = 16;
 
 /// The voxels of a brick, x fastest.
@@ -29,10 +30,10 @@ struct Plain {
     values: Vec<u16>,
 }
 
-/// The same as runs along x.
+/// The same voxels as runs along x.
 struct Runs {
     extent: [usize; 3],
-    /// Where the runs of each row begin, and where those of the last end.
+    /// Index of the first run of each row, and of the end of the last row.
     rows: Vec<u32>,
     starts: Vec<u8>,
     values: Vec<u16>,
@@ -66,7 +67,7 @@ impl Runs {
         runs
     }
 
-    /// Bytes, values as wide as the volume's voxels.
+    /// Memory in bytes; values take `voxel_bytes` bytes each.
     fn bytes(&self, voxel_bytes: usize) -> usize {
         4 * self.rows.len() + (1 + voxel_bytes) * self.starts.len()
     }
@@ -85,7 +86,7 @@ impl Runs {
     }
 }
 
-/// The cells that rays cross.
+/// Cells that the rays cross.
 fn cells_of(extent: [usize; 3], random: &mut Random) -> Vec<[usize; 3]> {
     let mut cells = Vec::new();
     let directions: Vec<[f64; 3]> = (0..DIRECTIONS).map(|_| random.direction()).collect();
@@ -103,7 +104,7 @@ fn cells_of(extent: [usize; 3], random: &mut Random) -> Vec<[usize; 3]> {
     cells
 }
 
-/// What is found of one volume.
+/// Results of one volume.
 #[derive(Default)]
 struct Sums {
     bricks: usize,
@@ -130,7 +131,7 @@ fn measure(path: &Path) {
         let start = Instant::now();
         let bytes = container.read_brick(*key, &entry).expect("a whole container");
         sums.decoding += start.elapsed();
-        // Values are told apart, not kept: wide ones by their rank.
+        // Values only need to be distinguishable: wide ones are replaced by their rank.
         let numbers = voxels_as_f64(voxel_type, &bytes);
         let mut all: Vec<u64> = numbers.iter().map(|v| v.to_bits()).collect();
         all.sort_unstable();
@@ -174,7 +175,7 @@ fn main() {
          runs / voxels |"
     );
     println!("|---|---|---|---|---|---|---|---|---|");
-    // Cargo hands benches an option of its own.
+    // Cargo passes an option of its own to benches.
     let containers = std::env::args_os().skip(1).filter(|argument| !argument.to_string_lossy().starts_with("--"));
     containers.map(PathBuf::from).for_each(|path| measure(&path));
 }

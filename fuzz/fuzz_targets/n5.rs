@@ -1,4 +1,4 @@
 #![no_main]
-//! See `supervol_tests::fuzz_bodies::n5`.
+//! Fuzz target with the body `supervol_tests::fuzz_bodies::n5`.
 
 libfuzzer_sys::fuzz_target!(|data: &[u8]| supervol_tests::fuzz_bodies::n5(data));

@@ -1,4 +1,4 @@
 #![no_main]
-//! See `supervol_tests::fuzz_bodies::zarr`.
+//! Fuzz target with the body `supervol_tests::fuzz_bodies::zarr`.
 
 libfuzzer_sys::fuzz_target!(|data: &[u8]| supervol_tests::fuzz_bodies::zarr(data));

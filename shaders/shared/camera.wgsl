@@ -1,8 +1,9 @@
-// From pixels to rays, and places on them, without ever holding an absolute coordinate in one f32.
+// Rays of pixels, and positions on them, without an absolute coordinate in a single f32.
 //
-// Where a ray begins and how far a stride takes it are numbers in fixed point, linear in the pixel (gpu/rays.rs). Any number
-// of strides from there is found by whole numbers alone, exactly: a base point, a voxel and a fraction. Its t, and with it
-// the rounding of `t * direction`, stays small however large the volume is.
+// The origin of a ray and its stride (a fixed step along the ray) are fixed-point numbers that are linear in the pixel
+// (engines/gpu/rays.rs). The point any number of strides from the origin is found exactly by integer arithmetic: a base
+// point, given as voxel and fraction. The parameter t counts from the base point. So t, and the rounding error of
+// `t * direction`, stay small however large the volume is.
 
 // `whole + high * 2^-32 + low * 2^-64` for each axis.
 struct Fixed3 {
@@ -14,16 +15,16 @@ struct Fixed3 {
 // One ray of the picture, in the index space of level 0.
 struct PixelRay {
     origin: Fixed3,
-    // Index offset of a stride, `config.stride` units of t.
+    // Index offset of a stride, which is `config.stride` units of t.
     stride: Fixed3,
-    // Index offset per unit of t, and what its rounding took away.
+    // Index offset per unit of t, and its rounding error.
     direction: vec3<f32>,
     direction_low: vec3<f32>,
     // World length of one unit of t.
     length: f32,
 }
 
-// A ray in the index space of a level: a point of it is `voxel + fraction + t * (direction + direction_low)`.
+// A ray in the index space of a level. Its points are `voxel + fraction + t * (direction + direction_low)`.
 struct LevelRay {
     voxel: vec3<i32>,
     fraction: vec3<f32>,
@@ -32,7 +33,7 @@ struct LevelRay {
     length: f32,
 }
 
-// Bits of a stride, from its binary point on, that are turned into a float at once: it is shorter than 16 voxels.
+// Bits of a stride behind its binary point that are converted to a float at once. A stride is shorter than 16 voxels.
 const STRIDE_BITS: u32 = 27u;
 
 // The upper 32 bits of the 64 of each product.
@@ -47,7 +48,7 @@ fn high_product(a: vec3<u32>, n: u32) -> vec3<u32> {
     return high * n_high + (first >> vec3<u32>(16u)) + (second >> vec3<u32>(16u));
 }
 
-// 1 where an unsigned sum is less than one of its terms: it has overflowed.
+// 1 if an unsigned sum is less than one of its terms, which means that it has overflowed, else 0.
 fn carry_of(sum: vec3<u32>, summand: vec3<u32>) -> vec3<u32> {
     return select(vec3<u32>(0u), vec3<u32>(1u), sum < summand);
 }
@@ -71,7 +72,7 @@ fn fixed_3(x: Fixed, y: Fixed, z: Fixed) -> Fixed3 {
     return Fixed3(vec3<i32>(x.whole, y.whole, z.whole), vec3<u32>(x.high, y.high, z.high), vec3<u32>(x.low, y.low, z.low));
 }
 
-// Three numbers at a pixel.
+// Three affine functions of the pixel, evaluated at a pixel.
 fn at_pixel(x: Affine, y: Affine, z: Affine, pixel: vec2<u32>) -> Fixed3 {
     let row = add_multiple(fixed_3(x.base, y.base, z.base), fixed_3(x.per_y, y.per_y, z.per_y), pixel.y);
     return add_multiple(row, fixed_3(x.per_x, y.per_x, z.per_x), pixel.x);
@@ -79,11 +80,11 @@ fn at_pixel(x: Affine, y: Affine, z: Affine, pixel: vec2<u32>) -> Fixed3 {
 
 // The fraction, in [0, 1).
 fn fraction_of(f: Fixed3) -> vec3<f32> {
-    // 24 bits, so that nothing is rounded up to 1.
+    // Only 24 bits, so that the conversion never rounds up to 1.
     return vec3<f32>(f.high >> vec3<u32>(8u)) * (1.0 / 16777216.0);
 }
 
-// The leading bits of a stride that fit a float, and the rest, both in units of 2^-STRIDE_BITS.
+// Leading part of a stride that fits a float, and the rest; both in units of 2^-STRIDE_BITS.
 fn split_stride(stride: Fixed3) -> array<vec3<f32>, 2> {
     let rest_bits = vec3<u32>(32u - STRIDE_BITS);
     let units = (stride.whole << vec3<u32>(STRIDE_BITS)) | vec3<i32>(stride.high >> rest_bits);
@@ -104,8 +105,8 @@ fn ray_of_pixel(pixel: vec2<u32>) -> PixelRay {
     return PixelRay(origin, stride, parts[0] * per_t, parts[1] * per_t, sqrt(1.0 + dot(across, across)));
 }
 
-// The pixel whose ray is stored at a place: tiles of 8 x 8, each in blocks of 4 x 2, row by row. Rays that groups of
-// lanes cast together then lie closer to each other than in rows of 8, and go through the same.
+// The pixel of the ray with index `place`: tiles of 8 x 8, each in blocks of 4 x 2, row by row. Lanes that execute
+// together then cast rays that are close to each other and pass through the same cells.
 fn pixel_of(place: u32) -> vec2<u32> {
     let tile = place / WORKGROUP_RAYS;
     let lane = place % WORKGROUP_RAYS;
@@ -115,7 +116,7 @@ fn pixel_of(place: u32) -> vec2<u32> {
     return first + vec2<u32>(block % 2u * 4u, block / 2u * 2u) + in_block + vec2<u32>(0u, scene.view.first_row);
 }
 
-// Where the ray of a pixel of the band is stored.
+// Index under which the ray of a pixel of the band is stored.
 fn place_of(pixel: vec2<u32>) -> u32 {
     let in_band = pixel - vec2<u32>(0u, scene.view.first_row);
     let tile = in_band / 8u;
@@ -124,7 +125,7 @@ fn place_of(pixel: vec2<u32>) -> u32 {
     return (tile.x + scene.view.tiles_x * tile.y) * WORKGROUP_RAYS + lane;
 }
 
-// The ray from its base point so many strides after its first point.
+// The ray with its base point `strides` strides after its origin.
 fn ray_from(ray: PixelRay, strides: u32) -> LevelRay {
     let base = add_multiple(ray.origin, ray.stride, strides);
     return LevelRay(base.whole, fraction_of(base), ray.direction, ray.direction_low, ray.length);
@@ -133,27 +134,27 @@ fn ray_from(ray: PixelRay, strides: u32) -> LevelRay {
 // The same ray in the index space of a coarser level: `(p + 1/2) / scale - 1/2`.
 fn ray_at_level(ray: LevelRay, level: u32) -> LevelRay {
     let shift = scene.tables.levels[level].scale_log2;
-    // A power of two: products are as exact as quotients.
+    // Multiplication by a power of two is exact.
     let per_voxel = 1.0 / vec3<f32>(vec3<u32>(1u) << shift);
-    // Shifting signed integers right rounds down, also below zero.
+    // Shifting a signed integer right rounds down, also below zero.
     let voxel = ray.voxel >> shift;
     let rest = vec3<f32>(ray.voxel - (voxel << shift));
     let fraction = (rest + ray.fraction + 0.5) * per_voxel - 0.5;
     return LevelRay(voxel, fraction, ray.direction * per_voxel, ray.direction_low * per_voxel, ray.length);
 }
 
-// Origin of the ray relative to a voxel.
+// Base point of the ray relative to a voxel.
 fn origin_from(ray: LevelRay, voxel: vec3<i32>) -> vec3<f32> {
     return vec3<f32>(ray.voxel - voxel) + ray.fraction;
 }
 
-// The leading 12 of the 24 bits of each number: products of two such numbers are exact.
+// The leading 12 of the 24 significant bits of each number: products of two such numbers are exact.
 fn leading_half(v: vec3<f32>) -> vec3<f32> {
     return bitcast<vec3<f32>>(bitcast<vec3<u32>>(v) & vec3<u32>(0xfffff000u));
 }
 
-// Point at t relative to a voxel nearby, with the rounding of the result rather than of the distance: the large parts,
-// an integer and an exact product, cancel exactly.
+// Point at t relative to a nearby voxel. The result has the rounding error of its own size, not of the distance: the
+// large parts, an integer and an exact product, cancel exactly.
 fn point_from(ray: LevelRay, voxel: vec3<i32>, t: f32) -> vec3<f32> {
     let t_high = leading_half(vec3<f32>(t));
     let t_low = t - t_high;

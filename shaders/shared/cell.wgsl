@@ -1,18 +1,18 @@
-// One trilinear cell: what the ray gathers on its chord.
+// One trilinear cell: the contribution of its chord to a ray.
 
-// The ray's way through a cell: entry and exit in [0, 1]^3, and the world length between them.
+// The ray's chord in a cell: entry and exit in [0, 1]^3, and the world length in between.
 struct Chord {
     a: vec3<f32>,
     b: vec3<f32>,
     extent: f32,
 }
 
-// What the field and its gradient do along a chord.
+// The field and its gradient along a chord.
 struct CellView {
     // (least, greatest) corner.
     range: vec2<f32>,
-    // The field is `pivot + cubic(u)`. The pivot is one of the cell's values: so the cubic's rounding is that of the
-    // differences inside the cell, and a step of the transfer function is crossed where it should be.
+    // The field is `pivot + cubic(u)`. The pivot is one of the cell's values. So the cubic has only the rounding error
+    // of differences inside the cell, and crosses steps of the transfer function at the right position.
     pivot: f32,
     cubic: vec4<f32>,
     intervals: vec4<f32>,
@@ -20,12 +20,12 @@ struct CellView {
     extent: f32,
 }
 
-// s(u), never outside the corners' range: rounding must not reach what the range says is not there.
+// s(u), clamped to the corners' range: rounding must not produce a value that the range excludes.
 fn value_at(view: CellView, u: f32) -> f32 {
     return clamp(view.pivot + cubic_at(view.cubic, u), view.range.x, view.range.y);
 }
 
-// A cell's corners, of which those are replaced that are absent, but have no weight on the chord.
+// A cell's corners, with absent ones replaced if they have no weight on the chord.
 fn corners_along(own: Corners, chord: Chord) -> Corners {
     if (has_flag(FLAG_HOLES) && has_holes(own)) {
         return replace_unreached(own, chord.a, chord.b);
@@ -88,7 +88,7 @@ fn cell_view(corners: Corners, range: vec2<f32>, chord: Chord) -> CellView {
     return view;
 }
 
-// Mode dvr: light up to the first surface, the surface, light up to the next one, and so on.
+// Mode dvr: alternately volume up to the next surface, and the surface itself.
 fn gather_between_surfaces(view: CellView, ray: LocalRay, state: ptr<function, RayState>) {
     var left = no_crossings();
     if (has_flag(FLAG_SURFACES)) {
@@ -113,11 +113,11 @@ fn gather_between_surfaces(view: CellView, ray: LocalRay, state: ptr<function, R
     }
 }
 
-// A stretch of the chord in parts, split where its cubic crosses a knot of the transfer function.
+// Integrates a stretch of the chord, split where its cubic crosses a knot of the transfer function.
 fn gather_light(view: CellView, first: f32, last: f32, ray: LocalRay, state: ptr<function, RayState>) {
     let knots = knots_in(view.range.x, view.range.y);
     let count = select(0u, knots.y - knots.x, knots.y - knots.x <= KNOT_LIMIT);
-    // One loop and one call, whether the chord is split or not: compilers copy what is called to every place.
+    // One loop with one call for split and unsplit chords, because compilers inline a function at every call.
     let splits = 3u * count;
     var begin = first;
     for (var i = 0u; i <= splits; i += 1u) {
@@ -133,20 +133,20 @@ fn gather_light(view: CellView, first: f32, last: f32, ray: LocalRay, state: ptr
     }
 }
 
-// Where a monotone piece of the cubic meets the i-th of the knots that it may meet, or NEVER.
+// The u at which a monotone piece of the cubic crosses the i-th of the given knots, or NEVER.
 fn split_at(view: CellView, knots: vec2<u32>, piece: u32, i: u32) -> f32 {
     let first = view.intervals[piece];
     let last = view.intervals[piece + 1u];
     if (first >= last) {
         return NEVER;
     }
-    // A monotone piece meets the knots in their order, or in the reverse one.
+    // A monotone piece crosses the knots in ascending or in descending order.
     let rises = cubic_at(view.cubic, last) > cubic_at(view.cubic, first);
     let index = select(knots.y - 1u - i, knots.x + i, rises);
     return monotone_root(view.cubic, first, last, knot(index) - view.pivot);
 }
 
-// A part of the chord by Gauss pairs, as many as the transfer function's variation asks for.
+// Integrates a part of the chord with as many Gauss pairs as the variation of the transfer function requires.
 fn gather_part(view: CellView, u0: f32, u1: f32, ray: LocalRay, state: ptr<function, RayState>) {
     let tau = depth_between(view, u0, u1);
     let for_half_a_level = f32(max(pairs_between(view, u0, u1, tau), shaded_pairs(view.gradient, u0, u1, ray, tau)));
@@ -172,7 +172,7 @@ fn gather_part(view: CellView, u0: f32, u1: f32, ray: LocalRay, state: ptr<funct
     }
 }
 
-// Mode iso: the surfaces that the ray crosses for the first time, in their order along the ray.
+// Mode iso: surfaces that the ray crosses for the first time, in their order along the ray.
 fn gather_surfaces(view: CellView, ray: LocalRay, state: ptr<function, RayState>) {
     let known = (*state).present > 0.0;
     for (var n = 0u; n < config.iso_count; n += 1u) {
@@ -202,7 +202,7 @@ fn gather_surfaces(view: CellView, ray: LocalRay, state: ptr<function, RayState>
     (*state).present = 1.0;
 }
 
-// Where the cubic first lies on the other side of a value than `before` says, or NEVER.
+// The first u at which the cubic lies on the other side of a value than `before` says, or NEVER.
 fn first_change(view: CellView, value: f32, before: bool) -> f32 {
     if ((value_at(view, 0.0) >= value) != before) {
         return 0.0;
@@ -216,7 +216,8 @@ fn first_change(view: CellView, value: f32, before: bool) -> f32 {
             return u;
         }
     }
-    // Where the cubic begins or ends just short of the value, rounding may have reached it: at the end that is nearer to it.
+    // Rounding may hide a crossing just before the beginning or behind the end. The end that is nearer to the value is
+    // taken.
     if ((value_at(view, 1.0) >= value) != before) {
         let begin = abs(view.pivot + cubic_at(view.cubic, 0.0) - value);
         let end = abs(view.pivot + cubic_at(view.cubic, 1.0) - value);

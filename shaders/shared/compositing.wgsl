@@ -1,4 +1,5 @@
-// What a ray has gathered, and how more is added: emission and absorption, front to back (RENDERING-MODEL, section 4).
+// Compositing, front to back (RENDERING-MODEL, section 4): adds emission, absorption, surfaces and values to a ray's
+// state.
 
 // Adds an interval: premultiplied colour and opacity.
 fn composite(rgba: vec4<f32>, state: ptr<function, RayState>) {
@@ -17,13 +18,13 @@ fn all_surfaces() -> u32 {
     return select((1u << config.iso_count) - 1u, 0xffffffffu, config.iso_count >= ISO_LIMIT);
 }
 
-// Whether nothing that still comes can change the ray.
+// Whether nothing further along the ray can change its result.
 fn is_settled(state: ptr<function, RayState>) -> bool {
     let opaque = (*state).transmittance <= config.transmittance_limit;
     return opaque || (mode() == MODE_ISO && (*state).crossed == all_surfaces());
 }
 
-// Surfaces whose value is not greater than this one.
+// Surfaces whose iso value is at most `value`, one bit each.
 fn sides_of(value: f32) -> u32 {
     var sides = 0u;
     work += config.iso_count;
@@ -33,15 +34,15 @@ fn sides_of(value: f32) -> u32 {
     return sides;
 }
 
-// Passes a stretch where nothing is present.
+// Passes a part of the ray without present voxels.
 fn gather_absent(state: ptr<function, RayState>) {
     if (has_flag(FLAG_SURFACES)) {
-        // A crossing needs a value on either side of it.
+        // A crossing needs a value on both sides.
         (*state).present = 0.0;
     }
 }
 
-// Passes a macro cell that is not worth a visit.
+// Passes a macro cell that need not be visited.
 fn gather_skipped(range: vec2<f32>, state: ptr<function, RayState>) {
     if (range.x > range.y) {
         gather_absent(state);
@@ -51,7 +52,7 @@ fn gather_skipped(range: vec2<f32>, state: ptr<function, RayState>) {
     }
 }
 
-// Whether something with this range of values can be seen at all.
+// Whether a region with this range of values can be visible at all.
 fn is_shown(range: vec2<f32>) -> bool {
     if (!has_flag(FLAG_SKIPPING)) {
         return true;
@@ -60,13 +61,14 @@ fn is_shown(range: vec2<f32>) -> bool {
         return range.x <= range.y;
     }
     if (has_flag(FLAG_SURFACES) && (has_flag(FLAG_HOLES) || sides_of(range.x) != sides_of(range.y))) {
-        // Where there are holes, none may be leapt over with what is clear: there, a ray forgets on which side it was.
+        // With absent voxels, a ray forgets its side of the surfaces inside this cell. It must not leap over the cell
+        // together with transparent ones.
         return true;
     }
     return is_visible(range.x, range.y);
 }
 
-// Whether a macro cell with this range can change the ray.
+// Whether a macro cell with this range can change the ray's result.
 fn is_worth_a_visit(range: vec2<f32>, state: ptr<function, RayState>) -> bool {
     if (!has_flag(FLAG_SKIPPING)) {
         return true;
@@ -84,7 +86,7 @@ fn is_worth_a_visit(range: vec2<f32>, state: ptr<function, RayState>) -> bool {
     }
 }
 
-// Whether surfaces lie in a macro cell with this range, or in front of it, where values jump.
+// Whether surfaces lie in a macro cell with this range, or at its front face, where values may jump.
 fn meets_surfaces(range: vec2<f32>, state: ptr<function, RayState>) -> bool {
     let below = sides_of(range.x);
     let inside = sides_of(range.y) & ~below;
@@ -92,7 +94,7 @@ fn meets_surfaces(range: vec2<f32>, state: ptr<function, RayState>) -> bool {
     return ((inside | jumped) & ~(*state).crossed & all_surfaces()) != 0u;
 }
 
-// Adds a stretch of one value, with no gradient.
+// Adds a part of the ray with one constant value and no gradient.
 fn gather_uniform(value: f32, extent: f32, state: ptr<function, RayState>) {
     switch mode() {
         case MODE_DVR: {
@@ -109,7 +111,7 @@ fn gather_uniform(value: f32, extent: f32, state: ptr<function, RayState>) {
     }
 }
 
-// Adds the surfaces that values jump across, to these sides.
+// Adds the surfaces between the ray's sides and these sides, across which the value jumps.
 fn gather_jumps(sides: u32, state: ptr<function, RayState>) {
     let jumped = select(0u, (*state).sides ^ sides, (*state).present > 0.0) & ~(*state).crossed;
     for (var i = 0u; i < config.iso_count; i += 1u) {
@@ -117,24 +119,24 @@ fn gather_jumps(sides: u32, state: ptr<function, RayState>) {
             composite_surface(scene.tables.isos[i].color, scene.tables.isos[i].alpha, state);
         }
     }
-    // Inside the volume, every crossing counts.
+    // In mode `dvr`, every crossing counts, also repeated ones.
     (*state).crossed |= select(0u, jumped, mode() == MODE_ISO);
     (*state).sides = sides;
     (*state).present = 1.0;
 }
 
-// Modes in which a value counts whatever the length of its chord.
+// Whether the mode counts a value whatever the length of its chord.
 fn counts_by_value() -> bool {
     return mode() == MODE_MIP || mode() == MODE_MINIP || mode() == MODE_MEAN;
 }
 
-// Whether a way, in cells, may be the rounding of its ends: what is left of a cell beside a clip plane. Modes that count by value do not look
-// at it.
+// Whether a length, in cells along each axis, may be a rounding error, for example the rest of a cell beside a clip
+// plane. Modes `mip`, `minip` and `mean` ignore such parts.
 fn is_rounding(way: vec3<f32>) -> bool {
     return all(abs(way) <= vec3<f32>(POSITION_ERROR));
 }
 
-// Modes mip, minip and mean: adds a stretch with this (least, greatest) value and this mean.
+// Modes `mip`, `minip` and `mean`: adds a part with these (least, greatest) values and this mean.
 fn gather_value(extremes: vec2<f32>, mean: f32, extent: f32, state: ptr<function, RayState>) {
     switch mode() {
         case MODE_MIP: { (*state).color.x = max((*state).color.x, extremes.y); }

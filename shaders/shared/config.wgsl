@@ -1,59 +1,61 @@
-// What every shader can see: bindings. Group 0 lives as long as the renderer, group 1 belongs to one pipeline.
+// Bindings that all shaders share. Group 0 lives as long as the renderer; group 1 belongs to one pipeline.
 //
-// Tables are storage buffers, not uniforms: a driver may compile a shader anew for every value of a uniform that decides
-// where it branches, and keep all that it has compiled (Mesa's lavapipe does).
+// Tables are storage buffers, not uniforms. A driver may compile a shader again for every value of a uniform that
+// decides a branch, and keep all compiled versions (Mesa's lavapipe does).
 
-// Written where the volume, the look or the view changes, never with bricks; its job with every dispatch.
+// Written when the volume, the look or the view changes, never when bricks change. Its `job` is written for every
+// dispatch.
 @group(0) @binding(0) var<storage, read> scene: Scene;
 
-// One (state, payload) for each brick of every level, by entry number.
+// (state, payload) of each brick of every level, by entry number.
 @group(0) @binding(1) var<storage, read> page_table: array<vec2<u32>>;
 
-// Control points, four texels each (`GpuPoint`), `TABLE_WIDTH` texels a row. What rays look up in every cell is a texture:
-// software adapters read buffers lane by lane.
+// Control points: four texels each (`GpuPoint`), `TABLE_WIDTH` texels per row. Tables that every cell needs are
+// textures, because software adapters read buffers lane by lane.
 @group(0) @binding(2) var points: texture_2d<u32>;
 // `config.bin_count` bins, then the bits of the knots' values.
 @group(0) @binding(3) var transfer_index: texture_2d<u32>;
-// 4 and 8 to 11 are textures: texels_stored.wgsl, texels_sampled.wgsl.
+// Bindings 4 and 8 to 11 are textures: texels_stored.wgsl, texels_sampled.wgsl.
 
-// For each slot the (least, greatest) render value of each macro cell, x fastest; least > greatest: nothing is there.
+// (least, greatest) render value of each macro cell of each slot, x fastest. least > greatest: no voxel is present.
 @group(0) @binding(5) var<storage, read> macro_ranges: array<vec2<f32>>;
-// For each of these how many macro cells away, along the axis on which it is furthest, the nearest one is that shows
-// something under this look, but no further than the brick's edge needs; 0: it does so itself, and from `FIRST_BLOCK` on
-// there is a bit for each of its blocks that does.
+// Proximity of each macro cell, in the same order. The bits `NEAREST` hold the Chebyshev distance, in macro cells, to
+// the nearest visible macro cell, limited to the brick's edge. A distance of 0 means that the cell is visible; then the
+// bits from `FIRST_BLOCK` on mark its visible blocks.
 @group(0) @binding(6) var<storage, read_write> proximity: array<u32>;
 
-// Bits of a proximity that are the distance, and the bit of the first block.
+// Bits of a proximity that hold the distance, and bit of the first block.
 const NEAREST: u32 = 0xffu;
 const FIRST_BLOCK: u32 = 0x100u;
 
 struct Feedback {
     counters: array<atomic<u32>, 12>,
-    // Misses found, also those beyond the list's limit.
+    // Number of misses found, including those beyond the list's limit.
     miss_count: atomic<u32>,
     padding_0: u32,
     padding_1: u32,
     padding_2: u32,
-    // One bit for each slot that was used; from `config.miss_words` on `config.miss_limit` pairs (entry, waiting rays); from
-    // `config.wait_words` on the rays waiting for each entry; from `config.tile_words` on the tiles of the run, each of which
-    // becomes what is left of it (`LEFT_...`).
+    // One bit per used slot. From `config.miss_words` on: `config.miss_limit` pairs (entry, waiting rays). From
+    // `config.wait_words` on: number of rays waiting for each entry. From `config.tile_words` on: the listed tiles;
+    // each is overwritten with its remaining work (`LEFT_...`).
     words: array<atomic<u32>>,
 }
 @group(0) @binding(7) var<storage, read_write> feedback: Feedback;
 
-// What bricks may be off by; pages say which is theirs. Read where `FLAG_ERRORS` is set.
+// Error bounds of bricks; pages hold an index into this list. Read if `FLAG_ERRORS` is set.
 @group(0) @binding(12) var<storage, read> deviations: array<GpuDeviation>;
 
-// `scene.config`, read once by every entry.
+// Copy of `scene.config`, read once by every entry point.
 var<private> config: Config;
 
-// What a pipeline is compiled for, so that it holds nothing else; ANY: whatever `config` says. On GPUs that leaves registers
-// for more rays; software adapters run through both sides of every branch, whoever takes it.
+// Values that a pipeline is specialised for, so that it holds only the code it needs; ANY: the value in `config`
+// decides. On GPUs, specialisation saves registers, so that more rays run at once. Software adapters execute both sides
+// of every branch.
 const ANY: u32 = 0xffffffffu;
 override ONLY_MODE: u32 = ANY;
 override ONLY_FLAGS: u32 = ANY;
 override TEXTURE_COUNT: u32 = 4u;
-// Whether there are clip planes.
+// Whether the scene has clip planes.
 override CUT_BY_PLANES: bool = true;
 
 fn mode() -> u32 {
@@ -68,10 +70,11 @@ fn has_flag(flag: u32) -> bool {
     return (flags() & flag) != 0u;
 }
 
-// Bits that all NaNs and infinities have.
+// Exponent bits, which are all set in NaNs and infinities.
 const NON_FINITE: u32 = 0x7f800000u;
 
-// Whether the bits are those of a NaN or an infinity: tested on bits, since WGSL may assume that neither occurs.
+// Whether the bits are those of a NaN or an infinity. Tests bits, because WGSL compilers may assume that neither
+// occurs.
 fn is_non_finite(bits: u32) -> bool {
     return (bits & NON_FINITE) == NON_FINITE;
 }

@@ -1,12 +1,12 @@
-// Twin of raycast/scalar/cell.rs: the field along a chord of a trilinear cell.
+// The field along a chord of a trilinear cell. Twin of engines/cells/cell.rs.
 //
-// s(u) = c.x + c.y u + c.z u^2 + c.w u^3, u from 0 to 1. Corner c of a cell has the offsets (c & 1, c >> 1 & 1, c >> 2);
-// `low` holds the corners with z = 0, `high` those with z = 1. All interpolation is written with differences, so that
-// equal corners interpolate to themselves exactly.
+// s(u) = c.x + c.y u + c.z u^2 + c.w u^3, u from 0 to 1. Corner c of a cell has the offsets
+// (c & 1, c >> 1 & 1, c >> 2). `low` holds the corners with z = 0, `high` those with z = 1. Interpolation is written
+// with differences, so that equal corners are reproduced exactly.
 
-// Steps of the bracketed search for a root; bisection alone would take 24 to the last bit.
+// Most steps of the bracketed search for a root; bisection alone takes 24 to the last bit.
 const ROOT_STEPS: u32 = 24u;
-// Width of a bracket, in u, at which a root is found: about one ulp.
+// Width of the bracket, in u, at which the search ends: about one ulp.
 const ROOT_TOLERANCE: f32 = 1.0e-7;
 
 // Coefficients of 1, x, y, z (`first`) and of xy, xz, yz, xyz (`second`) of the interpolant.
@@ -73,8 +73,8 @@ fn monotone_intervals(c: vec4<f32>) -> vec4<f32> {
     if (size == 0.0) {
         return vec4<f32>(0.0, 1.0, 1.0, 1.0);
     }
-    // s'(u) = c.y + 2 c.z u + 3 c.w u^2, scaled so that squares neither overflow nor vanish; the stable form of the two
-    // roots never subtracts equal numbers.
+    // s'(u) = c.y + 2 c.z u + 3 c.w u^2, scaled so that squares neither overflow nor underflow. The stable form of the
+    // two roots never subtracts nearly equal numbers.
     let a = 3.0 * (c.w / size);
     let half_b = c.z / size;
     let constant = c.y / size;
@@ -87,7 +87,7 @@ fn monotone_intervals(c: vec4<f32>) -> vec4<f32> {
     return vec4<f32>(0.0, min(u.x, u.y), max(u.x, u.y), 1.0);
 }
 
-// `a / b` where it lies in (0, 1), else 1.
+// `a / b` if it lies in (0, 1), else 1.
 fn unit_ratio(a: f32, b: f32) -> f32 {
     let inside = a * b > 0.0 && abs(a) < abs(b);
     return select(1.0, a / select(1.0, b, inside), inside);
@@ -99,8 +99,8 @@ fn cubic_extremes(c: vec4<f32>, intervals: vec4<f32>) -> vec2<f32> {
     return vec2<f32>(min(min(s.x, s.y), min(s.z, s.w)), max(max(s.x, s.y), max(s.z, s.w)));
 }
 
-// The u in the monotone interval [low, high] at which the side of `value` changes, or NEVER; values equal to it are
-// above. Newton's method inside a shrinking bracket, bisection where Newton leaves it.
+// The u in the monotone interval [first, last] at which the side of `value` changes, or NEVER; values equal to it count
+// as above. Newton's method inside a shrinking bracket, with bisection if Newton's step leaves the bracket.
 fn monotone_root(c: vec4<f32>, first: f32, last: f32, value: f32) -> f32 {
     var low = first;
     var high = last;
@@ -119,7 +119,7 @@ fn monotone_root(c: vec4<f32>, first: f32, last: f32, value: f32) -> f32 {
         }
         let slope = c.y + u * (2.0 * c.z + u * 3.0 * c.w);
         var next = 0.5 * (low + high);
-        // Newton's step stays inside the bracket; without a division where the slope vanishes.
+        // Newton's step must stay inside the bracket. If the slope vanishes, nothing is divided by it.
         let newton = u - excess / select(slope, 1.0, slope == 0.0);
         if (slope != 0.0 && newton > low && newton < high) {
             next = newton;

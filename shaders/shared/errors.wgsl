@@ -1,27 +1,27 @@
-// What a ray may be off by, summed up as it is cast. What coarser bricks do: twin of lod/deviation.rs, which derives the
-// bounds. FAR stands for infinity, which no shader can count on.
+// Error bounds of a ray, summed up while it is cast. Twin of lod/deviation.rs, which derives the bounds for coarser
+// bricks. FAR stands for infinity, because WGSL does not guarantee infinities.
 
-// Of this invocation's ray, where `FLAG_ERRORS` is set.
+// Errors of this invocation's ray, if `FLAG_ERRORS` is set.
 var<private> ray_errors: RayErrors;
 
-// Most optical depth that is told from more.
+// Greatest optical depth that is distinguished from greater ones.
 const MOST_DEPTH: f32 = 80.0;
 
-// Nothing is off.
+// Errors of a new ray: none.
 fn no_errors() -> RayErrors {
     return RayErrors(0.0, 0.0, select(1.0, 0.0, counts_by_value()), 0.0, 0u);
 }
 
-// How much less optical depth a brick may really have for a ray that goes through `length` of it and keeps the share `through`
-// of its light.
+// Greatest difference by which a brick's exact optical depth may be below the drawn one. The ray passes through
+// `length` of the brick with transmittance `through`.
 fn thinner(deviation: GpuDeviation, length: f32, through: f32) -> f32 {
     return min(min(deviation.thinner * length, -log(max(through, TINY))), MOST_DEPTH);
 }
 
-// Most by which such a ray may be off, of what there is in front of the brick.
+// Greatest error of such a ray, relative to the transmittance in front of the brick.
 fn of_ray(deviation: GpuDeviation, length: f32, through: f32) -> f32 {
     let opacity = 1.0 - through;
-    // More than 1 says no more than 1.
+    // A bound above 1 is useless.
     var integral = 1.0;
     for (var i = 0; i < 7; i += 1) {
         integral = min(integral, PER_OPACITY[i] * opacity + deviation.per_length[i] * length);
@@ -29,12 +29,13 @@ fn of_ray(deviation: GpuDeviation, length: f32, through: f32) -> f32 {
     return min(integral * exp(thinner(deviation, length, through)), of_nothing(deviation, length));
 }
 
-// The same where nothing of the brick is drawn.
+// The same bound if nothing of the brick is drawn.
 fn of_nothing(deviation: GpuDeviation, length: f32) -> f32 {
     return 1.0 - exp(-min(deviation.kappa_max * length, MOST_DEPTH));
 }
 
-// Modes dvr and iso: the ray has gone through `length` of a brick, which has changed its transmittance from `before` to `after`.
+// Modes dvr and iso: records that the ray has passed through `length` of a brick, and its transmittance changed from
+// `before` to `after`.
 fn note_brick(before: f32, after: f32, is_drawn: bool, length: f32, deviation: GpuDeviation) {
     if (before <= 0.0) {
         return;
@@ -50,13 +51,13 @@ fn note_brick(before: f32, after: f32, is_drawn: bool, length: f32, deviation: G
     ray_errors.thinner = min(ray_errors.thinner + thinner(deviation, length, through), MOST_DEPTH);
 }
 
-// A value of a ray, if there is one.
+// A ray's value, if it has one.
 struct Extreme {
     value: f32,
     is_there: bool,
 }
 
-// Modes mip and minip: a brick has changed the greatest value of the ray, or the least.
+// Modes mip and minip: records that a brick may have changed the ray's greatest or least value.
 fn note_extreme(before: Extreme, after: Extreme, is_greatest: bool, deviation: GpuDeviation) {
     let away = select(after.value - deviation.least, deviation.greatest - after.value, is_greatest);
     let beyond = select(deviation.value, clamp(away, 0.0, deviation.value), after.is_there);
@@ -74,13 +75,14 @@ fn note_extreme(before: Extreme, after: Extreme, is_greatest: bool, deviation: G
     ray_errors.bound = above;
 }
 
-// Mode mean: a brick has added to the integral of the ray's values.
+// Mode mean: records that a brick has added to the integral of the ray's values.
 fn note_mean(length: f32, deviation: GpuDeviation) {
     let so_far = min(ray_errors.levels + deviation.value * length, FAR);
     ray_errors.levels = select(so_far, FAR, deviation.value >= FAR);
 }
 
-// The ray was in the state `before`, and has gone through `length` of a brick that may be off.
+// Records the errors of a brick that is not exact: the ray was in the state `before` and has passed through `length` of
+// it.
 fn note_levels(page: Page, before: RayState, length: f32, state: ptr<function, RayState>) {
     let deviation = deviations[page.deviation];
     ray_errors.presence_may_change |= deviation.presence_may_change;
@@ -91,7 +93,7 @@ fn note_levels(page: Page, before: RayState, length: f32, state: ptr<function, R
         case MODE_MINIP: { note_extreme(was, is, false, deviation); }
         case MODE_MEAN: { note_mean(length, deviation); }
         default: {
-            // What surfaces let through says nothing of those that are elsewhere.
+            // The transmittance of drawn surfaces says nothing about surfaces at other positions.
             let has_surface = mode() == MODE_ISO || deviation.kappa_max >= FAR;
             let is_drawn = (page.state == PAGE_RESIDENT || page.state == PAGE_UNIFORM) && !has_surface;
             note_brick(before.transmittance, (*state).transmittance, is_drawn, length, deviation);

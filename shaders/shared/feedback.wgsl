@@ -1,10 +1,10 @@
-// What rays tell the host: bricks they wait for, slots they used, and what it cost.
+// Feedback from rays to the host: missing bricks, used slots, and counters of work.
 
-// Iterations of all loops in this invocation. They are limited per dispatch: a submit must not block the GPU for long,
-// and software drivers (llvmpipe) leave a shader's loops without a word after 65535 iterations of a group of lanes.
+// Loop iterations of this invocation, limited per dispatch. A submission must not block the GPU for long, and llvmpipe
+// silently ends a shader's loops after 65535 iterations of a group of lanes.
 var<private> work: u32;
 
-// Of this invocation; added to the feedback buffer once, at its end.
+// Counters of this invocation, added to the feedback buffer once, at its end.
 var<private> cells: u32;
 var<private> samples: u32;
 var<private> macro_cells: u32;
@@ -17,12 +17,12 @@ var<private> anomalies: u32;
 // Sums of one workgroup, in the order of `Counters`.
 var<workgroup> group_counters: array<atomic<u32>, 12>;
 
-// Whether the ray has done its share in this dispatch.
+// Whether the invocation has reached its work limit in this dispatch.
 fn is_worked_off() -> bool {
     return work >= config.work_limit;
 }
 
-// Notes that the ray waits for an entry; the first ray that does so lists it.
+// Records that the ray waits for a page-table entry. The first waiting ray adds it to the list.
 fn note_miss(entry: u32) {
     if (atomicAdd(&feedback.words[config.wait_words + entry], 1u) != 0u) {
         return;
@@ -33,7 +33,7 @@ fn note_miss(entry: u32) {
     }
 }
 
-// Notes that the ray sampled a slot; the plain read spares most atomic writes.
+// Records that the ray sampled a slot. The plain read avoids most atomic writes.
 fn note_use(slot: u32) {
     let word = slot / 32u;
     let bit = 1u << (slot % 32u);
@@ -48,7 +48,7 @@ fn add_to_group(counter: u32, amount: u32) {
     }
 }
 
-// Adds this invocation's counters to its workgroup's; `status` is the ray's.
+// Adds this invocation's counters to its workgroup's; `status` is the ray's status.
 fn count_in_group(status: u32) {
     if (status == STATUS_ACTIVE || status == STATUS_INSIDE) {
         add_to_group(0u, 1u);
@@ -67,12 +67,13 @@ fn count_in_group(status: u32) {
     add_to_group(10u, anomalies);
 }
 
-// The tile of a workgroup.
+// The tile of a workgroup, from the list of the dispatch.
 fn tile_of(group: u32) -> u32 {
     return atomicLoad(&feedback.words[config.tile_words + group]);
 }
 
-// Adds the workgroup's sums to the feedback buffer, one lane for each counter, and says in its tile's place what is left of it.
+// Adds the workgroup's sums to the feedback buffer, one lane per counter. Overwrites its tile in the list with the
+// remaining work.
 fn count_in_feedback(group: u32, lane: u32) {
     if (lane == 0u) {
         let interrupted = select(0u, LEFT_INTERRUPTED, atomicLoad(&group_counters[0]) != 0u);

@@ -1,19 +1,20 @@
-// Mode dvr with iso values: every crossing of every surface, in order (docs/decisions/025-surfaces-in-volumes.md).
+// Mode dvr with iso surfaces: every crossing of every surface, in order (docs/decisions/025-surfaces-in-volumes.md).
 //
-// Which side of each surface a ray is on is kept from cell to cell: where cells meet, and round their common value in their own ways, no
-// crossing is lost, and none counted twice.
+// The ray's side of each surface is carried from cell to cell. Adjacent cells may round their common value differently;
+// with the carried sides no crossing is lost or counted twice.
 
-// Share of a cell's range by which values may jump from cell to cell without crossing anything: surfaces are located to as much of a voxel.
+// Share of a cell's range by which values may jump between cells without a crossing. Surfaces are located to the same
+// share of a voxel.
 const JUMP_SHARE: f32 = 1.0e-4;
 
-// What is left of a ray's crossings in a cell.
+// The remaining crossings of a ray in a cell.
 struct Crossings {
-    // Where the next one is, or NEVER, and its surface.
+    // Parameter of the next crossing, or NEVER, and its surface.
     u: f32,
     surface: u32,
-    // Sides on which the ray is behind it.
+    // The ray's sides after the next crossing.
     sides: u32,
-    // Surfaces that are crossed where the cell begins.
+    // Surfaces that are crossed by a jump at the cell's beginning.
     jumped: u32,
     // Monotone interval of the cubic that is searched next.
     interval: u32,
@@ -34,12 +35,12 @@ fn sides_at(view: CellView, u: f32) -> u32 {
     return sides;
 }
 
-// None at all.
+// No crossings.
 fn no_crossings() -> Crossings {
     return Crossings(NEVER, 0u, 0u, 0u, 0u);
 }
 
-// The first crossing in a cell; the ray's sides become those on which it leaves the cell.
+// The first crossing in a cell. Sets the ray's sides to those at the cell's end.
 fn first_of_crossings(view: CellView, state: ptr<function, RayState>) -> Crossings {
     let begin = sides_at(view, 0.0);
     var left = Crossings(NEVER, 0u, select(begin, (*state).sides, (*state).present > 0.0), 0u, 0u);
@@ -54,7 +55,7 @@ fn first_of_crossings(view: CellView, state: ptr<function, RayState>) -> Crossin
     return left;
 }
 
-// Goes on to the next crossing.
+// Moves on to the next crossing.
 fn next_crossing(view: CellView, left: ptr<function, Crossings>) {
     (*left).u = NEVER;
     if ((*left).jumped != 0u) {
@@ -69,7 +70,7 @@ fn next_crossing(view: CellView, left: ptr<function, Crossings>) {
         for (var i = 0u; i < config.iso_count; i += 1u) {
             if ((crossed & (1u << i)) != 0u) {
                 let root = monotone_root(view.cubic, begin, end, scene.tables.isos[i].value - view.pivot);
-                // Where rounding hides it, it is where the interval begins.
+                // If rounding hides the root, the crossing is at the interval's beginning.
                 let u = select(begin, root, root <= 1.0);
                 if (u < (*left).u) {
                     (*left).u = u;

@@ -76,7 +76,7 @@ const STEP_OF_BYTES: u32 = 3u;
 const STEP_OF_HALVES: u32 = 7u;
 // Floats: voxels from a texel to the next one along x.
 const STEP_OF_FLOATS: u32 = 3u;
-// Explained where Rust defines them: format/src/brick.rs, lod/deviation.rs, raycast/scalar/quadrature.rs, raycast/cpu/mod.rs, raycast/cpu/refine.rs, raycast/cpu/shade.rs, raycast/cpu/walk.rs, scene.rs, gpu/twins.rs.
+// Explained where Rust defines them: crates/format/src/brick.rs, crates/scene/src/scene/mod.rs, and in crates/runtime/src: lod/deviation.rs, engines/rules.rs, engines/blocks.rs, engines/cells/quadrature.rs, engines/gpu/limits.rs.
 const APRON: i32 = 2;
 const MACRO_CELL: i32 = 8;
 const BLOCK: i32 = 4;
@@ -114,6 +114,15 @@ const PARTS_PER_ROOT: f32 = 1.4;
 const LEAST_SHARE: f32 = 0.25;
 const EASY: f32 = 0.125;
 const HARD: f32 = 16.0;
+const AVERAGE_OF_BUMP: f32 = 0.26;
+const AVERAGE_OF_CUBIC: f32 = 0.03;
+const GREATEST_OF_CUBIC: f32 = 0.05;
+const ORDER_SQUARE: f32 = 1.2;
+const OUT_OF_ORDER: f32 = 0.84;
+const ORDER_REST: f32 = 0.06;
+const UNEVEN_MISPLACED: f32 = 0.6;
+const FALL_MISPLACED: f32 = 0.03;
+const FALL_END: f32 = 0.1;
 const PER_OPACITY: array<f32, 7> = array<f32, 7>(0.0, 0.0009765625, 0.00390625, 0.015625, 0.0625, 0.25, 1.0);
 
 // Where one cache texture's slots lie.

@@ -1,23 +1,23 @@
-// Emission and absorption on a chord by antiderivatives of the transfer function, with what the rule can miss; twin of
-// gpu/twins.rs. raycast/cpu/integrate.rs derives the rule and its error.
+// Emission and absorption on a chord by antiderivatives of the transfer function, with an error bound. Twin of
+// engines/gpu/twins.rs; engines/packets/integrate.rs derives the rule and its error.
 //
-// Values are bins of the transfer function (gpu/light_table.rs), extents are in unit distances.
+// Values are counted in bins of the light table (engines/gpu/light_table.rs), extents in unit distances.
 
-// Width, in bins, up to which the mean of an interval is that of its ends.
+// Width of an interval, in bins, up to which its mean is taken from its two ends.
 const NARROW: f32 = 1.0;
-// 1 over the square of the greatest root.
+// 1 / (greatest stored root squared).
 const PER_SQUARE: f32 = 1.0 / (f32(GREATEST_ROOT) * f32(GREATEST_ROOT));
 
-// The channels at a value: red, green, blue (times extinction), extinction.
+// The channels at a value: red, green, blue (each times extinction), extinction.
 struct LightAt {
-    // Antiderivatives: where the bin begins, and from there on.
+    // Antiderivatives: at the beginning of the bin, and from there to the value.
     start: vec4<i32>,
     rest: vec4<f32>,
     // The channels themselves.
     value: vec4<f32>,
 }
 
-// The bin of a value, one on either side for those beyond.
+// The bin of a value; values outside the table get the bin before the first or behind the last.
 fn light_bin(value: f32) -> f32 {
     return clamp(floor(value), -1.0, f32(LIGHT_BINS));
 }
@@ -28,7 +28,7 @@ fn light_texel(bin: f32) -> vec2<u32> {
     return vec2<u32>(number % TABLE_WIDTH, number / TABLE_WIDTH);
 }
 
-// The lower 16 bits of two words, and their upper ones, in turn.
+// Four 16-bit halves of two words: low and high half of the first, then of the second.
 fn halves_of(words: vec2<u32>) -> vec4<f32> {
     return vec4<f32>(vec4<u32>(words.x, words.x >> 16u, words.y, words.y >> 16u) & vec4<u32>(0xffffu));
 }
@@ -47,60 +47,62 @@ fn light_at(value: f32) -> LightAt {
     return LightAt(bitcast<vec4<i32>>(start), y * (left + (0.5 * y) * rise), left + y * rise);
 }
 
-// Bends and variation of colour below a value's bin, or below the bin behind it; variation of colour in that bin, and in the one before it.
+// Sums for the bin of a value (`behind` = 0) or the bin after it (`behind` = 1). Components: bends below the bin,
+// colour variation below it, colour variation in it, and in the bin before it.
 fn light_sums(value: f32, behind: f32) -> vec4<f32> {
     let texel = light_texel(min(light_bin(value) + behind, f32(LIGHT_BINS)));
     return bitcast<vec4<f32>>(light_texel_at(texel + vec2<u32>(2u, 0u)));
 }
 
-// The field along a part of a ray: at its beginning, middle and end, and the coefficient of the third power.
+// The field along a part of a ray: values at its beginning, middle and end, and the coefficient of the third power.
 struct LightChord {
     values: vec3<f32>,
     cubic: f32,
     extent: f32,
 }
 
-// What a part of a ray adds.
+// The contribution of a part of a ray.
 struct LightPart {
-    // Premultiplied colour, and the share of light from behind that gets through.
+    // Premultiplied colour, and transmittance of the part.
     color: vec3<f32>,
     transmittance: f32,
-    // Bound on the error of both, beside `fit`.
+    // Bound on the error of both, without `fit`.
     error: f32,
-    // What the table may be off by: bins are blunt, and whole numbers rounded. Shorter parts are off by as much.
+    // Error of the table: linear interpolation in bins, and rounding to integers. Splitting the part does not reduce
+    // it.
     fit: f32,
-    // Light from the front end, over that from both, if it varies evenly between them.
+    // Light from the front end as a share of the light from both ends, if it varies linearly between them.
     front_share: f32,
-    // By what share of the part light that varies evenly may be misplaced.
+    // Share of the part by which linearly varying light may be misplaced.
     misplaced: f32,
     // Variation of colour over the part.
     colors: f32,
 }
 
-// Nothing at all.
+// An empty part.
 fn no_part() -> LightPart {
     return LightPart(vec3<f32>(0.0), 1.0, 0.0, 0.0, 0.0, 0.0, 0.0);
 }
 
-// The line that stands for the field along a part of a ray, and how far the field is from it.
+// A line that approximates the field along a part of a ray, with bounds on the distance between both.
 struct LightLine {
     begin: f32,
     end: f32,
-    // Bounds of the field, and of the line.
+    // Bounds of both the field and the line.
     low: f32,
     high: f32,
-    // Greatest distance of the field from the line, and a bound on its mean.
+    // Greatest distance of the field from the line, and a bound on the mean distance.
     most: f32,
     average: f32,
     extent: f32,
 }
 
-// That of nothing yet.
+// The line of an empty part.
 fn no_line() -> LightLine {
     return LightLine(0.0, 0.0, FAR, -FAR, -FAR, 0.0, 0.0);
 }
 
-// The line with the field's mean and the difference between its ends.
+// The line with the field's mean and the difference of its end values.
 fn line_of(chord: LightChord) -> LightLine {
     let first = chord.values.x;
     let middle = chord.values.y;
@@ -109,15 +111,16 @@ fn line_of(chord: LightChord) -> LightLine {
     let mean = middle * (4.0 / 6.0) + (first + last) * (1.0 / 6.0);
     let bump = abs(middle - 0.5 * (first + last));
     let cubic = abs(chord.cubic);
-    let most = (2.0 / 3.0) * bump + 0.05 * cubic;
-    let margin = most + 0.05 * cubic;
+    let most = (2.0 / 3.0) * bump + GREATEST_OF_CUBIC * cubic;
+    let margin = most + GREATEST_OF_CUBIC * cubic;
     let low = min(min(first, last), middle) - margin;
     let high = max(max(first, last), middle) + margin;
-    return LightLine(mean - 0.5 * rise, mean + 0.5 * rise, low, high, most, 0.26 * bump + 0.03 * cubic, chord.extent);
+    let average = AVERAGE_OF_BUMP * bump + AVERAGE_OF_CUBIC * cubic;
+    return LightLine(mean - 0.5 * rise, mean + 0.5 * rise, low, high, most, average, chord.extent);
 }
 
-// The line that stands for the field along two parts, one behind the other. Its distance from each of theirs
-// goes evenly from end to end: so what is known of their distances from the field says how far the field is from this one.
+// The line that approximates the field along two consecutive parts. Its distance from each part's own line is linear
+// from end to end. Adding that distance to the part's own bounds gives the bounds of the common line.
 fn line_over(a: LightLine, b: LightLine) -> LightLine {
     let extent = a.extent + b.extent;
     let share = a.extent / max(extent, TINY);
@@ -137,12 +140,12 @@ fn line_over(a: LightLine, b: LightLine) -> LightLine {
     return LightLine(begin, end, low, high, max(most_a, most_b), share * average_a + (1.0 - share) * average_b, extent);
 }
 
-// Bound on the mean distance from 0 of what goes evenly from one number to another.
+// Bound on the mean magnitude of a number that varies linearly between two ends.
 fn mean_distance(ends: vec2<f32>) -> f32 {
     return 0.25 * (abs(ends.x) + abs(ends.y) + abs(ends.x + ends.y));
 }
 
-// Share of the light that may come in another order than along a line that stands for several parts.
+// Share of the light that may come in another order than along a line that approximates several parts.
 fn disorder_of(line: LightLine) -> f32 {
     return min(2.0 * line.most / max(abs(line.end - line.begin), TINY), 1.0);
 }
@@ -152,14 +155,14 @@ fn integrate_chord(chord: LightChord) -> LightPart {
     return integrate_line(line_of(chord), 0.0);
 }
 
-// Integrates along a line; of several parts, `disorder` is `disorder_of`, else 0.
+// Integrates along a line. `disorder` is `disorder_of` for several parts, else 0.
 fn integrate_line(line: LightLine, disorder: f32) -> LightPart {
     let begin = line.begin;
     let end = line.end;
     let rise = end - begin;
     let a = light_at(begin);
     let b = light_at(end);
-    // In one bin as well: far outside of all, antiderivatives would cancel.
+    // Also within one bin: far outside the table, antiderivatives would cancel.
     let is_narrow = abs(rise) <= NARROW || light_bin(begin) == light_bin(end);
     let per_rise = 1.0 / select(rise, 1.0, is_narrow);
     let of_sums = (vec4<f32>(b.start - a.start) * config.light_unit + (b.rest - a.rest)) * per_rise;
@@ -171,38 +174,39 @@ fn integrate_line(line: LightLine, disorder: f32) -> LightPart {
     let opacity = 1.0 - transmittance;
     let is_clear = tau < 1.0e-6;
     let emitting = select(opacity / select(kappa, 1.0, is_clear), extent, is_clear);
-    let order = extent * extent / (12.0 + tau * (6.0 + 1.2 * tau));
+    let order = extent * extent / (12.0 + tau * (6.0 + ORDER_SQUARE * tau));
     let between = b.value - a.value;
     let ordered = order * (between.rgb * kappa - means.rgb * between.w);
 
-    // What the line misses.
+    // Error of the line.
     let low = line.low;
     let high = line.high;
     let sums_high = light_sums(high, 1.0);
     let sums_low = light_sums(low, 0.0);
     let sums = sums_high.xy - sums_low.xy;
     let of_mean = 0.5 * sums.x * line.average * extent;
-    // No more than order can do to colours that differ so much.
+    // The order of colours cannot have a greater effect with colour differences this small.
     let reach = opacity * (1.0 - 0.5 * transmittance);
     let greatest = vec3<f32>(0.5 * min(sums.y, 1.0) * reach * reach);
     let emitted = means.rgb * emitting - clamp(ordered, -greatest, greatest);
     let color = clamp(emitted, vec3<f32>(0.0), vec3<f32>(opacity));
     let uneven = min(0.25 * sums.x * abs(rise) / max(kappa, 1.0e-12), 1.0);
-    // Colour may also be the uneven one: even, and then not. Beyond the last bin it does not change.
+    // Uneven colour variation is bounded by the variation minus the even share. Beyond the last bin colour does not
+    // change.
     let slope_high = select(sums_high.w, 0.0, high >= f32(LIGHT_BINS));
     let even_colors = min(sums_low.z, slope_high) * (light_bin(high) + 1.0 - light_bin(low));
-    let out_of_order = 0.84 * max(sums.y * max(uneven, disorder), sums.y - even_colors) + 0.06 * sums.y;
+    let out_of_order = OUT_OF_ORDER * max(sums.y * max(uneven, disorder), sums.y - even_colors) + ORDER_REST * sums.y;
     let of_order = opacity * out_of_order * tau / (4.0 + tau);
     let error = clamp(of_mean, 0.0, 1.0) + of_order;
-    // Within a bin a line stands for what bends there; its ends are rounded roots.
+    // Error within a bin: bends are approximated by a line, whose ends are rounded roots.
     let of_bin = 0.5 * sums.x + 2.0 * sqrt(kappa * config.light_most) * (1.0 / f32(GREATEST_ROOT)) + config.light_unit;
     let fit = min(of_bin * extent / max(abs(rise), 1.0), 1.0);
-    // Where both ends are dark, the light in between comes from anywhere.
+    // If both ends are dark, the light in between can come from anywhere.
     let dim = 1.0e-3 * kappa + TINY;
     let at_front = max(a.value.w, 0.0) + dim;
     let at_back = max(b.value.w, 0.0) * transmittance + dim;
-    // Evenly from end to end is not how light falls off in a part that is nearly opaque.
-    let fall = 0.03 * tau * tau / (1.0 + 0.1 * tau * tau);
+    // In a nearly opaque part, light does not decrease linearly from end to end.
+    let fall = FALL_MISPLACED * tau * tau / (1.0 + FALL_END * tau * tau);
     let front_share = at_front / (at_front + at_back);
-    return LightPart(color, transmittance, error, fit, front_share, 0.6 * uneven + fall, min(sums.y, 1.0));
+    return LightPart(color, transmittance, error, fit, front_share, UNEVEN_MISPLACED * uneven + fall, min(sums.y, 1.0));
 }

@@ -1,6 +1,6 @@
-// Parts of rays where `FLAG_SHADED` is set; the alternative is light_unlit.wgsl.
+// Shading of parts of rays, for `FLAG_SHADED`. The alternative is light_unlit.wgsl.
 
-// What light makes of a part of a cell.
+// Shades a part of a cell.
 fn lit_part(
     slot: Slot, local: LocalRay, s: Stretch, part: LightPart, walk: ptr<function, LightWalk>) -> LightPart {
     let gradient = gradient_of(slot, s.voxels, s.entry, s.way, walk);
@@ -13,13 +13,13 @@ fn lit_part(
     return shade_part(part, gradients, local.to_eye);
 }
 
-// A surface's colour where a part of a cell ends.
+// Shaded colour of a surface at the end of a part of a cell.
 fn lit_surface(
     slot: Slot, local: LocalRay, s: Stretch, color: vec3<f32>, walk: ptr<function, LightWalk>) -> vec3<f32> {
     return shaded(gradient_of(slot, s.voxels, s.entry, s.way, walk), (*walk).at, local, color);
 }
 
-// The gradient along the ray's way through a cell, fetched when it is first asked for.
+// The gradient along the chord of a cell, fetched on first use.
 fn gradient_of(
     slot: Slot, voxels: StoredCell, entry: vec3<f32>, way: vec3<f32>, walk: ptr<function, LightWalk>) -> ChordGradient {
     if (!(*walk).has_gradient) {

@@ -1,4 +1,4 @@
-// Where there are no surfaces: the alternative to light_surfaces.wgsl.
+// No iso surfaces: the alternative to light_surfaces.wgsl.
 
 fn is_near_surfaces(number: u32, state: ptr<function, RayState>) -> bool {
     return false;

@@ -1,24 +1,25 @@
-// Mode dvr, shaded: what light makes of the colour of a part of a ray, from three places of it, and what these miss. Does
-// what raycast/cpu/shade.rs does, which derives the rule and its error; `gpu/light.rs` holds one against the other.
+// Mode dvr with shading: the effect of light on the colour of a part of a ray, from three positions, with an error
+// bound. Does the same as engines/packets/shade.rs, which derives the rule and its error; engines/gpu/light.rs compares
+// both.
 
-// Squares that a normal number still holds: pow takes the logarithm.
+// Least square that is a normal number, as pow takes the logarithm.
 const LEAST_SQUARE: f32 = 1.0e-37;
 
-// Light at the beginning, the middle and the end of a part.
+// Shading at the beginning, the middle and the end of a part.
 struct Lit {
-    // 1 / length of the gradients; 0 where they are too short for a normal.
+    // 1 / length of the gradients; 0 if a gradient is too short for a normal.
     inverse: vec3<f32>,
     // A colour c becomes c * diffuse + specular.
     diffuse: vec3<f32>,
     specular: vec3<f32>,
-    // Greatest |n.h| of all lights.
+    // Greatest |n.h| over all lights.
     nearest: vec3<f32>,
-    // What light may be off by where one side goes over into the other between two places; whether it does.
+    // Error bound of light if the lit side of the surface changes between two positions; whether it changes.
     of_sides: f32,
     goes_over: bool,
 }
 
-// `gradients`: a column for each place, in world space.
+// `gradients`: one column per position, in world space.
 fn lit_along(gradients: mat3x3<f32>, to_eye: vec3<f32>) -> Lit {
     let lengths = vec3<f32>(length(gradients[0]), length(gradients[1]), length(gradients[2]));
     let floor = max(config.gradient_floor, TINY);
@@ -48,19 +49,20 @@ fn lit_along(gradients: mat3x3<f32>, to_eye: vec3<f32>) -> Lit {
     return lit;
 }
 
-// By how much the mean of a light is less than that of lines between its values at three places, where its cosine has another sign at
-// the next place and passes by zero on a line: the triangles between them, of each half.
+// Difference between the mean of the linear interpolation of a light and its true mean, if its cosine changes sign
+// between two positions. The cosine then passes zero on a line, and the light dips to zero there. The triangle of each
+// half is returned.
 fn dips_between(cosines: vec3<f32>, lights: vec3<f32>) -> vec2<f32> {
     let triangles = 0.5 * lights.xy * lights.yz / max(lights.xy + lights.yz, vec2<f32>(TINY));
     return select(vec2<f32>(0.0), triangles, cosines.xy * cosines.yz < vec2<f32>(0.0));
 }
 
-// |n.h| to the power of the shininess, from its squares.
+// |n.h| to the power of the shininess, from the square of |n.h|.
 fn highlights(squares: vec3<f32>) -> vec3<f32> {
     return pow(max(squares, vec3<f32>(LEAST_SQUARE)), vec3<f32>(0.5 * config.shininess));
 }
 
-// The mean over a part of what varies as a quadratic between three places, by where its light comes from.
+// Mean over a part of a quantity that varies as a quadratic, weighted by the distribution of light along the part.
 fn mean_along(f: vec3<f32>, front_share: f32) -> f32 {
     return (f.z + front_share * (f.x - f.z) + 2.0 * f.y) * (1.0 / 3.0);
 }
@@ -77,23 +79,23 @@ fn range_of(f: vec3<f32>) -> f32 {
     return greatest_of(f) - least_of(f);
 }
 
-// The second difference.
+// Magnitude of the second difference.
 fn bend_of(f: vec3<f32>) -> f32 {
     return abs((f.x - f.y) + (f.z - f.y));
 }
 
-// Share of a smooth f's second difference that its mean may be off by, from the inverse lengths of gradients.
+// Error of the mean of a smooth function, as a share of its second difference; from the inverse lengths of gradients.
 fn share_of_bend(inverse: vec3<f32>) -> f32 {
     return select(BEND_SHARE, STEEP_SHARE, least_of(inverse) < STEEP_FALL * greatest_of(inverse));
 }
 
-// Share of the highlights that their mean may be off by, for a normal that turns so far (a square), and over so many widths of a
-// highlight: a wide one is as the diffuse light is.
+// Error of the mean of highlights, as a share of their strength. `turn` is the square of the normal's turn, `widths`
+// the turn in widths of a highlight. A wide highlight behaves like diffuse light.
 fn error_of_highlight(turn: f32, widths: f32) -> f32 {
     return min(HIGHLIGHT_SHARE * widths * widths + TURN_SHARE * turn * turn, 1.0);
 }
 
-// What cutting off at 1 makes of the mean of colours that is not cut off of their mean.
+// Error from clamping to 1 the mean of colours instead of the colours themselves.
 fn cut_from_colors(range: f32, low: f32, most: f32) -> f32 {
     let apart = max(max(1.0 - most, low - 1.0), 0.0);
     let reach = max(range - apart, 0.0);
@@ -109,7 +111,8 @@ fn shade_part(plain: LightPart, gradients: mat3x3<f32>, to_eye: vec3<f32>) -> Li
     let of_specular = opacity * mean_along(lit.specular, plain.front_share);
     part.color = plain.color * mean_along(lit.diffuse, plain.front_share) + of_specular;
 
-    // Range and bend of a channel are convex in its colour: greatest at the strongest, or at black.
+    // Range and second difference of a channel are convex in its colour: greatest at the brightest channel, or at
+    // black.
     let brightest = greatest_of(color) * lit.diffuse + lit.specular;
     let range = max(range_of(brightest), range_of(lit.specular));
     let bend = max(bend_of(brightest), bend_of(lit.specular));
@@ -129,23 +132,23 @@ fn shade_part(plain: LightPart, gradients: mat3x3<f32>, to_eye: vec3<f32>) -> Li
         of_place = select(of_place, of_cut, is_cut) + cut_from_colors(spread, low, most);
     }
     of_place = max(of_place, lit.of_sides) + error_of_turn(gradients, lit);
-    // What the part itself is off by is lit as the part is; its opacity is not.
+    // The part's own error is scaled like its light; its opacity is not.
     let gain = max(greatest_of(lit.diffuse + lit.specular), 1.0);
     part.error = opacity * min(of_place, 1.0) + plain.error * gain;
     part.fit = plain.fit * gain;
     return part;
 }
 
-// What three places can miss of the light between them: a highlight where the normal turns, and a gradient that is too
-// short for a normal, or long enough, between two places only.
+// Light that three positions can miss between them. The first cause is a highlight where the normal turns. The second
+// is a gradient whose length passes the least length for a normal only between two positions.
 fn error_of_turn(gradients: mat3x3<f32>, lit: Lit) -> f32 {
-    // Of the first two places, and of the last two.
+    // Products of the first two and of the last two gradients.
     let ab = vec2<f32>(dot(gradients[0], gradients[1]), dot(gradients[1], gradients[2]));
     let squares = vec3<f32>(
         dot(gradients[0], gradients[0]), dot(gradients[1], gradients[1]), dot(gradients[2], gradients[2]));
     let scale = lit.inverse.xy * lit.inverse.yz;
     let between = select(vec2<f32>(0.0), max(2.0 - 2.0 * ab * scale, vec2<f32>(0.0)), scale > vec2<f32>(0.0));
-    // There and back again between two places.
+    // A turn there and back between two positions.
     let second = length((gradients[0] - gradients[1]) + (gradients[2] - gradients[1]));
     let aside = DEPARTURE_SHARE * second * greatest_of(lit.inverse);
     let turns = min(between + vec2<f32>(aside * aside), vec2<f32>(GREATEST_TURN));
@@ -155,12 +158,12 @@ fn error_of_turn(gradients: mat3x3<f32>, lit: Lit) -> f32 {
     let seen = highlights(vec3<f32>(min(reach * reach, 1.0))).x;
     let of_highlight = error_of_highlight(turn, widths) * seen * config.specular * config.light_sum;
     let of_turn = turn * turn * TURN_SHARE * config.diffuse * config.light_sum;
-    // Share of the part in which the gradient may be too short: if it varies evenly, on the chord through a sphere, which
-    // is taken twice as wide, since it does not vary quite evenly.
+    // Share of the part in which the gradient may be too short. A gradient that varies linearly passes through a sphere
+    // on a chord; the sphere's radius is doubled because the variation is not quite linear.
     let floor = 2.0 * max(config.gradient_floor, TINY);
     let way = max(squares.xy + squares.yz - 2.0 * ab, vec2<f32>(LEAST_SQUARE));
     let nearest = max(squares.xy * squares.yz - ab * ab, vec2<f32>(0.0)) / way;
-    // Where neither end of a half has a normal, that is seen; but there may be one in between.
+    // A half without a normal at either end is already handled; but there may be a normal in between.
     let lacks = (lit.inverse.xy + lit.inverse.yz) <= vec2<f32>(0.0);
     let is_passed = (ab < squares.xy) & (ab < squares.yz) & (nearest < vec2<f32>(floor * floor)) & !lacks;
     let flat = select(vec2<f32>(0.0), min(floor * inverseSqrt(way), vec2<f32>(1.0)), is_passed);

@@ -1,6 +1,7 @@
-// Surfaces on a ray's way, where `FLAG_SURFACES` is set; the alternative is light_no_surfaces.wgsl.
+// Iso surfaces along a ray, for `FLAG_SURFACES`. The alternative is light_no_surfaces.wgsl.
 
-// Whether a macro cell may show something. What is skipped shows nothing; but values may jump where it begins, across a surface.
+// Whether a macro cell must be visited. A skipped cell is invisible, but values may jump across a surface at its front
+// face.
 fn is_near_surfaces(number: u32, state: ptr<function, RayState>) -> bool {
     let is_near = is_worth_a_visit(macro_ranges[number], state);
     if (!is_near) {
@@ -9,7 +10,7 @@ fn is_near_surfaces(number: u32, state: ptr<function, RayState>) -> bool {
     return is_near;
 }
 
-// Adds the surface at which a part of a cell ends, and looks for the next one.
+// Composites the surface at which a part of a cell ends, and finds the next crossing.
 fn meet_surface(slot: Slot, local: LocalRay, s: Stretch, walk: ptr<function, LightWalk>) {
     let iso = scene.tables.isos[(*walk).crossings.surface];
     let color = lit_surface(slot, local, s, iso.color, walk);
@@ -21,7 +22,7 @@ fn meet_surface(slot: Slot, local: LocalRay, s: Stretch, walk: ptr<function, Lig
     (*walk).crossings = left;
 }
 
-// Looks for the surfaces that the ray crosses in a cell.
+// Finds the surfaces that the ray crosses in a cell.
 fn find_crossings(own: Corners, chord: Chord, walk: ptr<function, LightWalk>, state: ptr<function, RayState>) {
     (*walk).has_crossings = true;
     (*walk).crossings = no_crossings();

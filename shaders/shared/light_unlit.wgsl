@@ -1,4 +1,4 @@
-// Parts of rays where there is no light: the alternative to light_lit.wgsl.
+// Parts of rays without shading: the alternative to light_lit.wgsl.
 
 fn lit_part(
     slot: Slot, local: LocalRay, s: Stretch, part: LightPart, walk: ptr<function, LightWalk>) -> LightPart {

@@ -1,31 +1,34 @@
 // Mode dvr: the walk of a ray through a brick, part by part.
 //
-// One loop without branches: whatever a ray does next, a cell, several cells by one line where the field is
-// smooth, a part of a cell that one rule did not settle, or a leap, is one turn of it. Rays of a group then wait for each other
-// only where the brick ends. Loops end at their end: software adapters go once more through all that stands behind another
-// place, for nobody.
+// One loop without branches. An iteration integrates the ray's next stretch: a cell, several cells of a smooth field,
+// or a part of a refused cell. Leaps come between rounds of iterations. So the rays of a group wait for each other only
+// at the end of the brick. Loops exit only at the end of the body: software adapters execute the code behind any other
+// exit once more with all lanes masked.
 //
-// What light and surfaces make of a part is in files of its own, each of which has an alternative without it: drivers compile all that a
+// Shading and surfaces are in files of their own, each with an empty alternative. Drivers compile every function that a
 // shader calls, whatever its constants are.
 
-// Turns of the loop between two leaps. Two can be in vain, and the next round begins there again: a cell of no length, where rounding
-// puts the ray before the face that it has left, and a line over several cells that does not settle.
+// Iterations of the loop between two leaps. Two of them can fail to make progress, and again in the next round. One is
+// a cell of zero length, if rounding puts the ray before the face that it has left. The other is a refused span of
+// cells.
 const ROUND: u32 = 8u;
 const_assert ROUND > 2u;
-// Most cells that one line stands for.
+// Most cells that one line covers.
 const LONGEST_SPAN: f32 = 4.0;
-// Error, in tolerances of a cell, up to which cells are followed by twice as many at once: of an even field it grows eightfold.
+// Error, in tolerances of a cell, up to which the next span has twice as many cells. In a smooth field, doubling
+// increases the error eightfold.
 const EASY_SPAN: f32 = 0.1;
-// The same, up to which they are taken: one by one they would state far less than a tolerance.
+// Error, in tolerances of a cell, up to which a span is accepted. The same cells one by one would have a far smaller
+// error.
 const SPAN_SHARE: f32 = 0.5;
-// No stored number.
+// A value that no voxel stores.
 const NO_NUMBER: u32 = 0xffffffffu;
 
-// The field of a cell, in bins: corners with x = 0, as (y, z) = 00, 10, 01, 11, and how it rises along x.
+// The field of a cell, in bins. Corners with x = 0 in the order (y, z) = 00, 10, 01, 11, and the differences to x = 1.
 struct LightCell {
     first: vec4<f32>,
     rise: vec4<f32>,
-    // False where an absent voxel has weight on the ray's way.
+    // False if an absent voxel has weight on the chord.
     is_present: bool,
 }
 
@@ -45,7 +48,7 @@ fn is_absent(bits: vec4<u32>) -> vec4<bool> {
     return bits == vec4<u32>(select(NO_NUMBER, config.absent, has_flag(FLAG_ABSENT)));
 }
 
-// The stored numbers at a cell's corners: those with x = 0, as (y, z) = 00, 10, 01, 11, and those with x = 1.
+// Stored numbers at a cell's corners: those with x = 0 in the order (y, z) = 00, 10, 01, 11, and those with x = 1.
 struct StoredCell {
     near: vec4<u32>,
     far: vec4<u32>,
@@ -58,7 +61,7 @@ fn stored_cell(slot: Slot, voxel: vec3<i32>) -> StoredCell {
     return StoredCell(vec4<u32>(low.xz, high.xz), vec4<u32>(low.yw, high.yw));
 }
 
-// Its render values.
+// The render values of a cell's corners.
 fn corners_of_stored(cell: StoredCell) -> Corners {
     let n0 = value_of(cell.near.x);
     let n1 = value_of(cell.near.y);
@@ -76,7 +79,7 @@ fn corners_of_stored(cell: StoredCell) -> Corners {
     );
 }
 
-// The field in a cell, for a ray that crosses it from `a` to `b`.
+// The field in a cell, for a chord from `a` to `b`.
 fn light_cell(cell: StoredCell, a: vec3<f32>, b: vec3<f32>) -> LightCell {
     let near = cell.near;
     let far = cell.far;
@@ -107,26 +110,26 @@ fn value_in(cell: LightCell, p: vec3<f32>) -> f32 {
     return layers.x + p.z * (layers.y - layers.x);
 }
 
-// Coefficient of xyz.
+// Coefficient of xyz in the trilinear field.
 fn twist_of(cell: LightCell) -> f32 {
     return (cell.rise.w - cell.rise.z) - (cell.rise.y - cell.rise.x);
 }
 
-// A ray in a brick, so that a crossing costs a product and a sum.
+// A ray in a brick in a form in which a crossing costs one product and one sum.
 struct LightRay {
     origin: vec3<f32>,
     direction: vec3<f32>,
-    // Parameter per voxel, and that of plane 0; FAR where the ray runs along the plane.
+    // Parameter per voxel, and parameter of plane 0; FAR if the ray is parallel to the plane.
     inverse: vec3<f32>,
     offset: vec3<f32>,
-    // 1 where the ray ascends, else 0: the plane ahead is that much further than the cell; and 1 or -1.
+    // 1 if the ray ascends, else 0: offset from the cell to the plane ahead. And the step: 1 or -1.
     ahead: vec3<f32>,
     step: vec3<f32>,
     // Unit distances per unit of t.
     extent_per_t: f32,
-    // How far beyond a face a leap ends.
+    // Distance in t by which a leap goes beyond a face.
     margin: f32,
-    // Where the ray leaves the brick.
+    // Parameter at which the ray leaves the brick.
     leave: f32,
 }
 
@@ -141,22 +144,22 @@ fn light_ray(ray: LocalRay, leave: f32) -> LightRay {
     return LightRay(ray.origin, d, inverse, offset, ahead, 2.0 * ahead - 1.0, extent_per_t, margin, leave);
 }
 
-// How far a ray has come in a brick, and what it has gathered.
+// Progress of a ray in a brick, and its accumulated result.
 struct LightWalk {
     t: f32,
     transmittance: f32,
     color: vec3<f32>,
-    // First corner of the cell.
+    // First corner of the current cell.
     cell: vec3<f32>,
-    // Share of the cell that is done, and length of the next part, in cells; from 1 on, whole cells.
+    // Finished share of the cell, and length of the next part in cells; 1 or more means whole cells.
     at: f32,
     next: f32,
-    // Most cells that are tried at once in this round.
+    // Most cells of a span in this round.
     longest: f32,
-    // Along the ray's way through the cell, once it is asked for: what is fetched for one part serves the next.
+    // Gradient along the chord of the current cell, fetched on demand and reused for all its parts.
     gradient: ChordGradient,
     has_gradient: bool,
-    // Where there are surfaces: the field along that way, and what crossings are left on it, once they are asked for.
+    // With surfaces: the field along the chord and the remaining crossings on it, computed on demand.
     view: CellView,
     crossings: Crossings,
     has_crossings: bool,
@@ -166,13 +169,14 @@ fn cell_at(ray: LightRay, t: f32) -> vec3<f32> {
     return clamp(floor(ray.origin + t * ray.direction), vec3<f32>(-1.0), vec3<f32>(f32(config.core) - 1.0));
 }
 
-// Whether the ray has begun with a cell: where nothing of it is taken yet, its next part may be shorter. To try all of it again
-// with each round would never end where it takes more turns than a round has to find a part that is short enough.
+// Whether the ray is inside a cell. This includes a cell of which no part is finished but the next part is already
+// shortened. A round must not start such a cell anew. Otherwise the walk might never end, because finding a short
+// enough part may take more iterations than a round has.
 fn is_in_cell(walk: ptr<function, LightWalk>) -> bool {
     return (*walk).at > 0.0 || (*walk).next < 1.0 || (*walk).has_crossings;
 }
 
-// Takes the ray out of what shows nothing, to where something near does, or the brick ends.
+// Leaps over invisible macro cells and blocks, up to a visible one or the end of the brick.
 fn leap_on(slot: Slot, ray: LightRay, walk: ptr<function, LightWalk>, state: ptr<function, RayState>) {
     let last = vec3<i32>(2 * macro_edge() - 1);
     var is_near = is_in_cell(walk);
@@ -193,13 +197,13 @@ fn leap_on(slot: Slot, ray: LightRay, walk: ptr<function, LightWalk>, state: ptr
                 is_block = false;
             }
             if (!is_near) {
-                // Nothing less than the distance away shows anything: the ray leaps out of all of it.
+                // Nothing nearer than the distance is visible: the ray leaps over all of it.
                 let cells = (vec3<f32>(cell) + ray.ahead + max(reach - 1.0, 0.0) * ray.step) * f32(MACRO_CELL);
                 let ahead = select(cells, (vec3<f32>(block) + ray.ahead) * f32(BLOCK), is_block);
-                // The first cell of a brick begins one before its blocks.
+                // The first cell of a brick begins one voxel before its blocks.
                 let face = ahead - vec3<f32>(ahead <= vec3<f32>(0.0)) * (1.0 - ray.ahead);
                 let exit = first_crossing(face * ray.inverse + ray.offset);
-                // Rounding must not hold it.
+                // The margin ensures progress in spite of rounding.
                 (*walk).t = min(max(exit, (*walk).t) + ray.margin, ray.leave);
                 macro_cells_skipped += 1u;
             }
@@ -210,17 +214,17 @@ fn leap_on(slot: Slot, ray: LightRay, walk: ptr<function, LightWalk>, state: ptr
     }
 }
 
-// What one turn integrates: a part of a cell, or whole cells one behind the other.
+// The part of a ray that one iteration integrates: a part of a cell, or consecutive whole cells.
 struct Stretch {
     line: LightLine,
     cells: f32,
-    // False where an absent voxel has weight on the way.
+    // False if an absent voxel has weight on the stretch.
     is_present: bool,
-    // The last cell, where the ray leaves it, and where it crosses the planes ahead.
+    // The last cell, the parameter at which the ray leaves it, and the parameters of the planes ahead.
     cell: vec3<f32>,
     leave: f32,
     exits: vec3<f32>,
-    // The ray's way through that cell, and the share of it that is gone through, and ends.
+    // The ray's entry into that cell and its way through it; length of the part and its end, as shares of the way.
     entry: vec3<f32>,
     way: vec3<f32>,
     size: f32,
@@ -228,7 +232,7 @@ struct Stretch {
     voxels: StoredCell,
 }
 
-// Goes through the next part of a cell, or through the next cells, and fits a line to the field.
+// Takes the next part of a cell, or the next cells, and fits a line to the field.
 fn next_stretch(slot: Slot, ray: LightRay, walk: ptr<function, LightWalk>, state: ptr<function, RayState>) -> Stretch {
     let at = (*walk).at;
     var s: Stretch;
@@ -247,7 +251,7 @@ fn next_stretch(slot: Slot, ray: LightRay, walk: ptr<function, LightWalk>, state
         if (has_flag(FLAG_SURFACES) && !(*walk).has_crossings) {
             find_crossings(corners_of_stored(s.voxels), Chord(s.entry, s.entry + s.way, 0.0), walk, state);
         }
-        // Parts end at surfaces; nothing shorter than the shortest part is left over.
+        // Parts end at surfaces. A rest that is shorter than the shortest part is included.
         let stop = select(1.0, min((*walk).crossings.u, 1.0), has_flag(FLAG_SURFACES));
         let is_last = (*walk).next + LEAST_PART >= stop - at;
         s.size = select((*walk).next, stop - at, is_last);
@@ -266,7 +270,7 @@ fn next_stretch(slot: Slot, ray: LightRay, walk: ptr<function, LightWalk>, state
         if (s.cells >= (*walk).next || s.leave >= ray.leave) {
             break;
         }
-        // The first one is counted with its round.
+        // The first cell is counted with the round.
         work += 1u;
         s.cell += select(vec3<f32>(0.0), ray.step, s.exits <= vec3<f32>(s.leave));
         t = s.leave;
@@ -274,8 +278,8 @@ fn next_stretch(slot: Slot, ray: LightRay, walk: ptr<function, LightWalk>, state
     return s;
 }
 
-// Integrates the next part of a cell, or the next cells, and takes it or makes it shorter; behind the last part the next cell
-// begins.
+// Integrates the next stretch; accepts it, or retries with a shorter one. After the last part of a cell, moves to the
+// next cell.
 fn try_part(
     slot: Slot, local: LocalRay, ray: LightRay, walk: ptr<function, LightWalk>, state: ptr<function, RayState>) {
     let at = (*walk).at;
@@ -293,7 +297,7 @@ fn try_part(
 
     let ratio = part.error * (*walk).transmittance / config.cell_error;
     let is_settled = ratio <= select(max(s.size, LEAST_SHARE), SPAN_SHARE, is_span) || s.size <= SHORTEST;
-    // Three places do not settle the light of several cells, and beside a hole nothing is known.
+    // Three positions do not settle the shading of several cells, and a span with absent voxels must be split.
     let is_taken = is_settled && !(is_span && (is_lit || !s.is_present));
     let is_whole = s.size == 1.0;
     let grows = is_taken && s.is_present && !is_lit && ratio <= EASY_SPAN && !has_flag(FLAG_SURFACES);
@@ -323,10 +327,11 @@ fn try_part(
     }
 }
 
-// Length of the part behind one of this length that was taken, or in its place; `ratio`: its error in tolerances of a cell.
+// Length of the next part after a part of this size was accepted or refused; `ratio` is its error in tolerances of a
+// cell.
 fn next_size(size: f32, ratio: f32, is_taken: bool) -> f32 {
     let allowed = max(size, LEAST_SHARE);
-    // Of a whole cell, the error falls with the square of the number of parts.
+    // The error of a whole cell decreases with the square of the number of parts.
     let root = sqrt(min(ratio, PARTS_LIMIT * PARTS_LIMIT));
     let parts = clamp(floor(PARTS_PER_ROOT * root) + 1.0, 2.0, PARTS_LIMIT);
     let shorter = select(select(0.5, 0.25, ratio > allowed * HARD), 1.0 / parts, size == 1.0);
@@ -334,7 +339,7 @@ fn next_size(size: f32, ratio: f32, is_taken: bool) -> f32 {
     return max(size * select(shorter, longer, is_taken), LEAST_PART);
 }
 
-// Walks a brick; stops between two cells when the ray has done its share.
+// Walks through a brick. Stops between two cells when the work limit is reached.
 fn cast_brick_light(slot: Slot, local: LocalRay, leave: f32, state: ptr<function, RayState>) {
     let ray = light_ray(local, leave);
     let begin = (*state).t;
@@ -346,8 +351,8 @@ fn cast_brick_light(slot: Slot, local: LocalRay, leave: f32, state: ptr<function
     if (begin < leave) {
         loop {
             leap_on(slot, ray, &walk, state);
-            // Each round begins as if the ray had been interrupted in front of it, so that pictures do not depend on where rays
-            // are. Within a cell none is.
+            // Each round begins in the same way as after an interruption, so that pictures do not depend on where rays
+            // are interrupted. Rays are never interrupted inside a cell.
             let begins = !is_in_cell(&walk);
             walk.cell = select(walk.cell, cell_at(ray, walk.t), begins);
             walk.next = select(walk.next, 1.0, begins);

@@ -1,24 +1,23 @@
-// From a place on a ray to the brick that holds it, and to what the page table says of that brick.
+// From a position on a ray to its brick, and to the brick's entry in the page table.
 
-// The brick that a place on a ray lies in.
+// The brick at a position on a ray.
 struct Region {
     brick: vec3<i32>,
     level: u32,
-    // 0 where the ray has left the grid.
+    // 0 if the ray has left the grid.
     found: u32,
 }
 
-// Times that a search may step to the neighbour: rounding can misplace a point by one brick on each axis of each of two
-// levels.
+// Most steps to a neighbour in a search. Rounding can misplace a point by one brick on each axis of each of two levels.
 const REGION_STEPS: u32 = 16u;
 
-// Where the ray leaves the box of `edge` voxels that begins at `first`, per axis.
+// Parameters at which the ray leaves the box of `edge` voxels that begins at `first`, per axis.
 fn box_crossings(ray: LevelRay, first: vec3<i32>, edge: i32) -> vec3<f32> {
     let planes = vec3<f32>(leaving_side(ray.direction) * edge) - 0.5;
     return crossings(planes, origin_from(ray, first), ray.direction);
 }
 
-// The level from which a brick of level 0 is drawn: the coarsest whose brick need not be refined.
+// The level from which a brick of level 0 is drawn: the coarsest level whose brick need not be refined.
 fn wanted_level(brick: vec3<i32>) -> u32 {
     var level = config.level_count - 1u - scene.job.refined_levels;
     loop {
@@ -33,7 +32,7 @@ fn wanted_level(brick: vec3<i32>) -> u32 {
     return level;
 }
 
-// The brick of the wanted level of detail that holds the ray just behind t.
+// The brick of the wanted level that contains the ray just after t.
 fn region_at(ray: LevelRay, t: f32) -> Region {
     let core = i32(config.core);
     let point = vec3<i32>(floor(ray.fraction + t * ray.direction + 0.5)) + ray.voxel;
@@ -51,7 +50,7 @@ fn region_at(ray: LevelRay, t: f32) -> Region {
             if (first_crossing(leaves) <= t) {
                 brick += first_axis(leaves) * step_of(ray.direction);
             } else {
-                // Ancestors come from whole numbers: every ray that meets this place makes the same choice.
+                // Ancestors are computed with integers: every ray at this position makes the same choice.
                 let level = wanted_level(brick);
                 let shift = scene.tables.levels[level].scale_log2;
                 let ancestor = brick >> shift;
@@ -71,27 +70,27 @@ fn region_at(ray: LevelRay, t: f32) -> Region {
     return region;
 }
 
-// Where the ray leaves a region.
+// Parameter at which the ray leaves a region.
 fn region_leave(ray: LevelRay, region: Region) -> f32 {
     let core = i32(config.core);
     return first_crossing(box_crossings(ray_at_level(ray, region.level), region.brick * core, core));
 }
 
-// Number of a brick in the page table.
+// Entry number of a brick in the page table.
 fn entry_of(level: u32, brick: vec3<i32>) -> u32 {
     let bricks = scene.tables.levels[level].bricks;
     let b = vec3<u32>(brick);
     return scene.tables.levels[level].first_entry + b.x + bricks.x * (b.y + bricks.y * b.z);
 }
 
-// What a region is drawn from: the brick itself, or its nearest ancestor that has not failed.
+// The brick that a region is drawn from: its own, or its nearest ancestor that has not failed.
 struct Page {
     brick: vec3<i32>,
     level: u32,
     entry: u32,
     state: u32,
     payload: u32,
-    // Number of what it may be off by.
+    // Index of its error bounds in `deviations`.
     deviation: u32,
 }
 

@@ -1,4 +1,4 @@
-// Bricks by macro cells and roots (walk.wgsl): the alternative to resident_light.wgsl.
+// Resident bricks by macro cells and roots (walk.wgsl). The alternative is resident_light.wgsl.
 
 fn cast_resident(slot: Slot, ray: LocalRay, leave: f32, state: ptr<function, RayState>) {
     cast_brick(slot, ray, leave, state);

@@ -1,5 +1,5 @@
-// Bricks by parts of cells (light_walk.wgsl): where `FLAG_LIGHT` is set. A file of its own, and so is its
-// alternative: drivers compile all that a shader calls, whether or not its constants let it.
+// Resident bricks by parts of cells (light_walk.wgsl), for `FLAG_LIGHT`. The alternative is resident_cells.wgsl. The
+// files are separate because drivers compile every function that a shader calls, whatever its constants are.
 
 fn cast_resident(slot: Slot, ray: LocalRay, leave: f32, state: ptr<function, RayState>) {
     cast_brick_light(slot, ray, leave, state);

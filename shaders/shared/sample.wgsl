@@ -1,6 +1,6 @@
-// Stored bits to render values, and the corners of cells.
+// Conversion of stored bits to render values, and the corners of cells.
 
-// (render value, 1), or (0, 0) where the voxel is absent.
+// (render value, 1), or (0, 0) for an absent voxel.
 fn value_of(bits: u32) -> vec2<f32> {
     if (has_flag(FLAG_FLOAT)) {
         return select(vec2<f32>(bitcast<f32>(bits), 1.0), vec2<f32>(0.0), is_non_finite(bits));
@@ -9,7 +9,7 @@ fn value_of(bits: u32) -> vec2<f32> {
     return select(present, vec2<f32>(0.0), has_flag(FLAG_ABSENT) && bits == config.absent);
 }
 
-// One number at each corner of a cell (cubic.wgsl), and 1 or 0 for "is there".
+// A number at each corner of a cell (order: cubic.wgsl), and 1 or 0 for present or absent.
 struct Corners {
     low: vec4<f32>,
     high: vec4<f32>,
@@ -39,8 +39,8 @@ fn corners_of(slot: Slot, cell: vec3<i32>) -> Corners {
     return Corners(low.value, high.value, low.present, high.present);
 }
 
-// Gives corners whose weight is zero all along the chord from `a` to `b` the values of their mirror images, which
-// changes no value: a ray that runs exactly in a plane of voxels is not disturbed by holes in the next plane.
+// Replaces corners whose weight is zero all along the chord from `a` to `b` by their mirror images, which changes no
+// value on the chord. So absent voxels do not disturb a ray that runs exactly in the neighbouring plane of voxels.
 fn replace_unreached(corners: Corners, a: vec3<f32>, b: vec3<f32>) -> Corners {
     var c = corners;
     let zero = (a == vec3<f32>(0.0)) & (b == vec3<f32>(0.0));

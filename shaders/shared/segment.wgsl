@@ -1,15 +1,16 @@
-// The one segment of a ray that is drawn: in the volume's domain, the clip box and above all clip planes. Where solids leave several, the
-// host finds them all (gpu/ray_parts.rs), and says one after the other.
+// The drawn segment of a ray: inside the volume's domain, the clip box and all clip planes. If solids leave several
+// segments, the host computes them (engines/gpu/ray_parts.rs) and passes one after the other.
 //
-// It is found twice: roughly, in strides from the ray's origin, and then from a base point nearby, to the last bit.
+// The segment is computed in two steps: roughly, in strides from the ray's origin, then exactly, from a base point near
+// each end.
 
-// Of the rough search, strides: what rounding may take from a stride count, beside a share of it.
+// Error of the rough search in strides: an absolute part and a relative part.
 const ROUGH_STRIDES: f32 = 2.0;
 const ROUGH_SHARE: f32 = 1.0e-6;
-// More strides than a ray through the largest volume takes.
+// More strides than a ray takes through the largest volume.
 const MOST_STRIDES: f32 = 1.0e9;
 
-// Where a line enters and leaves what is kept; empty where it enters behind where it leaves.
+// Parameters at which a line enters and leaves the kept region; empty if enter > leave.
 struct Interval {
     enter: f32,
     leave: f32,
@@ -24,17 +25,17 @@ fn cut(interval: Interval, height: f32, rate: f32) -> Interval {
     return Interval(select(interval.enter, max(interval.enter, t), rate > 0.0), select(min(interval.leave, t), interval.leave, rate > 0.0));
 }
 
-// Height above a clip plane after so many strides, and for each further one.
+// Height above a clip plane at a number of strides, and its change per stride.
 fn above_plane(plane: u32, pixel: vec2<u32>, strides: u32) -> vec2<f32> {
     let line = scene.view.planes[plane];
-    // The same arithmetic as for places, three times over.
+    // The same arithmetic as for positions, with all three components equal.
     let stride = at_pixel(line.stride, line.stride, line.stride, pixel);
     let height = add_multiple(at_pixel(line.origin, line.origin, line.origin, pixel), stride, strides);
     let rate = split_stride(stride)[0].x * (1.0 / f32(1u << STRIDE_BITS));
     return vec2<f32>(f32(height.whole.x) + fraction_of(height).x, rate);
 }
 
-// What is kept of a ray seen from a base point, in strides from there.
+// The kept interval of a ray, in strides relative to a base point.
 fn kept_from(ray: PixelRay, pixel: vec2<u32>, strides: u32) -> Interval {
     let base = ray_from(ray, strides);
     let rate = ray.direction * config.stride;
@@ -53,12 +54,12 @@ fn kept_from(ray: PixelRay, pixel: vec2<u32>, strides: u32) -> Interval {
     return kept;
 }
 
-// Whole strides that surely lie before a place so many strides away.
+// Number of whole strides that surely ends before a position n strides away.
 fn strides_before(n: f32) -> u32 {
     return u32(clamp(n - ROUGH_STRIDES - abs(n) * ROUGH_SHARE, 0.0, MOST_STRIDES));
 }
 
-// The state in which a ray begins.
+// Initial state of a pixel's ray.
 fn begin_ray(pixel: vec2<u32>) -> RayState {
     var state: RayState;
     state.color.x = scene.view.first_value;
@@ -75,7 +76,7 @@ fn begin_ray(pixel: vec2<u32>) -> RayState {
     }
     state.strides = strides_before(rough.enter);
     state.end_strides = max(state.strides, strides_before(rough.leave));
-    // Rays do not begin before their origin.
+    // Perspective rays do not begin before their origin.
     let first = select(-NEVER, 0.0, state.strides == 0u);
     let enter = max(kept_from(ray, pixel, state.strides).enter, first);
     let leave = kept_from(ray, pixel, state.end_strides).leave;
@@ -87,12 +88,12 @@ fn begin_ray(pixel: vec2<u32>) -> RayState {
     return state;
 }
 
-// Sets a ray on its way through another part, unless nothing behind what it has gathered can be seen.
+// Continues a ray in another part of it, unless the ray is already opaque.
 fn begin_part(part: RayPart, state: ptr<function, RayState>) {
     if (is_settled(state)) {
         return;
     }
-    // What lies in front of a gap has no side behind it.
+    // A surface needs a value on both sides of it; there is none across a gap.
     gather_absent(state);
     (*state).t = part.t;
     (*state).strides = part.strides;
@@ -103,6 +104,6 @@ fn begin_part(part: RayPart, state: ptr<function, RayState>) {
 
 // Parameter from the base point to the end of the ray's segment.
 fn segment_end(state: ptr<function, RayState>) -> f32 {
-    // The last base point may lie behind the ray's.
+    // The base point of the end may lie before the ray's own base point.
     return f32(i32((*state).end_strides - (*state).strides)) * config.stride + (*state).end_rest;
 }

@@ -1,18 +1,18 @@
-// Twin of raycast/scalar/shade.rs: gradients of a cell, and two-sided Blinn-Phong (RENDERING-MODEL, section 5).
+// Gradients of a cell, and two-sided Blinn-Phong shading (RENDERING-MODEL, section 5). Twin of engines/cells/shade.rs.
 //
-// The gradient is taken by central differences at the eight corners, from the 32 voxels around the cell, and
-// interpolated: the same number as differences of the interpolant one voxel apart. Vectors are in world space.
+// Central differences at the eight corners, from the 32 voxels around the cell, are interpolated. The result equals
+// differences of the interpolant one voxel apart. Vectors are in world space.
 
 // The gradient along a chord: one cubic per index axis.
 struct ChordGradient {
     x: vec4<f32>,
     y: vec4<f32>,
     z: vec4<f32>,
-    // 0 where there is none: an absent tap has weight on the chord, or nothing is shaded.
+    // 0 if there is no gradient: an absent voxel has weight on the chord, or nothing is shaded.
     present: u32,
 }
 
-// The gradient of a cell along a chord; `corners` are the cell's own, holes not replaced.
+// The gradient of a cell along a chord; `corners` are the cell's own, absent ones not replaced.
 fn chord_gradient(slot: Slot, cell: vec3<i32>, corners: Corners, chord: Chord) -> ChordGradient {
     if (!has_flag(FLAG_SHADED)) {
         return ChordGradient(vec4<f32>(0.0), vec4<f32>(0.0), vec4<f32>(0.0), 0u);
@@ -38,7 +38,7 @@ fn chord_gradient(slot: Slot, cell: vec3<i32>, corners: Corners, chord: Chord) -
 
 // Central differences along x at the corners.
 fn x_differences(slot: Slot, cell: vec3<i32>, c: Corners) -> Corners {
-    // The voxels beside the cell's faces: x = 0 of the layers of the cell before, x = 1 of those of the cell behind.
+    // Voxels beside the cell's faces: x = 0 of the cell before, x = 1 of the cell behind.
     let before = corners_of(slot, cell - vec3<i32>(1, 0, 0));
     let behind = corners_of(slot, cell + vec3<i32>(1, 0, 0));
     return Corners(
@@ -54,7 +54,7 @@ fn x_differences(slot: Slot, cell: vec3<i32>, c: Corners) -> Corners {
 
 // Central differences along y at the corners.
 fn y_differences(slot: Slot, cell: vec3<i32>, c: Corners) -> Corners {
-    // y = 0 of the layers of the cell before, y = 1 of those of the cell behind.
+    // y = 0 of the cell before, y = 1 of the cell behind.
     let before = corners_of(slot, cell - vec3<i32>(0, 1, 0));
     let behind = corners_of(slot, cell + vec3<i32>(0, 1, 0));
     return Corners(
@@ -89,7 +89,8 @@ fn normal_at(gradient: ChordGradient, u: f32, ray: LocalRay) -> vec3<f32> {
     return g / max(length(g), TINY);
 }
 
-// Gauss pairs that shading wants between two parameters of a chord of optical depth tau: by how far the normal turns.
+// Number of Gauss pairs that shading needs between two parameters of a chord of optical depth tau, from the turn of the
+// normal.
 fn shaded_pairs(gradient: ChordGradient, u0: f32, u1: f32, ray: LocalRay, tau: f32) -> u32 {
     if (gradient.present == 0u) {
         return 1u;
@@ -107,7 +108,7 @@ fn shaded(gradient: ChordGradient, u: f32, ray: LocalRay, color: vec3<f32>) -> v
     return shade(color, gradient_at(gradient, u, ray), ray.to_eye);
 }
 
-// The colour after shading; `gradient` in world space, `to_eye` a unit vector.
+// The colour after shading; `gradient` in world space, `to_eye` a unit world vector.
 fn shade(color: vec3<f32>, gradient: vec3<f32>, to_eye: vec3<f32>) -> vec3<f32> {
     let size = length(gradient);
     if (size == 0.0 || size < config.gradient_floor) {
@@ -122,7 +123,7 @@ fn shade(color: vec3<f32>, gradient: vec3<f32>, to_eye: vec3<f32>) -> vec3<f32> 
         diffuse += config.diffuse * abs(dot(normal, light.to_light)) * light.intensity;
         let between = light.to_light + to_eye;
         let facing = abs(dot(normal, between)) / max(length(between), TINY);
-        // 0 to a power is 0; pow would take the logarithm of 0.
+        // 0 to a power is 0, but pow takes the logarithm of 0.
         if (facing > 0.0) {
             specular += config.specular * pow(facing, config.shininess) * light.intensity;
         }

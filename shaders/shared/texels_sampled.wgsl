@@ -1,10 +1,10 @@
-// What is fetched for every part of a ray, as sampled textures, which graphics hardware reads through larger caches than those of
-// texels_stored.wgsl.
+// Frequently fetched tables and voxels as sampled textures, which GPUs read through larger caches than storage
+// textures. The alternative is texels_stored.wgsl.
 
-// Extinction and emission by bins (light.wgsl).
+// Table of extinction and emission by bins (light.wgsl).
 @group(0) @binding(4) var light_table: texture_2d<u32>;
 
-// Slots of stored voxels: integers biased to unsigned, floats as their bits. Unused ones hold one texel.
+// Stored voxels of slots: integers biased to unsigned, floats as their bits. Unused textures hold one texel.
 @group(0) @binding(8) var cache_0: texture_3d<u32>;
 @group(0) @binding(9) var cache_1: texture_3d<u32>;
 @group(0) @binding(10) var cache_2: texture_3d<u32>;

@@ -1,10 +1,10 @@
-// What is fetched for every part of a ray, as storage textures: they have no levels of detail, for which software adapters
-// compute an address at every fetch. The alternative is texels_sampled.wgsl.
+// Frequently fetched tables and voxels as storage textures. They have no levels of detail, whose addresses software
+// adapters compute at every fetch. The alternative is texels_sampled.wgsl.
 
-// Extinction and emission by bins (light.wgsl).
+// Table of extinction and emission by bins (light.wgsl).
 @group(0) @binding(4) var light_table: texture_storage_2d<rgba32uint, read>;
 
-// Slots of stored voxels: integers biased to unsigned, floats as their bits. Unused ones hold one texel.
+// Stored voxels of slots: integers biased to unsigned, floats as their bits. Unused textures hold one texel.
 @group(0) @binding(8) var cache_0: texture_storage_3d<rgba32uint, read>;
 @group(0) @binding(9) var cache_1: texture_storage_3d<rgba32uint, read>;
 @group(0) @binding(10) var cache_2: texture_storage_3d<rgba32uint, read>;

@@ -1,4 +1,4 @@
-// Twin of transfer_function/render.rs: values to colour and opacity, exact whatever the number of bins.
+// Colour and opacity of a value, exact for any number of bins. Twin of crates/scene transfer_function/render.rs.
 
 fn table_place(i: u32) -> vec2<u32> {
     return vec2<u32>(i % TABLE_WIDTH, i / TABLE_WIDTH);
@@ -9,22 +9,22 @@ fn point_rgba(i: u32) -> vec4<f32> {
     return bitcast<vec4<f32>>(textureLoad(points, table_place(4u * i), 0));
 }
 
-// Change of each up to the next point.
+// Change of each channel up to the next point.
 fn point_delta(i: u32) -> vec4<f32> {
     return bitcast<vec4<f32>>(textureLoad(points, table_place(4u * i + 1u), 0));
 }
 
-// Value, 1 / width of the segment, variation before it, variation of it.
+// Value, 1 / width of the segment, variation before the segment, variation of the segment.
 fn point_shape(i: u32) -> vec4<f32> {
     return bitcast<vec4<f32>>(textureLoad(points, table_place(4u * i + 2u), 0));
 }
 
-// Visible points before a point, knots up to it.
+// Number of visible points before a point, and of knots up to it.
 fn point_counts(i: u32) -> vec2<u32> {
     return textureLoad(points, table_place(4u * i + 3u), 0).xy;
 }
 
-// Before the first control point.
+// Index of the segment before the first control point.
 const BEFORE_FIRST: u32 = 0xffffffffu;
 
 // Index of the last point with a value not greater than `value`, or BEFORE_FIRST.
@@ -33,7 +33,7 @@ fn tf_segment(value: f32) -> u32 {
     if (from_first < 0.0) {
         return BEFORE_FIRST;
     }
-    // Clamped before the conversion: what no u32 holds converts to anything.
+    // Clamped before the conversion: converting a value outside the range of u32 is undefined.
     let bin = u32(min(from_first * config.bins_per_value, f32(config.bin_count - 1u)));
     var i = textureLoad(transfer_index, table_place(bin), 0).x;
     while (i + 1u < config.point_count && value >= point_shape(i + 1u).x) {
@@ -43,7 +43,7 @@ fn tf_segment(value: f32) -> u32 {
     return i;
 }
 
-// Position of a value in a segment, 0 at its point, 1 at the next.
+// Position of a value in a segment: 0 at its left point, 1 at the next.
 fn tf_position(segment: u32, value: f32) -> f32 {
     let shape = point_shape(segment);
     return min((value - shape.x) * shape.y, 1.0);
@@ -58,7 +58,7 @@ fn classify(value: f32) -> vec4<f32> {
     return point_rgba(i) + tf_position(i, value) * point_delta(i);
 }
 
-// Points with positive alpha up to the end of a segment's left point.
+// Number of points with positive alpha up to and including a segment's left point.
 fn visible_points_up_to(segment: u32) -> u32 {
     if (segment == BEFORE_FIRST) {
         return 0u;
@@ -79,7 +79,7 @@ fn is_visible(low: f32, high: f32) -> bool {
         || visible_points_up_to(tf_segment(high)) > visible_points_up_to(tf_segment(low));
 }
 
-// Variation gathered below a value.
+// Sum of the variation below a value.
 fn tf_gathered(value: f32) -> f32 {
     let i = tf_segment(value);
     if (i == BEFORE_FIRST) {
@@ -89,7 +89,7 @@ fn tf_gathered(value: f32) -> f32 {
     return shape.z + min((value - shape.x) * shape.y, 1.0) * shape.w;
 }
 
-// Total variation of alpha, and of colour as far as it is visible, over the closed interval.
+// Total variation of alpha, and of colour weighted by its visibility, over the closed interval.
 fn variation(low: f32, high: f32) -> f32 {
     return tf_gathered(high) - tf_gathered(low);
 }
@@ -120,7 +120,7 @@ fn knots_in(low: f32, high: f32) -> vec2<u32> {
 // `-ln(1 - alpha)`, accurate for small alpha, where `1 - alpha` would round the digits away.
 fn absorbance(alpha: f32) -> f32 {
     if (alpha < 0.0625) {
-        // Taylor's series; the first term left out is below 2^-24 of the sum.
+        // Taylor series; the first omitted term is below 2^-24 of the sum.
         let terms = 1.0 / 2.0 + alpha * (1.0 / 3.0 + alpha * (1.0 / 4.0 + alpha * (1.0 / 5.0 + alpha * (1.0 / 6.0))));
         return alpha + alpha * alpha * terms;
     }

@@ -1,13 +1,13 @@
 // The walk of one ray: brick by brick, macro cell by macro cell, trilinear cell by trilinear cell.
 
-// Moves the base point of a ray that has come far: t stays small (camera.wgsl).
+// Moves the base point of a ray forward, so that t stays small (camera.wgsl).
 fn rebase(state: ptr<function, RayState>) {
     let strides = u32((*state).t / config.stride);
     (*state).strides += strides;
     (*state).t -= f32(strides) * config.stride;
 }
 
-// Casts a ray as far as it goes now; afterwards its status is set.
+// Casts a ray until it is finished, lacks a brick, or reaches the work limit. Sets its status.
 fn cast_ray(ray: PixelRay, state: ptr<function, RayState>) {
     var is_inside = (*state).status == STATUS_INSIDE;
     var base = ray_from(ray, (*state).strides);
@@ -25,8 +25,9 @@ fn cast_ray(ray: PixelRay, state: ptr<function, RayState>) {
             note_miss(page.entry);
             return;
         }
-        // Only inside a brick that is there: at its face, t is where the last brick's ended, to the last bit.
-        // A ray that stopped in a brick goes on from the same base point, as if it had not.
+        // The base point moves only when the ray enters a brick that is present. At its face, t equals the end of the
+        // last brick to the last bit. A ray that stopped inside a brick continues from the same base point as if
+        // uninterrupted.
         if (!is_inside) {
             rebase(state);
             base = ray_from(ray, (*state).strides);
@@ -42,7 +43,7 @@ fn cast_ray(ray: PixelRay, state: ptr<function, RayState>) {
     }
 }
 
-// Casts a ray through the part of it that lies in one page.
+// Casts the part of a ray that lies in one page.
 fn cast_page(page: Page, base: LevelRay, leave: f32, state: ptr<function, RayState>) {
     bricks_entered += 1u;
     switch page.state {
@@ -67,16 +68,16 @@ fn cast_page(page: Page, base: LevelRay, leave: f32, state: ptr<function, RaySta
 
 // A ray in brick-local index space.
 struct LocalRay {
-    // Relative to the core's first voxel.
+    // Position relative to the core's first voxel.
     origin: vec3<f32>,
     // Index offset per world length.
     direction: vec3<f32>,
-    // The ray at the brick's level, and the core's first voxel there.
+    // The ray at the brick's level, and the core's first voxel at that level.
     level: LevelRay,
     first: vec3<i32>,
-    // Unit world vector.
+    // Unit world vector to the eye.
     to_eye: vec3<f32>,
-    // Gradients per voxel of this level to gradients per voxel of level 0.
+    // Factors from gradients per voxel of this level to gradients per voxel of level 0.
     gradient_scale: vec3<f32>,
 }
 
@@ -96,22 +97,22 @@ fn macro_cell_at(ray: LocalRay, t: f32) -> vec3<i32> {
     return vec3<i32>(floor((local_at(ray, t) + 0.5) / f32(MACRO_CELL)));
 }
 
-// Walks the macro cells of a brick; stops between two of them when the ray has done its share.
+// Walks through the macro cells of a brick. Stops between two of them when the work limit is reached.
 fn cast_brick(slot: Slot, ray: LocalRay, leave: f32, state: ptr<function, RayState>) {
     let last = macro_edge() - 1;
     let side = leaving_side(ray.direction);
     let step = step_of(ray.direction);
     var cell = clamp(macro_cell_at(ray, (*state).t), vec3<i32>(0), vec3<i32>(last));
-    // A ray enters at most three macro cells per layer, and may begin one too far back on each axis.
+    // A ray enters at most three macro cells per layer, and may begin one cell too early on each axis.
     let limit = 3 * (last + 2);
     for (var i = 0; i < limit; i += 1) {
         work += 1u;
         let place = macro_place(slot, cell);
         let range = macro_ranges[place];
         let distance = i32(proximity[place] & NEAREST);
-        // What is skipped shows nothing; but values may jump where it begins, across a surface.
+        // A skipped cell is invisible, but values may jump across a surface at its front face.
         let is_visited = (distance == 0 || has_flag(FLAG_SURFACES)) && is_worth_a_visit(range, state);
-        // Nothing less than the distance away shows anything: the ray leaps out of all of it.
+        // Nothing nearer than the distance is visible: the ray leaps over all of it.
         let reach = select(max(distance - 1, 0), 0, is_visited);
         let leaves = crossings(vec3<f32>((cell + side + reach * step) * MACRO_CELL) - 0.5, ray.origin, ray.direction);
         let cell_leave = min(first_crossing(leaves), leave);
@@ -135,7 +136,7 @@ fn cast_brick(slot: Slot, ray: LocalRay, leave: f32, state: ptr<function, RaySta
         let there = clamp(macro_cell_at(ray, cell_leave), cell - reach, cell + reach);
         cell = select(there, cell + (reach + 1) * step, axis == vec3<i32>(1));
         if (any(cell < vec3<i32>(0)) || any(cell > vec3<i32>(last))) {
-            // Only rounding leads out of the brick before its face.
+            // Only rounding can lead out of the brick before its face.
             (*state).t = leave;
             return;
         }
@@ -144,8 +145,8 @@ fn cast_brick(slot: Slot, ray: LocalRay, leave: f32, state: ptr<function, RaySta
     (*state).t = leave;
 }
 
-// Integrates the trilinear cells of one macro cell: faces at integers, `first - 1` to `first + 7`. The ray's t follows
-// cell by cell, so that it can stop anywhere.
+// Integrates the trilinear cells of one macro cell, whose faces are at integers from `first - 1` to `first + 7`. The
+// ray's t advances cell by cell, so that the ray can stop after any of them.
 fn cast_macro_cell(slot: Slot, ray: LocalRay, first: vec3<i32>, leave: f32, state: ptr<function, RayState>) {
     let low = first - 1;
     let high = first + MACRO_CELL - 1;
@@ -172,7 +173,7 @@ fn cast_macro_cell(slot: Slot, ray: LocalRay, first: vec3<i32>, leave: f32, stat
         }
         cell += first_axis(leaves) * step_of(ray.direction);
         if (any(cell < low) || any(cell > high)) {
-            // Only rounding leads out of the macro cell before its face.
+            // Only rounding can lead out of the macro cell before its face.
             return;
         }
     }

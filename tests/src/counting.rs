@@ -1,35 +1,36 @@
-//! An allocator that counts: what the system says of a process depends on what else it does.
+//! Counting allocator: measures memory independently of other activity of the process.
 //!
-//! It counts everything in the program, so a test that measures is alone in its program. Install it with `#[global_allocator]`.
+//! It counts all allocations of the program, so a measuring test must be alone in its program. Install it with
+//! `#[global_allocator]`.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Bytes that are allocated now, and that were at most.
+/// Bytes allocated now, and their peak.
 static NOW: AtomicUsize = AtomicUsize::new(0);
 static PEAK: AtomicUsize = AtomicUsize::new(0);
 
-/// See the module.
+/// The counting allocator; see the module.
 pub struct Counting;
 
-/// Bytes that are allocated now.
+/// Bytes allocated now.
 #[must_use]
 pub fn now() -> usize {
     NOW.load(Ordering::Relaxed)
 }
 
-/// Bytes that were allocated at most since [`forget_peak`].
+/// Peak of allocated bytes since [`forget_peak`].
 #[must_use]
 pub fn peak() -> usize {
     PEAK.load(Ordering::Relaxed)
 }
 
-/// From now on the peak is that of what comes.
+/// Restarts the peak at the present value.
 pub fn forget_peak() {
     PEAK.store(now(), Ordering::Relaxed);
 }
 
-/// Most bytes allocated at once while `run` runs, beyond what there was before.
+/// Peak of allocated bytes while `run` runs, beyond those allocated before; and the result of `run`.
 pub fn peak_of<T>(run: impl FnOnce() -> T) -> (usize, T) {
     let before = now();
     forget_peak();

@@ -1,4 +1,4 @@
-//! Sources that fail: at the n-th read, always beyond some offset, or by ending early; and sources that count.
+//! Faulty sources: they fail at the n-th read, fail beyond an offset, or end early. Also sources that count reads.
 
 use std::io;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -9,11 +9,11 @@ use supervol_sources::{SourceError, SourceInfo, VolumeSource};
 /// A byte source whose `fail_at`-th read (counted from 0) fails with EIO; all others succeed.
 #[derive(Debug)]
 pub struct FailingBytes<S> {
-    /// What is read.
+    /// Source of the data.
     pub inner: S,
-    /// Which read fails.
+    /// Number of the read that fails.
     pub fail_at: u64,
-    /// Reads so far.
+    /// Number of reads so far.
     pub reads: AtomicU64,
 }
 
@@ -37,12 +37,12 @@ impl<S: ByteSource> ByteSource for FailingBytes<S> {
     }
 }
 
-/// A byte source that claims its full length and ends earlier: a file truncated after it was opened.
+/// A byte source that reports its full length but ends earlier, like a file truncated after it was opened.
 #[derive(Debug)]
 pub struct ShortBytes<S> {
-    /// What is read.
+    /// Source of the data.
     pub inner: S,
-    /// Bytes that can be read.
+    /// Number of bytes that can be read.
     pub readable: u64,
 }
 
@@ -62,11 +62,11 @@ impl<S: ByteSource> ByteSource for ShortBytes<S> {
 /// A byte source that counts requests and bytes.
 #[derive(Debug)]
 pub struct CountingBytes<S> {
-    /// What is read.
+    /// Source of the data.
     pub inner: S,
-    /// Requests so far, however many ranges they ask for.
+    /// Number of requests so far; a request may have several ranges.
     pub reads: AtomicU64,
-    /// Bytes so far.
+    /// Number of bytes read so far.
     pub bytes: AtomicU64,
 }
 
@@ -110,7 +110,7 @@ impl<S> FailingVolume<S> {
         Self { inner, fail_at, boxes: AtomicU64::new(0) }
     }
 
-    /// Boxes asked for so far.
+    /// Number of boxes requested so far.
     pub fn boxes(&self) -> u64 {
         self.boxes.load(Ordering::Relaxed)
     }

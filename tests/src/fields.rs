@@ -1,4 +1,4 @@
-//! Volumes computed from coordinates, and building containers of them.
+//! Volumes computed from coordinates, and containers built from them.
 
 use std::path::{Path, PathBuf};
 
@@ -13,29 +13,30 @@ use supervol_preprocess::{BuildError, BuildOptions, Existing, MaxError, build};
 use supervol_sources::computed::Computed;
 use supervol_sources::{SourceError, SourceInfo, VolumeSource};
 
-/// What a field holds; values are in stored units and rounded to the voxel type.
+/// Content of a field; values are in stored units and rounded to the voxel type.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Content {
     /// 42 everywhere.
     Constant,
     /// Independent values over most of the type's range.
     Noise,
-    /// Waves of some ten voxels, with a little noise.
+    /// Waves with a length of about ten voxels, and a little noise.
     Smooth,
-    /// Waves with holes: single voxels, a slab, a ball; NaN and infinities in float types, the nodata value in integers.
+    /// Waves with absent voxels: single ones, a slab, a ball. NaN and infinities in float types, the nodata value in
+    /// integers.
     Holes,
-    /// Nothing present at all.
+    /// No present voxel.
     Absent,
-    /// Zero but for thin shells.
+    /// Zero except for thin shells.
     Shells,
 }
 
 impl Content {
-    /// All of them.
+    /// All contents.
     pub const ALL: [Self; 6] = [Self::Constant, Self::Noise, Self::Smooth, Self::Holes, Self::Absent, Self::Shells];
 }
 
-/// The value that means "no data" in fields with holes: representable in every voxel type.
+/// The nodata value of fields with absent voxels; every voxel type can represent it.
 pub const NODATA: f64 = 17.0;
 
 /// A volume computed voxel by voxel.
@@ -80,7 +81,7 @@ impl Field {
         field
     }
 
-    /// The same field with its description changed.
+    /// The same field with changed metadata.
     #[must_use]
     pub fn with_info(self, change: impl FnOnce(&mut SourceInfo)) -> Self {
         Self(self.0.with_info(change))
@@ -89,7 +90,7 @@ impl Field {
     /// All voxels, little endian, x fastest.
     ///
     /// # Panics
-    /// Never: computing does not fail.
+    /// Never: computed fields do not fail.
     #[must_use]
     pub fn bytes(&self) -> Vec<u8> {
         let all = self.info().dims.full_box();
@@ -109,7 +110,7 @@ impl VolumeSource for Field {
     }
 }
 
-/// Most of the type's range; floats stay where 24 bits resolve thousandths.
+/// Most of the type's range. Floats are limited to values for which 24 bits resolve thousandths.
 fn amplitude(voxel_type: VoxelType) -> (f64, f64) {
     if voxel_type.is_float() { (-5000.0, 5000.0) } else { voxel_type.limits() }
 }
@@ -123,7 +124,7 @@ fn away_from_nodata(value: f64) -> f64 {
     if (value - NODATA).abs() < 1.0 { NODATA + 2.0 } else { value }
 }
 
-/// The absent voxel at `p`, if there is one: one voxel in 31, a slab of three layers, and a ball.
+/// The absent voxel at `p`, if there is one. Absent are one voxel in 31, a slab of three layers, and a ball.
 fn hole_at(p: [u64; 3], dims: [u64; 3], voxel_type: VoxelType) -> Option<f64> {
     let from_middle: u64 = (0..3).map(|a| p[a].abs_diff(dims[a] / 2).pow(2)).sum();
     let hash = mix(p[0].wrapping_mul(3) ^ mix(p[1] ^ mix(p[2] ^ 5)));
@@ -158,16 +159,16 @@ pub fn origin() -> Source {
     Source::computed("field")
 }
 
-/// A built container in a folder of its own that goes when this goes.
+/// A built container in a temporary folder, which is removed with it.
 #[derive(Debug)]
 pub struct Built {
     /// The folder.
     pub folder: tempfile::TempDir,
-    /// The container file in it.
+    /// Path of the container file.
     pub path: PathBuf,
-    /// The same, open.
+    /// The open container.
     pub container: Container,
-    /// What the build said.
+    /// Report of the build.
     pub report: BuildReport,
 }
 
@@ -187,7 +188,7 @@ fn open(path: &Path) -> Result<Container, BuildError> {
     Container::open(path).map_err(|source| BuildError::Container { path: path.into(), source })
 }
 
-/// As [`try_build`], for volumes that must build.
+/// As [`try_build`], for volumes whose build must succeed.
 ///
 /// # Panics
 /// If the build fails, with its message.

@@ -1,5 +1,5 @@
-//! Containers with one thing wrong: bytes are changed and every checksum that covers them is made right again, so that
-//! only the rule under test can notice.
+//! Containers that break exactly one rule. Bytes are changed, and all checksums over them are corrected, so that only a
+//! check of the rule can detect it.
 
 use std::sync::Arc;
 
@@ -11,18 +11,18 @@ use supervol_format::container::seal::seal_brick;
 use supervol_format::container::toc::{self, BrickEntry, ENTRIES_PER_PAGE, ENTRY_BYTES};
 use supervol_format::{BrickKey, Container, ValueRange};
 
-/// The bytes of a whole container, and what they said before they were changed.
+/// The bytes of a container, and the container before the changes.
 #[derive(Debug)]
 pub struct Forge {
     /// The file.
     pub bytes: Vec<u8>,
-    /// The container as it was.
+    /// The container before the changes.
     pub original: Container,
 }
 
 impl Forge {
     /// # Panics
-    /// If the bytes are no whole container.
+    /// If the bytes are not a complete container.
     #[must_use]
     pub fn new(bytes: Vec<u8>) -> Self {
         let original = Container::from_source(Arc::new(bytes.clone())).expect("only whole containers are forged");
@@ -31,14 +31,14 @@ impl Forge {
 
     /// The original entry of a brick.
     ///
-    /// # Panics
+    /// If the entry cannot be read.
     /// If it cannot be read.
     #[must_use]
     pub fn entry(&self, key: BrickKey) -> BrickEntry {
         self.original.entry(key).expect("the original container is whole")
     }
 
-    /// The record of a brick as it stands in the file now.
+    /// The present record of a brick.
     #[must_use]
     pub fn record(&self, key: BrickKey) -> Vec<u8> {
         let entry = self.entry(key);
@@ -69,7 +69,7 @@ impl Forge {
     /// Replaces a record by one of the same length, with its checksum.
     ///
     /// # Panics
-    /// If it has another length.
+    /// If the length differs.
     pub fn set_record(&mut self, key: BrickKey, record: &[u8]) {
         let mut entry = self.entry(key);
         assert_eq!(record.len() as u64, entry.record_bytes(), "a forged record of {key} must fit the old one's place");
@@ -79,7 +79,7 @@ impl Forge {
         self.set_entry(key, &entry);
     }
 
-    /// Replaces the voxels of a raw-coded brick, and makes ranges, flags, macro cells and checksum fit them.
+    /// Replaces the voxels of a raw-coded brick, and adapts ranges, flags, macro cells and checksum.
     ///
     /// # Panics
     /// If the brick is not coded raw.
@@ -113,10 +113,10 @@ impl Forge {
         self.bytes[footer..].copy_from_slice(&page);
     }
 
-    /// Replaces the manifest, and makes the footer say where it ends and what its checksum is.
+    /// Replaces the manifest, and adapts its end and checksum in the footer.
     ///
     /// # Panics
-    /// If it is too long for a container.
+    /// If the manifest is too long for a container.
     pub fn set_manifest(&mut self, manifest: &Manifest) {
         let json = manifest.to_json().expect("a manifest");
         let old = self.original.sections();
@@ -127,7 +127,7 @@ impl Forge {
         self.bytes.extend_from_slice(&header::encode(self.original.descriptor(), sections));
     }
 
-    /// Makes the checksums of all TOC pages right.
+    /// Corrects the checksums of all TOC pages.
     pub fn reseal_toc(&mut self) {
         let Sections { toc_offset, toc_bytes, .. } = self.original.sections();
         let toc = &mut self.bytes[toc_offset as usize..(toc_offset + toc_bytes) as usize];
@@ -138,7 +138,7 @@ impl Forge {
         }
     }
 
-    /// Makes the checksums of the header and footer pages and of the TOC pages right.
+    /// Corrects the checksums of the header and footer pages and of the TOC pages.
     pub fn reseal_pages(&mut self) {
         let footer = self.bytes.len() - header::PAGE_BYTES;
         reseal(&mut self.bytes[..header::PAGE_BYTES]);
@@ -147,10 +147,10 @@ impl Forge {
     }
 }
 
-/// A container as version 1 or 2 wrote it: all pages of the table of contents are whole.
+/// The container in the form of version 1 or 2: all pages of the TOC are full.
 ///
 /// # Panics
-/// If the bytes are no whole container.
+/// If the bytes are not a complete container.
 #[must_use]
 pub fn as_written_by(bytes: &[u8], version: u32) -> Vec<u8> {
     let container = Container::from_source(Arc::new(bytes.to_vec())).expect("only whole containers are rewritten");
@@ -165,7 +165,7 @@ pub fn as_written_by(bytes: &[u8], version: u32) -> Vec<u8> {
     with_version(out, version)
 }
 
-/// The same bytes with another version in header and footer.
+/// The same bytes with another version number in header and footer.
 #[must_use]
 pub fn with_version(mut bytes: Vec<u8>, version: u32) -> Vec<u8> {
     let footer = bytes.len() - header::PAGE_BYTES;
@@ -177,7 +177,7 @@ pub fn with_version(mut bytes: Vec<u8>, version: u32) -> Vec<u8> {
     bytes
 }
 
-/// Writes the checksum of all but the last eight bytes into those.
+/// Writes the checksum of a page into its last eight bytes.
 pub fn reseal(page: &mut [u8]) {
     let at = page.len() - 8;
     let sum = checksum(&page[..at]);

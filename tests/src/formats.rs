@@ -1,7 +1,7 @@
-//! What becomes of every real file in the data folder: built, checked and read back, or refused with the reason.
+//! Result of reading every real file in the data folder: built, verified and read back, or refused with the reason.
 //!
-//! The table in `docs/formats.md` is made by `cargo run -p supervol-tests --bin formats -- DATA_FOLDER`; the test
-//! `formats.rs` makes it again and compares.
+//! `cargo run -p supervol-tests --bin formats -- DATA_FOLDER` writes the table in `docs/formats.md`; the test
+//! `formats.rs` writes it again and compares.
 
 use std::path::{Path, PathBuf};
 
@@ -30,7 +30,7 @@ const FOLDERS: [&str; 13] = [
     "vti",
     "vtk-legacy",
 ];
-/// Folders that are given as they are.
+/// Folders that are inputs as a whole.
 const FOLDERS_AS_INPUTS: [&str; 18] = [
     "dicom/brain_pd_19slices",
     "n5/n5_viewer_multiscale_modern",
@@ -51,12 +51,12 @@ const FOLDERS_AS_INPUTS: [&str; 18] = [
     "zarr/v3/3d.chunked.mixed.i2.F",
     "zarr/v3/3d.contiguous.i2",
 ];
-/// Files that are parts of others, and are opened with them.
+/// Files that belong to other files and are opened with them.
 const PARTS: [&str; 3] = ["BallBinary30x30x30.raw", "HeadMRVolume.raw", "BrainProtonDensitySliceBorder20.zraw"];
-/// Memory for each build, bytes.
+/// Memory budget of each build, in bytes.
 const MEMORY_BYTES: u64 = 256 << 20;
 
-/// One file's fate.
+/// Result for one file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Outcome {
     /// Path inside the data folder.
@@ -65,11 +65,11 @@ pub struct Outcome {
     pub fate: &'static str,
     /// Dims and type, or the reason.
     pub what: String,
-    /// What the reader noticed.
+    /// Notes of the reader.
     pub notes: Vec<String>,
 }
 
-/// All files under the covered folders, sorted, with the raw ones and the header of the headless slices.
+/// All files in the covered folders, sorted, including the raw ones and the header of the headless slices.
 ///
 /// # Errors
 /// If a folder cannot be listed.
@@ -102,7 +102,7 @@ fn list(folder: &Path, files: &mut Vec<PathBuf>) -> std::io::Result<()> {
 /// Opens, builds, verifies and reads back one file; `work` is a folder for the container.
 ///
 /// # Panics
-/// If a file that opens does not build, does not verify, or does not come back bit for bit: that is our bug.
+/// If a file that opens does not build or verify, or differs when it is read back: that is a bug.
 #[must_use]
 pub fn outcome(data: &Path, path: &Path, work: &Path) -> Outcome {
     let file = path.strip_prefix(data).unwrap_or(path).display().to_string();
@@ -151,7 +151,7 @@ fn round_trip(file: &str, source: &dyn VolumeSource, origin: Source, work: &Path
     assert!(expected == found, "{file}: level 0 is not the source's voxels bit for bit");
 }
 
-/// What is read, what is written, and how: one screen, by hand.
+/// Hand-written table of the readable and writable formats.
 const SCREEN: &str = "\
 | format | read | written (`extract`, `mesh`) |
 |---|---|---|
@@ -179,7 +179,7 @@ SimpleITK, VTK, pydicom, tifffile, zarr, tensorstore, nibabel, pynrrd, segyio an
 
 ";
 
-/// The document: what is read and written, then one row per file.
+/// The document: readable and writable formats, then one row per file.
 #[must_use]
 pub fn document(outcomes: &[Outcome]) -> String {
     let mut out = String::from("# Formats\n\n");

@@ -1,9 +1,9 @@
-//! What each fuzz target does with its bytes. libFuzzer calls these from `fuzz/fuzz_targets`, and
-//! `tests/fuzz_seeds.rs` calls them with seeded mutations, so that every machine runs them.
+//! Bodies of the fuzz targets. libFuzzer calls them from `fuzz/fuzz_targets`; `tests/tests/drawn/fuzz_seeds.rs` calls
+//! them with seeded mutations on every machine.
 //!
-//! A body returns when the bytes were answered properly, with data or with an error, and panics when they were not.
-//! Bodies that read whole files take the first byte as a mode: even, the rest is the file; odd, the rest is a list of
-//! edits ([`apply_edits`]) to a small valid file, which gets a fuzzer behind magic numbers and lengths at once.
+//! A body returns if the bytes gave data or an error, and panics if the answer is wrong. Bodies that read whole files
+//! take the first byte as a mode. Even: the rest is the file. Odd: the rest is a list of edits ([`apply_edits`]) of a
+//! small valid file. With edits, a fuzzer gets past magic numbers and lengths at once.
 
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
@@ -30,19 +30,19 @@ pub use crate::fuzz_journal::*;
 pub use crate::fuzz_seeds::*;
 pub use crate::fuzz_small::*;
 
-/// Bricks of one damaged container that are decoded, at most.
+/// Most bricks of a damaged container that are decoded.
 const BRICKS_LIMIT: u64 = 64;
-/// Voxels along an axis that are read of a damaged volume, at most.
+/// Most voxels along an axis that are read of a damaged volume.
 const READ_EDGE: u64 = 8;
-/// Bytes of one edit: four of position, one of what to do, one of value.
+/// Bytes of one edit: four for the position, one for the kind, one for the value.
 const EDIT_BYTES: usize = 6;
 
-/// A container file: opened, and every entry, brick and macro cell read. Bricks that are handed out in spite of
-/// damage, though no checksum was mended, must be the undamaged ones. The second bit of the mode asks for checksums to be mended, those
-/// above it choose the container, one of each version of the format.
+/// A container file: opens it and reads every entry, brick and macro cell. If no checksum was corrected, every brick
+/// that is returned must equal the undamaged one. The second bit of the mode requests corrected checksums. The higher
+/// bits choose the container, one per version of the format.
 ///
 /// # Panics
-/// If a wrong brick is handed out.
+/// If a wrong brick is returned.
 pub fn container(data: &[u8]) {
     let Some((&mode, rest)) = data.split_first() else { return };
     let seeds = seed_containers();
@@ -50,7 +50,7 @@ pub fn container(data: &[u8]) {
     let mut file = if mode & 1 == 0 { rest.to_vec() } else { apply_edits(&seed.bytes, rest) };
     let mended = mode & 2 != 0 && file.len() == seed.bytes.len();
     if mended {
-        // Checksums right again: what lies behind them is met with damage.
+        // With corrected checksums, the code behind them sees the damage.
         let mut forge = Forge::new(seed.bytes.clone());
         forge.bytes = file;
         forge.reseal_pages();
@@ -73,7 +73,7 @@ pub fn container(data: &[u8]) {
     }
 }
 
-/// One of each version that is read, the newest first; in the second, as in no other, voxels have been moved.
+/// One container per readable version, the newest first. Voxels are quantised only in the one of version 2.
 fn seed_containers() -> &'static [Forge] {
     static SEEDS: OnceLock<Vec<Forge>> = OnceLock::new();
     SEEDS.get_or_init(|| {
@@ -88,7 +88,7 @@ fn seed_containers() -> &'static [Forge] {
     })
 }
 
-/// Each of these containers as it is, by edits of which there are none, and the same with checksums mended.
+/// Inputs: each container unchanged, with an empty list of edits, and with an empty list and corrected checksums.
 fn container_inputs() -> Vec<Vec<u8>> {
     let of = |(which, seed): (usize, &Forge)| {
         let mode = (which as u8) << 2;
@@ -117,15 +117,15 @@ pub fn codec_wavelet(data: &[u8]) {
     codec(Codec::Wavelet, data);
 }
 
-/// Plain codecs of what is left without layers that repeat: payloads decoded, voxels encoded and decoded.
+/// The trimmed codec (layers that repeat are left out): payloads decoded, voxels encoded and decoded.
 pub fn codec_trimmed(data: &[u8]) {
     codec(Codec::Trimmed, data);
 }
 
-/// The first four bytes choose type and shape; the rest is decoded as a payload, and encoded as voxels and decoded.
+/// The first four bytes choose type and shape. The rest is decoded as a payload, and encoded as voxels and decoded.
 ///
 /// # Panics
-/// If the round trip is not exact, or a payload decodes to voxels that encode to something that does not.
+/// If the round trip is not exact, or if the voxels of a decoded payload do not survive a round trip.
 fn codec(codec: Codec, data: &[u8]) {
     let Some((&[kind, x, y, z], rest)) = data.split_first_chunk::<4>() else { return };
     let voxel_type = VoxelType::ALL[usize::from(kind) % VoxelType::ALL.len()];
@@ -139,8 +139,8 @@ fn codec(codec: Codec, data: &[u8]) {
 }
 
 fn round_trip(codec: Codec, shape: BrickShape, voxels: &[u8]) {
-    // Raw where the codec would have made the brick larger; zstd where voxels are no multiples of a step; trimmed where layers
-    // of apron repeat, else any plain codec where that was asked for.
+    // `encode` may choose another codec. Raw: the codec would enlarge the brick. Zstd: voxels are no multiples of a
+    // step. Trimmed: layers of the apron repeat. Any plain codec: trimmed was requested and none repeat.
     let (written, payload) = encode(CodecChoice::Only(codec), shape, voxels).expect("encoding needs only memory");
     let is_allowed = match (codec, written) {
         (Codec::Raw, _) => written == Codec::Raw,
@@ -154,25 +154,25 @@ fn round_trip(codec: Codec, shape: BrickShape, voxels: &[u8]) {
     assert!(out == voxels, "{} is not lossless for {shape:?}", codec.name());
 }
 
-/// A SEG-Y file.
+/// Reads a SEG-Y file.
 pub fn segy(data: &[u8]) {
     let bytes = whole_file(data, &segy_seed());
     read_some(SegySource::from_bytes(Box::new(bytes), Path::new("fuzz.sgy"), &SegyOptions::default()));
 }
 
-/// A NRRD file.
+/// Reads a NRRD file.
 pub fn nrrd(data: &[u8]) {
     let bytes = whole_file(data, &nrrd_seed());
     in_a_file("fuzz.nrrd", &bytes, |path, spool| read_some(NrrdSource::open(path, spool)));
 }
 
-/// A MetaImage, plain or compressed.
+/// Reads a MetaImage, plain or compressed.
 pub fn metaimage(data: &[u8]) {
     let bytes = whole_file(data, &metaimage_seed());
     in_a_file("fuzz.mha", &bytes, |path, spool| read_some(MetaImageSource::open(path, spool, Outside::Refused)));
 }
 
-/// A NIfTI file, plain; or, by the second bit of the mode, the header of a pair of ANALYZE 7.5.
+/// Reads a plain NIfTI file; if the second bit of the mode is set, the header of an ANALYZE 7.5 pair.
 pub fn nifti(data: &[u8]) {
     if data.first().is_some_and(|mode| mode & 2 != 0) {
         return in_a_file("fuzz.hdr", &whole_file(data, &analyze_seed()), |path, spool| {
@@ -184,25 +184,26 @@ pub fn nifti(data: &[u8]) {
     in_a_file("fuzz.nii", &bytes, |path, spool| read_some(NiftiSource::open(path, spool)));
 }
 
-/// An npy file.
+/// Reads an npy file.
 pub fn npy(data: &[u8]) {
     let bytes = whole_file(data, &npy_seed());
     in_a_file("fuzz.npy", &bytes, |path, _| read_some(NpySource::open(path)));
 }
 
-/// A DICOM file with one frame.
+/// Reads a DICOM file with one frame.
 pub fn dicom(data: &[u8]) {
     let bytes = whole_file(data, &dicom_seed());
     in_a_file("fuzz.dcm", &bytes, read_some_of_any);
 }
 
-/// A DICOM file with many frames in functional groups, whose pixels are compressed by RLE.
+/// Reads a DICOM file with many frames in functional groups and RLE compression.
 pub fn dicom_frames(data: &[u8]) {
     let bytes = whole_file(data, &dicom_frames_seed());
     in_a_file("fuzz.dcm", &bytes, read_some_of_any);
 }
 
-/// A TIFF with the description that ImageJ writes, or, by the second and third bit of the mode, one by JPEG or zstd.
+/// Reads a TIFF with the description of ImageJ, or (second and third bit of the mode) one with JPEG or zstd
+/// compression.
 pub fn tiff(data: &[u8]) {
     let seeds = tiff_seeds();
     let which = data.first().map_or(0, |mode| usize::from(mode >> 1)) % seeds.len();
@@ -212,7 +213,7 @@ pub fn tiff(data: &[u8]) {
     });
 }
 
-/// A VTK image in XML; by the second bit of the mode one whose blocks are compressed by LZ4.
+/// Reads a VTK image in XML; if the second bit of the mode is set, one with LZ4 compression.
 pub fn vti(data: &[u8]) {
     let seeds = vti_seeds();
     let which = data.first().map_or(0, |mode| usize::from(mode >> 1)) % seeds.len();
@@ -222,7 +223,7 @@ pub fn vti(data: &[u8]) {
     });
 }
 
-/// A legacy VTK image.
+/// Reads a legacy VTK image.
 pub fn vtk(data: &[u8]) {
     let bytes = whole_file(data, &vtk_seed());
     in_a_file("fuzz.vtk", &bytes, |path, spool| {
@@ -230,27 +231,27 @@ pub fn vtk(data: &[u8]) {
     });
 }
 
-/// An HDF5 file with one dataset.
+/// Reads an HDF5 file with one dataset.
 pub fn hdf5(data: &[u8]) {
     in_a_file("fuzz.h5", &whole_file(data, &hdf5_seed()), read_some_of_any);
 }
 
-/// An array of Zarr 2 in one chunk compressed by Blosc.
+/// Reads a Zarr 2 array in one chunk with Blosc compression.
 pub fn zarr(data: &[u8]) {
     in_a_folder(&whole_file(data, &zarr_seed()), ".zarray", "0.0.0");
 }
 
-/// An array of Zarr 3 in one shard.
+/// Reads a Zarr 3 array in one shard.
 pub fn zarr3(data: &[u8]) {
     in_a_folder(&whole_file(data, &zarr3_seed()), "zarr.json", "c/0/0/0");
 }
 
-/// A dataset of N5 in one block.
+/// Reads an N5 dataset in one block.
 pub fn n5(data: &[u8]) {
     in_a_folder(&whole_file(data, &n5_seed()), "attributes.json", "0/0/0");
 }
 
-/// Metadata up to the first zero, and a chunk behind it.
+/// Writes a folder: metadata up to the first zero byte, and a chunk with the rest.
 fn in_a_folder(bytes: &[u8], metadata: &str, chunk: &str) {
     let end = bytes.iter().position(|b| *b == 0).unwrap_or(bytes.len());
     in_a_file(metadata, &bytes[..end], |path, spool| {
@@ -262,10 +263,10 @@ fn in_a_folder(bytes: &[u8], metadata: &str, chunk: &str) {
     });
 }
 
-/// What a target does with its bytes.
+/// Body of a fuzz target.
 pub type Body = fn(&[u8]);
 
-/// Names of all bodies, with the bodies and valid inputs of each.
+/// Names, bodies and valid inputs of all targets.
 #[must_use]
 pub fn all() -> Vec<(&'static str, Body, Vec<Vec<u8>>)> {
     let whole = |seed: &[u8]| vec![[&[0], seed].concat()];
@@ -292,7 +293,7 @@ pub fn all() -> Vec<(&'static str, Body, Vec<Vec<u8>>)> {
     ];
     let shape = BrickShape { voxel_type: VoxelType::ALL[3], extent: [6, 7, 8] };
     let voxels: Vec<u8> = (0..shape.bytes()).map(|i| (i / 13) as u8).collect();
-    // The same layer over and over along x, so that all codecs leave its apron out that can.
+    // One layer repeated along x, so that every codec that can trim does so.
     let repeating: Vec<u8> = voxels.chunks_exact(12).flat_map(|row| row[..2].repeat(6)).collect();
     let codecs: [(&'static str, Body, Codec, &[u8]); 5] = [
         ("codec_raw", codec_raw, Codec::Raw, &voxels),
@@ -318,8 +319,8 @@ pub(crate) fn whole_file(data: &[u8], seed: &[u8]) -> Vec<u8> {
     }
 }
 
-/// Edits of six bytes each: position (modulo the length), kind, value. Kinds: replace, flip a bit, set four bytes to
-/// the value, cut the file there, repeat 16 bytes from there.
+/// Applies edits of six bytes each: position (modulo the length), kind, value. Kinds: replace, flip a bit, set four
+/// bytes to the value, cut the file there, repeat 16 bytes from there.
 #[must_use]
 pub fn apply_edits(seed: &[u8], edits: &[u8]) -> Vec<u8> {
     let mut file = seed.to_vec();
@@ -343,9 +344,9 @@ pub fn apply_edits(seed: &[u8], edits: &[u8]) -> Vec<u8> {
     file
 }
 
-/// Reads some of a volume of whatever format the file has.
+/// Reads a few boxes of a volume in any format.
 pub(crate) fn read_some_of_any(path: &Path, spool: &SpoolFolder) {
-    // A frame that is decoded may take as much as a small machine has.
+    // Limits the memory for a decoded frame to that of a small machine.
     let segy = SegyOptions { memory_bytes: 64 << 20, ..SegyOptions::default() };
     let options = OpenOptions { spool: spool.clone(), segy, ..OpenOptions::default() };
     match open(path, &options) {
@@ -354,7 +355,7 @@ pub(crate) fn read_some_of_any(path: &Path, spool: &SpoolFolder) {
     }
 }
 
-/// Reads the first and the last voxels of a volume that was opened.
+/// Reads the first and the last voxels of an opened volume.
 fn read_some<S: VolumeSource>(opened: Result<S, SourceError>) {
     match opened {
         Ok(source) => read_boxes(&source),
@@ -374,7 +375,7 @@ fn read_boxes(source: &dyn VolumeSource) {
     ];
     for voxels in boxes {
         let mut out = vec![0; voxels.voxels() * info.voxel_type.bytes()];
-        // Data or a message: both are answers.
+        // Data and errors are both valid answers.
         let _ = source.read_box(voxels, &mut out);
     }
 }

@@ -1,4 +1,5 @@
-//! The fuzz body of what a build leaves that was killed ([`supervol_preprocess::journal`]): the same build is given it and goes on.
+//! Fuzz body for the files of a killed build ([`supervol_preprocess::journal`]): the same build continues from damaged
+//! files.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -15,21 +16,22 @@ use crate::forge::reseal;
 use crate::fuzz_bodies::{in_a_file, whole_file};
 
 const DIMS: [u64; 3] = [70, 20, 3];
-/// As little as the build takes, so that it has several tiles, and the journal several frames.
+/// The least memory of this build, so that it has several tiles and its journal several frames.
 const MEMORY_BYTES: u64 = 2 << 20;
 
-/// What a build left that was stopped before its last brick, and what it would have made.
+/// Files of a build that was stopped before its last brick, and the container of the complete build.
 struct Interrupted {
     container: (String, Vec<u8>),
     journal: (String, Vec<u8>),
     whole: Vec<u8>,
 }
 
-/// A damaged journal, or, by the third bit of the mode, a damaged container that is not finished. The second bit asks for the checksums of
-/// the journal to be mended. Where they were not, the build ends with the bytes of one that nobody stopped.
+/// Continues a build from a damaged journal, or (third bit of the mode) from a damaged unfinished container. The second
+/// bit requests corrected checksums of the journal. Without corrected checksums, the result must equal that of an
+/// uninterrupted build.
 ///
 /// # Panics
-/// If it ends with others, or fails.
+/// If the result differs, or the build fails.
 pub fn journal(data: &[u8]) {
     let Some(&mode) = data.first() else { return };
     let seed = interrupted();
@@ -55,7 +57,7 @@ pub fn journal(data: &[u8]) {
     });
 }
 
-/// What was left as it is, as the two files that may be damaged, and the same by edits of which there are none.
+/// Inputs: both files unchanged, and with an empty list of edits.
 pub(crate) fn journal_inputs() -> Vec<Vec<u8>> {
     let seed = interrupted();
     let files = [(0, &seed.journal.1), (4, &seed.container.1)];
@@ -73,7 +75,7 @@ fn run(
     on_progress: &(dyn Fn(Progress) + Sync),
 ) -> Result<BuildReport, BuildError> {
     let field = Field::of(Content::Smooth, DIMS, VoxelType::U8);
-    // Only builds of known voxels are gone on with.
+    // A build continues only if the checksum of its source is known.
     build(&field, Source { xxh3_64: "01".into(), ..origin() }, output, options, on_progress)
 }
 
@@ -106,14 +108,14 @@ fn read(path: PathBuf) -> (String, Vec<u8>) {
     (name, fs::read(path).expect("it was just written"))
 }
 
-/// Makes the checksums of all parts of a journal right.
+/// Corrects the checksums of all parts of a journal.
 fn mend(journal: &mut [u8]) {
     for part in frames_of(journal) {
         reseal(&mut journal[part]);
     }
 }
 
-/// The head of a journal, and its frames as far as they are whole.
+/// Byte ranges of a journal's head and of its complete frames.
 fn frames_of(journal: &[u8]) -> Vec<std::ops::Range<usize>> {
     let number = |at: usize, bytes: usize| {
         let bytes = journal.get(at..at + bytes)?;
@@ -125,7 +127,7 @@ fn frames_of(journal: &[u8]) -> Vec<std::ops::Range<usize>> {
     while let Some(end) = part_bytes.map(|bytes| at + bytes).filter(|end| *end <= journal.len()) {
         parts.push(at..end);
         at = end;
-        // Behind the level.
+        // The number follows the level.
         part_bytes = number(at + 4, 4).map(frame_bytes);
     }
     parts

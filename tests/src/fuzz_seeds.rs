@@ -1,6 +1,6 @@
-//! A small valid file for each reader that is fuzzed.
+//! Small valid files, one for each fuzzed reader.
 
-/// 4 x 3 traces of 5 samples, 16-bit integers, big endian.
+/// SEG-Y: 4 x 3 traces of 5 samples, 16-bit integers, big endian.
 #[must_use]
 pub fn segy_seed() -> Vec<u8> {
     let mut file = vec![0x40; 3200];
@@ -25,7 +25,7 @@ pub fn segy_seed() -> Vec<u8> {
     file
 }
 
-/// 4 x 3 x 2 voxels of i16 with all common fields.
+/// NRRD: 4 x 3 x 2 voxels of i16 with all common fields.
 #[must_use]
 pub fn nrrd_seed() -> Vec<u8> {
     let mut file = b"NRRD0004\ntype: short\ndimension: 3\nspace: left-posterior-superior\nsizes: 4 3 2\n\
@@ -36,7 +36,7 @@ pub fn nrrd_seed() -> Vec<u8> {
     file
 }
 
-/// 4 x 3 x 2 voxels of i16 with all common fields.
+/// MetaImage: 4 x 3 x 2 voxels of i16 with all common fields.
 #[must_use]
 pub fn metaimage_seed() -> Vec<u8> {
     let mut file = b"ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\n\
@@ -47,7 +47,7 @@ pub fn metaimage_seed() -> Vec<u8> {
     file
 }
 
-/// 4 x 3 x 2 voxels of i16 with an sform.
+/// NIfTI: 4 x 3 x 2 voxels of i16 with an sform.
 #[must_use]
 pub fn nifti_seed() -> Vec<u8> {
     let mut file = vec![0; 352 + 48];
@@ -66,7 +66,7 @@ pub fn nifti_seed() -> Vec<u8> {
     file
 }
 
-/// The header of the same in a pair of ANALYZE 7.5.
+/// ANALYZE 7.5: header of the same voxels.
 #[must_use]
 pub fn analyze_seed() -> Vec<u8> {
     let mut header = nifti_seed();
@@ -78,7 +78,7 @@ pub fn analyze_seed() -> Vec<u8> {
     header
 }
 
-/// 2 x 3 x 4 voxels of f32, C order.
+/// npy: 2 x 3 x 4 voxels of f32, C order.
 #[must_use]
 pub fn npy_seed() -> Vec<u8> {
     let mut dictionary = b"{'descr': '<f4', 'fortran_order': False, 'shape': (2, 3, 4), }".to_vec();
@@ -91,7 +91,7 @@ pub fn npy_seed() -> Vec<u8> {
     file
 }
 
-/// An element of DICOM in explicit little endian.
+/// A DICOM element in explicit little endian.
 fn element(tag: u32, kind: &[u8; 2], value: &[u8]) -> Vec<u8> {
     let mut value = value.to_vec();
     if value.len() % 2 == 1 {
@@ -106,7 +106,7 @@ fn element(tag: u32, kind: &[u8; 2], value: &[u8]) -> Vec<u8> {
     [&tag, &kind[..], &length, &value].concat()
 }
 
-/// A bare tag with a length: items and delimiters.
+/// A DICOM tag with a length and no value: items and delimiters.
 fn bare(tag: u32, length: u32) -> Vec<u8> {
     [&((tag >> 16) as u16).to_le_bytes()[..], &(tag as u16).to_le_bytes(), &length.to_le_bytes()].concat()
 }
@@ -139,7 +139,7 @@ fn image(frames: &[u8]) -> Vec<Vec<u8>> {
     ]
 }
 
-/// 4 x 3 voxels of 12 bits, with a place and a rescale slope.
+/// DICOM: 4 x 3 voxels of 12 bits, with a position and a rescale slope.
 #[must_use]
 pub fn dicom_seed() -> Vec<u8> {
     let mut elements = vec![
@@ -156,7 +156,7 @@ pub fn dicom_seed() -> Vec<u8> {
     dicom_file(b"1.2.840.10008.1.2.1", &elements)
 }
 
-/// 4 x 3 x 2 voxels, each slice a frame with a place of its own, compressed by RLE.
+/// DICOM: 4 x 3 x 2 voxels; each slice is a frame with its own position and RLE compression.
 #[must_use]
 pub fn dicom_frames_seed() -> Vec<u8> {
     let place = |z: &[u8]| sequence(0x0020_9113, &[element(0x0020_0032, b"DS", &[b"1\\-2\\", z].concat())]);
@@ -166,7 +166,7 @@ pub fn dicom_frames_seed() -> Vec<u8> {
         .iter()
         .enumerate()
         .for_each(|(i, word)| header[4 * i..4 * i + 4].copy_from_slice(&word.to_le_bytes()));
-    // Twelve high bytes that are equal, twelve low ones that are not.
+    // Twelve equal high bytes, twelve different low bytes.
     let frame = [&header[..], &[245, 1], &[11], &(0..12).collect::<Vec<u8>>(), &[0]].concat();
     let mut elements = vec![element(0x0008_0060, b"CS", b"MR"), element(0x0020_000e, b"UI", b"1.2.3")];
     elements.extend(image(b"2"));
@@ -184,7 +184,8 @@ pub fn dicom_frames_seed() -> Vec<u8> {
     dicom_file(b"1.2.840.10008.1.2.5", &elements)
 }
 
-/// The same, and pages by JPEG, with and without tables that strips share, and by zstd, behind predictors and in planes.
+/// TIFF: [`tiff_seed`], pages with JPEG (with and without tables shared by strips), and with zstd
+/// (with predictors, planar).
 #[must_use]
 pub fn tiff_seeds() -> Vec<Vec<u8>> {
     let stored: [&[u8]; 5] = [
@@ -197,7 +198,7 @@ pub fn tiff_seeds() -> Vec<Vec<u8>> {
     std::iter::once(tiff_seed()).chain(stored.map(<[u8]>::to_vec)).collect()
 }
 
-/// 4 x 3 x 2 voxels of u16 in two pages, with a description of ImageJ.
+/// TIFF: 4 x 3 x 2 voxels of u16 in two pages, with a description of ImageJ.
 #[must_use]
 pub fn tiff_seed() -> Vec<u8> {
     let text = b"ImageJ=1.54f\nimages=2\nslices=2\nunit=mm\nspacing=2.5\n\0";
@@ -235,7 +236,7 @@ pub fn tiff_seed() -> Vec<u8> {
     file
 }
 
-/// 4 x 3 x 2 voxels of i16: text, base64, and raw behind the XML.
+/// VTK XML: 4 x 3 x 2 voxels of i16 as text, as base64, and raw behind the XML.
 #[must_use]
 pub fn vti_seed() -> Vec<u8> {
     let text = "<?xml version=\"1.0\"?>\n<VTKFile type=\"ImageData\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt32\">\n\
@@ -248,13 +249,13 @@ pub fn vti_seed() -> Vec<u8> {
     [text.as_bytes(), &48u32.to_le_bytes(), &(0..48).collect::<Vec<u8>>(), b"</AppendedData></VTKFile>"].concat()
 }
 
-/// The same, and an image whose arrays are compressed by LZ4.
+/// VTK XML: [`vti_seed`], and an image with LZ4-compressed arrays.
 #[must_use]
 pub fn vti_seeds() -> Vec<Vec<u8>> {
     vec![vti_seed(), include_bytes!("../data/vtk/appended-lz4-32-le.vti").to_vec()]
 }
 
-/// 4 x 3 x 2 voxels of i16, big endian, with a table of colours and a second array.
+/// Legacy VTK: 4 x 3 x 2 voxels of i16, big endian, with a colour table and a second array.
 #[must_use]
 pub fn vtk_seed() -> Vec<u8> {
     let text =
@@ -263,14 +264,14 @@ pub fn vtk_seed() -> Vec<u8> {
     [&text[..], &(0..48).collect::<Vec<u8>>(), b"\nFIELD FieldData 1\nb 1 24 unsigned_char\n", &[7; 24]].concat()
 }
 
-/// 8 x 4 x 2 voxels of u16 by Blosc: shuffled, one block, literals and a match of `BloscLZ`.
+/// Blosc: 8 x 4 x 2 voxels of u16, shuffled, one block, with literals and a match of `BloscLZ`.
 fn blosc_seed() -> Vec<u8> {
     let stream = [&[31][..], &(0..32).collect::<Vec<u8>>(), &[0xe0, 87, 31]].concat();
     let sizes = [128u32, 128, 16 + 4 + 4 + stream.len() as u32, 20, stream.len() as u32].map(u32::to_le_bytes);
     [&[2, 1, 0x11, 2], sizes.as_flattened(), &stream].concat()
 }
 
-/// Metadata of an array of Zarr 2, a zero, and its chunk.
+/// Zarr 2: metadata of an array, a zero byte, its chunk.
 #[must_use]
 pub fn zarr_seed() -> Vec<u8> {
     let text = r#"{"zarr_format":2,"shape":[2,4,8],"chunks":[2,4,8],"dtype":"<u2","compressor":{"id":"blosc"},"filters":null,
@@ -278,7 +279,7 @@ pub fn zarr_seed() -> Vec<u8> {
     [text.as_bytes(), &[0], &blosc_seed()].concat()
 }
 
-/// The same of Zarr 3: two chunks in a shard, of which one is there.
+/// Zarr 3: metadata, a zero byte, and a shard of two chunks, one of them present.
 #[must_use]
 pub fn zarr3_seed() -> Vec<u8> {
     let text = r#"{"zarr_format":3,"node_type":"array","shape":[4,4,8],"data_type":"uint16","fill_value":"0x0001","chunk_grid":
@@ -289,7 +290,7 @@ pub fn zarr3_seed() -> Vec<u8> {
     [text.as_bytes(), &[0], &chunk, index.as_flattened()].concat()
 }
 
-/// The same of N5: a block that is smaller than the others.
+/// N5: metadata, a zero byte, and a block smaller than the block size.
 #[must_use]
 pub fn n5_seed() -> Vec<u8> {
     let text = r#"{"dimensions":[8,4,2],"blockSize":[8,4,4],"dataType":"uint16","compression":{"type":"blosc"}}"#;
@@ -297,7 +298,7 @@ pub fn n5_seed() -> Vec<u8> {
     [text.as_bytes(), &[0], &header, &blosc_seed()].concat()
 }
 
-/// 8 x 4 x 2 voxels of u16 in two chunks, as h5py writes them.
+/// HDF5: 8 x 4 x 2 voxels of u16 in two chunks, as h5py writes them.
 #[must_use]
 pub fn hdf5_seed() -> Vec<u8> {
     include_bytes!("../data/hdf5/seed.h5").to_vec()

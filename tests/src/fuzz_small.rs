@@ -1,12 +1,12 @@
-//! Fuzz bodies that cover several small readers each: the mode byte's lowest bit says, as in [`super::fuzz_bodies`], whether the rest is
-//! the file or a list of edits to a valid one; the bits above it choose which.
+//! Fuzz bodies that cover several small readers each. The lowest bit of the mode byte has the meaning of
+//! [`super::fuzz_bodies`]: file, or edits of a valid one. The higher bits choose the reader.
 
 #[cfg(feature = "pictures")]
 use std::path::Path;
 
 use crate::fuzz_bodies::{Body, in_a_file, read_some_of_any, whole_file};
 
-/// A kind of file that a body covers: its name, and a valid one.
+/// A kind of file that a body covers: its name, and a valid example.
 pub type Kind = (&'static str, &'static [u8]);
 
 const ARCHIVES: [Kind; 4] = [
@@ -24,10 +24,10 @@ const SLICES: [Kind; 3] = [
 
 const VIEWERS: [Kind; 1] = [("fuzz.xml", VIEWER_XML.as_bytes())];
 
-/// The file that a `BigDataViewer` names, with its voxels.
+/// The voxel file that a `BigDataViewer` XML refers to.
 pub const VIEWER_DATA: Kind = ("fuzz.h5", include_bytes!("../data/fuzz/viewer.h5"));
 
-/// A data set of `BigDataViewer` whose voxels are in `fuzz.h5`.
+/// A `BigDataViewer` XML with voxels in `fuzz.h5`.
 const VIEWER_XML: &str = "<?xml version=\"1.0\"?><SpimData version=\"0.2\"><BasePath type=\"relative\">.</BasePath><SequenceDescription>\
 <ImageLoader format=\"bdv.hdf5\"><hdf5 type=\"relative\">fuzz.h5</hdf5></ImageLoader><ViewSetups><ViewSetup><id>0</id><voxelSize>\
 <unit>um</unit><size>0.5 0.25 2.0</size></voxelSize></ViewSetup></ViewSetups></SequenceDescription><ViewRegistrations>\
@@ -62,13 +62,13 @@ const SCENE_FILES: [Kind; 6] = [
     ),
 ];
 
-/// Archives of NumPy arrays and of Zarr, stored and deflated.
+/// Reads archives of NumPy arrays and of Zarr, stored and deflated.
 pub fn archives(data: &[u8]) {
     let (name, bytes) = chosen(&ARCHIVES, data);
     in_a_file(name, &bytes, read_some_of_any);
 }
 
-/// A folder of two slices, of which the second is damaged: PNG, JPEG, or TIFF of half-precision floats.
+/// Reads a folder of two slices with the second one damaged: PNG, JPEG, or TIFF of half-precision floats.
 pub fn slices(data: &[u8]) {
     let (name, bytes) = chosen(&SLICES, data);
     in_a_file(name, &bytes, |path, spool| {
@@ -80,7 +80,7 @@ pub fn slices(data: &[u8]) {
     });
 }
 
-/// The XML file of a `BigDataViewer` beside a valid HDF5 file.
+/// Reads a `BigDataViewer` XML file beside a valid HDF5 file.
 pub fn viewer_xml(data: &[u8]) {
     let (name, bytes) = chosen(&VIEWERS, data);
     in_a_file(name, &bytes, |path, spool| {
@@ -89,7 +89,7 @@ pub fn viewer_xml(data: &[u8]) {
     });
 }
 
-/// What scenes name: meshes that clip, transfer functions and colour maps, of our own and of other programs.
+/// Reads files that scenes refer to: meshes, transfer functions and colour maps, our own and other programs' formats.
 #[cfg(feature = "pictures")]
 pub fn scene_files(data: &[u8]) {
     use supervol_scene::clip::mesh_file;
@@ -112,13 +112,13 @@ pub fn scene_files(data: &[u8]) {
     });
 }
 
-/// Valid files of each kind that is a volume: names and bytes; the last needs `fuzz.h5` beside it.
+/// Valid volume files of each kind: names and bytes. The last one needs `fuzz.h5` beside it.
 #[must_use]
 pub fn small_volumes() -> Vec<Kind> {
     [&ARCHIVES[..], &SLICES, &VIEWERS].concat()
 }
 
-/// Valid files of each kind that scenes name.
+/// Valid files of each kind that scenes refer to.
 #[cfg(feature = "pictures")]
 #[must_use]
 pub fn small_scene_files() -> Vec<Kind> {
@@ -132,7 +132,7 @@ fn chosen(kinds: &[Kind], data: &[u8]) -> (&'static str, Vec<u8>) {
     (name, whole_file(data, seed))
 }
 
-/// Names, bodies and valid inputs of each kind.
+/// Names, bodies and valid inputs of all kinds.
 pub(crate) fn all() -> Vec<(&'static str, Body, Vec<Vec<u8>>)> {
     let whole = |kinds: &[Kind]| -> Vec<Vec<u8>> {
         kinds.iter().enumerate().map(|(which, (_, seed))| [&[(which as u8) << 1], *seed].concat()).collect()

@@ -1,17 +1,19 @@
-//! What tests and fuzz targets share. The tests themselves stand in `tests/*.rs`, one file per contract.
+//! Library of the tests and fuzz targets. The tests themselves are in `tests/tests`, one file per contract.
 //!
-//! - [`fields`]: volumes computed from coordinates, and what they become when built;
+//! - [`fields`]: volumes computed from coordinates, and containers built from them;
 //! - [`counting`]: an allocator that counts;
 //! - [`faults`]: byte sources and volumes that fail, end early, or count;
-//! - [`formats`]: the fate of every real file, as a table;
-//! - [`forge`]: containers with one thing wrong and all checksums right;
-//! - [`oracle`]: ranges and interpolation straight from the definitions, sharing no code with the crates;
-//! - [`pictures`]: containers of small volumes, their pictures, and distances between these;
+//! - [`formats`]: the result of reading every real file, as a table;
+//! - [`forge`]: containers that break one rule and have correct checksums;
+//! - [`oracle`]: ranges and interpolation from the definitions, without the code of the crates;
+//! - [`pictures`]: containers of small volumes, their pictures, and distances between pictures;
 //! - [`stability`]: one regime of the stability suite, at its smallest size;
-//! - [`fuzz_bodies`]: what a fuzz target does with its bytes, callable from libFuzzer and from a seeded test; [`fuzz_seeds`]: a valid
-//!   file for each; [`fuzz_journal`]: the body of what a killed build leaves, which needs a build.
+//! - [`fuzz_bodies`], [`fuzz_small`]: bodies of the fuzz targets, called by libFuzzer and by a seeded test;
+//! - [`fuzz_journal`]: the fuzz body for files of a killed build;
+//! - [`fuzz_seeds`]: valid files for the fuzz targets.
 //!
-//! All randomness is seeded ([`supervol_format::random`]). A test that cannot run on this machine says so by [`skipped`].
+//! All randomness is seeded ([`supervol_format::random`]). A test that cannot run on this machine reports it with
+//! [`skipped`].
 
 pub mod counting;
 pub mod faults;
@@ -28,7 +30,7 @@ pub mod pictures;
 #[cfg(feature = "pictures")]
 pub mod stability;
 
-/// Says loudly that a test did not run, in words that `tools/ci.sh` looks for.
+/// Prints that a test did not run, in words that `tools/ci.sh` searches for.
 #[allow(clippy::print_stderr, reason = "a skipped test must be seen")]
 pub fn skipped(why: &str) {
     eprintln!("SKIPPED: {why}");

@@ -1,17 +1,17 @@
-//! The definitions, spelled out slowly: level grids, interpolation, ranges. Shares no code with the crates it judges
-//! beyond decoding single bricks.
+//! Slow implementations of the definitions: level grids, interpolation, ranges. They share no code with the tested
+//! crates except the decoding of single bricks.
 
 use supervol_format::voxel_type::{Absence, voxels_as_f64};
 use supervol_format::{BrickKey, Container, Lod};
 
-/// All voxels of one level as doubles.
+/// All voxels of one level as `f64`.
 #[derive(Debug, Clone)]
 pub struct Grid {
     /// Voxels along x, y, z.
     pub dims: [usize; 3],
-    /// x fastest.
+    /// Values, x fastest.
     pub values: Vec<f64>,
-    /// Which values are holes.
+    /// Rule for absent values.
     pub absence: Absence,
 }
 
@@ -39,7 +39,7 @@ impl Grid {
         Self { dims, values, absence: container.descriptor().absence }
     }
 
-    /// The voxel with clamped indices, `None` where absent.
+    /// The voxel at clamped indices; `None` if it is absent.
     #[must_use]
     pub fn at(&self, voxel: [i64; 3]) -> Option<f64> {
         let [x, y, z]: [usize; 3] = std::array::from_fn(|a| voxel[a].clamp(0, self.dims[a] as i64 - 1) as usize);
@@ -47,7 +47,7 @@ impl Grid {
         (!self.absence.is_absent(value)).then_some(value)
     }
 
-    /// Trilinear interpolation at an index point of this level; `None` where a voxel of non-zero weight is absent.
+    /// Trilinear interpolation at an index point of this level; `None` if a voxel with non-zero weight is absent.
     #[must_use]
     pub fn sample(&self, p: [f64; 3]) -> Option<f64> {
         let mut sum = 0.0;
@@ -68,7 +68,8 @@ impl Grid {
         Some(sum)
     }
 
-    /// Least and greatest present voxel of a box of voxels, ends included, indices clamped; and whether one is absent.
+    /// Least and greatest present voxel of a box (both corners included, indices clamped), and whether a voxel in it is
+    /// absent.
     #[must_use]
     pub fn range(&self, first: [i64; 3], last: [i64; 3]) -> (Option<(f64, f64)>, bool) {
         let (mut range, mut holes) = (None::<(f64, f64)>, false);
@@ -85,14 +86,14 @@ impl Grid {
         (range, holes)
     }
 
-    /// Greatest absolute present value.
+    /// Greatest magnitude of a present value.
     #[must_use]
     pub fn magnitude(&self) -> f64 {
         self.values.iter().filter(|v| !self.absence.is_absent(**v)).fold(0.0, |m, v| m.max(v.abs()))
     }
 }
 
-/// The stored voxels of a brick as doubles.
+/// The stored voxels of a brick as `f64`.
 ///
 /// # Panics
 /// If the brick cannot be read.

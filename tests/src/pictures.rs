@@ -1,7 +1,7 @@
-//! Pictures of whole containers: what acceptance tests build, look at, and compare.
+//! Pictures of whole containers, for acceptance tests.
 //!
 //! A [`Subject`] is a volume built into a real container. Distances are the greatest difference of a channel, in grey
-//! levels of 255. Pixels at which the right picture itself jumps (silhouettes) are found by [`stable_pixels`].
+//! levels (1/255). [`stable_pixels`] excludes pixels at which the exact picture itself jumps (silhouettes).
 
 use std::path::{Path, PathBuf};
 
@@ -10,7 +10,7 @@ use supervol_format::{Dims, Lod, VoxelBox};
 use supervol_measure::volume::Volume;
 use supervol_measure::{Context, Scale};
 use supervol_preprocess::BuildOptions;
-use supervol_runtime::engines::gpu::caster::GpuDevice;
+use supervol_runtime::engines::gpu::device::GpuDevice;
 use supervol_runtime::render::options::{Backend, LevelChoice, RenderOptions};
 use supervol_runtime::render::stats::FrameStats;
 use supervol_scene::image::Image;
@@ -19,12 +19,12 @@ use supervol_sources::{SourceError, SourceInfo, VolumeSource};
 
 use crate::skipped;
 
-/// How far two backends may be apart, in grey levels of 255.
+/// Greatest accepted distance between two backends, in grey levels.
 pub const BOUND: f64 = 0.5;
-/// How far the eye moves to find silhouettes, in level-0 voxels.
+/// Shift of the eye for detecting silhouettes, in voxels of level 0.
 pub const EYE_SHIFT_VOXELS: f64 = 1e-4;
 
-/// Part of another volume, cut out on reading; it stays where it was in the world.
+/// A part of another volume, cut out while reading. It keeps its position in the world.
 pub struct SubBox {
     inner: Box<dyn VolumeSource>,
     start: [u64; 3],
@@ -32,10 +32,10 @@ pub struct SubBox {
 }
 
 impl SubBox {
-    /// The voxels of `kept`.
+    /// The voxels in the box `kept`.
     ///
     /// # Panics
-    /// If the box leaves the grid of `inner`.
+    /// If the box reaches beyond the grid of `inner`.
     pub fn new(inner: Box<dyn VolumeSource>, kept: VoxelBox) -> Self {
         let whole = inner.info();
         assert!((0..3).all(|a| kept.end[a] <= whole.dims.0[a]), "{kept:?} leaves {}", whole.dims);
@@ -57,10 +57,10 @@ impl VolumeSource for SubBox {
     }
 }
 
-/// A file of `tests/data`, which every clone has.
+/// Path of a file in `tests/data`, which is part of the repository.
 ///
 /// # Panics
-/// If it is not there.
+/// If the file does not exist.
 #[must_use]
 pub fn stored_file(name: &str) -> PathBuf {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("data").join(name);
@@ -68,10 +68,10 @@ pub fn stored_file(name: &str) -> PathBuf {
     path
 }
 
-/// Name of the GPU adapter, or `None` with a loud word where there is none.
+/// Name of the GPU adapter; `None`, with a printed message, if there is none.
 ///
 /// # Panics
-/// If there is none although `SUPERVOL_REQUIRE_GPU=1`.
+/// If there is none and `SUPERVOL_REQUIRE_GPU=1` is set.
 #[must_use]
 pub fn gpu_name() -> Option<String> {
     match GpuDevice::open() {
@@ -85,7 +85,7 @@ pub fn gpu_name() -> Option<String> {
     }
 }
 
-/// A volume built into a container, in a folder that goes when this goes.
+/// A volume built into a container in a temporary folder, which is removed with it.
 pub struct Subject {
     volume: Volume,
     _folder: tempfile::TempDir,
@@ -103,7 +103,7 @@ impl Subject {
     /// Builds a container of a volume.
     ///
     /// # Panics
-    /// If that fails.
+    /// If the build fails.
     #[must_use]
     pub fn new(name: &str, source: &dyn VolumeSource, options: &BuildOptions) -> Self {
         let folder = tempfile::tempdir().expect("tests need a temporary folder");
@@ -112,13 +112,13 @@ impl Subject {
         Self { volume, _folder: folder }
     }
 
-    /// World position of a point of index space.
+    /// World position of a point in index space.
     #[must_use]
     pub fn world(&self, index: [f64; 3]) -> [f64; 3] {
         self.volume.world(index).to_array()
     }
 
-    /// A perspective camera from outside that sees the whole volume, slightly askew.
+    /// JSON member of a perspective camera that sees the whole volume from outside, at an oblique angle.
     #[must_use]
     pub fn outside(&self) -> String {
         let target = self.world(self.middle());
@@ -127,7 +127,7 @@ impl Subject {
         format!(r#""camera": {{"eye": {eye:?}, "target": {target:?}, "up": [0.02, 0, 1], "fov_y": 38}}"#)
     }
 
-    /// `"transfer_function"` with control points (fraction of the value range, colour, alpha).
+    /// JSON member `"transfer_function"` with control points (share of the value range, colour, alpha).
     #[must_use]
     pub fn transfer_function(&self, points: &[(f64, [f64; 3], f64)]) -> String {
         let point = |&(fraction, color, alpha): &(f64, [f64; 3], f64)| {
@@ -137,16 +137,16 @@ impl Subject {
         format!(r#""transfer_function": {{"points": [{points}]}}"#)
     }
 
-    /// The scene of these JSON members.
+    /// The scene with these JSON members.
     ///
     /// # Panics
-    /// If they make none.
+    /// If they are no valid scene.
     #[must_use]
     pub fn scene(&self, members: &[&str]) -> ResolvedScene {
         self.volume.scene(members).unwrap_or_else(|e| panic!("{members:?}: {e}"))
     }
 
-    /// The picture, which must converge without a failed brick and without a loop that hit its limit.
+    /// The picture and its statistics. It must converge without failed bricks and without loops that hit their limit.
     ///
     /// # Panics
     /// If it does not.
@@ -163,13 +163,13 @@ impl Subject {
     }
 }
 
-/// Options for level 0 by one backend.
+/// Options for level 0 with one backend.
 #[must_use]
 pub fn finest(backend: Backend) -> RenderOptions {
     RenderOptions { backend, level: LevelChoice::Fixed(Lod(0)), threads: Some(2), ..RenderOptions::default() }
 }
 
-/// The greatest difference of a channel, in grey levels of 255; infinite where a pixel is not finite.
+/// The greatest difference of a channel in grey levels; infinite if a pixel is not finite.
 ///
 /// # Panics
 /// If the pictures differ in size.
@@ -178,22 +178,23 @@ pub fn distance(a: &Image, b: &Image) -> f64 {
     a.distance(b)
 }
 
-/// The mean of all channels' differences, signs dropped, in grey levels of 255.
+/// The mean magnitude of all channels' differences, in grey levels.
 #[must_use]
 pub fn mean_distance(a: &Image, b: &Image) -> f64 {
     let differences = a.pixels.as_flattened().iter().zip(b.pixels.as_flattened()).map(|(p, q)| (p - q).abs());
     255.0 * differences.map(f64::from).sum::<f64>() / (4 * a.pixels.len()) as f64
 }
 
-/// Share of pixels that show anything.
+/// Share of pixels with positive opacity.
 #[must_use]
 pub fn covered(image: &Image) -> f64 {
     let seen = image.pixels.iter().filter(|p| p[3] > 0.0).count();
     seen as f64 / image.pixels.len() as f64
 }
 
-/// For each pixel, whether the reference stays within [`BOUND`] when the eye moves by [`EYE_SHIFT_VOXELS`] in the
-/// picture's plane: elsewhere the right picture jumps, and rounding decides on which side a backend sees it.
+/// Whether each pixel of the reference picture changes by at most [`BOUND`] when the eye moves by [`EYE_SHIFT_VOXELS`]
+/// in the picture's plane. At the other pixels the exact picture jumps, and rounding decides the side that a backend
+/// sees.
 #[must_use]
 pub fn stable_pixels(subject: &Subject, scene: &ResolvedScene, exact: &Image) -> Vec<bool> {
     let shift = EYE_SHIFT_VOXELS * subject.facts.geometry.smallest_spacing();

@@ -1,6 +1,6 @@
-//! Licences and known advisories of everything that is compiled into the program, its tests and its fuzz targets, and where it
-//! comes from: held against `tools/dependencies.json`, which people keep. New licences and advisories go there by hand; what is
-//! accepted is accepted with a reason, and no longer than it is needed. Needs no network beyond that of a build.
+//! Licences, advisories and origins of all packages that the program, its tests and its fuzz targets compile. They are
+//! compared with `tools/dependencies.json`, which is maintained by hand. Accepted advisories have a reason and are
+//! removed when they are no longer needed. The test needs no network beyond that of a build.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -8,7 +8,7 @@ use std::process::Command;
 
 use serde_json::Value;
 
-/// Where packages may come from.
+/// The only accepted origin of packages.
 const REGISTRY: &str = "registry+https://github.com/rust-lang/crates.io-index";
 
 struct Package {
@@ -22,7 +22,7 @@ fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the tests are a member of the workspace")
 }
 
-/// Every package that a manifest's lock file names, ours included.
+/// Every package in the lock file of a manifest, ours included.
 fn packages(manifest: &str) -> Vec<Package> {
     let arguments = ["metadata", "--locked", "--format-version", "1", "--manifest-path"];
     let output = Command::new(env!("CARGO")).args(arguments).arg(root().join(manifest)).output().expect("cargo starts");
@@ -39,14 +39,14 @@ fn packages(manifest: &str) -> Vec<Package> {
     packages.map(package).collect()
 }
 
-/// Major, minor and patch; what is missing is 0. A pre-release counts as what it precedes.
+/// Major, minor and patch number; missing ones are 0. A pre-release counts as its release.
 fn version(text: &str) -> [u64; 3] {
     let plain = text.split(['-', '+']).next().unwrap_or_default();
     let mut numbers = plain.split('.').map(|n| n.parse().unwrap_or_else(|e| panic!("version {text}: {e}")));
     std::array::from_fn(|_| numbers.next().unwrap_or(0))
 }
 
-/// Whether a version lies in one of the ranges `[first affected, first mended]`; where nothing is mended, the latter is empty.
+/// Whether a version lies in one of the ranges `[first affected, first fixed]`; the second is empty if there is no fix.
 fn is_affected(found: &str, ranges: &Value) -> bool {
     let found = version(found);
     ranges.as_array().expect("a list of ranges").iter().any(|range| {

@@ -1,4 +1,5 @@
-//! Builds, checks and extractions keep to their memory budgets, whatever the volume's shape: allocations are counted. Alone in its program, because it counts everything.
+//! Memory budgets: builds, checks and extractions stay within them for every shape of volume. Allocations are counted,
+//! so this test is alone in its program.
 
 use std::path::Path;
 
@@ -16,10 +17,10 @@ use supervol_tests::fields::{options, try_build};
 #[global_allocator]
 static COUNTING: Counting = Counting;
 
-/// Threads and file buffers: what the budget does not name.
+/// Memory outside the budget: threads and file buffers.
 const SLACK: usize = 2 << 20;
 
-/// A volume, how it is built, and in how much memory.
+/// A volume with its build options and memory budget.
 struct Case {
     dims: [u64; 3],
     voxel_type: VoxelType,
@@ -32,7 +33,7 @@ const fn case(dims: [u64; 3], voxel_type: VoxelType, core: u32, mebibytes: u64, 
     Case { dims, voxel_type, core, mebibytes, threads }
 }
 
-/// Cubes; then lines and planes, whose bricks are mostly apron.
+/// Cubes, then lines and planes, whose bricks are mostly apron.
 const CASES: [Case; 12] = [
     case([256; 3], VoxelType::U16, 64, 24, 2),
     case([256; 3], VoxelType::U16, 64, 24, 8),
@@ -48,7 +49,7 @@ const CASES: [Case; 12] = [
     case([500, 500, 9], VoxelType::F64, 64, 32, 2),
 ];
 
-// One test, because it counts everything that the program allocates.
+// One test, because all allocations of the program are counted.
 #[test]
 fn builds_extractions_and_sources_stay_within_their_budget() {
     check_scattered_traces();
@@ -75,7 +76,7 @@ fn builds_extractions_and_sources_stay_within_their_budget() {
         let output = built.folder.path().join("out.raw");
         let refused = extract(&built.container, &output, &what(0)).expect_err("nothing can be done in no memory");
         let refused = refused.to_string();
-        // What the message says is needed suffices.
+        // The memory that the message asks for must suffice.
         let needed: u64 = refused.split(' ').next().and_then(|n| n.parse().ok()).expect("it begins with a number");
         let (peak, extracted) = peak_of(|| extract(&built.container, &output, &what(needed << 20)));
         extracted.unwrap_or_else(|e| panic!("{dims:?}: {e}"));
@@ -86,7 +87,7 @@ fn builds_extractions_and_sources_stay_within_their_budget() {
     }
 }
 
-/// `verify` keeps to its budget on eight threads, from the least that will do on.
+/// `verify` stays within its budget on eight threads, from the least sufficient budget upwards.
 #[allow(clippy::print_stdout, reason = "measurements of a test")]
 fn check_verifying(path: &Path, what: &str) {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(8).build().expect("eight threads");
@@ -102,7 +103,7 @@ fn check_verifying(path: &Path, what: &str) {
     }
 }
 
-/// A SEG-Y file of `edge` x `edge` traces of one sample each, in no order.
+/// A SEG-Y file of `edge` x `edge` traces of one sample each, in random order.
 fn scattered_traces(edge: u32) -> Vec<u8> {
     let mut places: Vec<u32> = (0..edge * edge).collect();
     let mut random = Random::new(1);
@@ -112,7 +113,7 @@ fn scattered_traces(edge: u32) -> Vec<u8> {
     let mut file = vec![b' '; 3200];
     file[0] = b'C';
     let mut header = [0; 400];
-    // Interval, samples, format (IEEE float), revision, fixed length.
+    // Sample interval, number of samples, format (IEEE float), revision, fixed length.
     for (byte, value) in [(3217, 1000u16), (3221, 1), (3225, 5), (3501, 0x100), (3503, 1)] {
         header[byte - 3201..][..2].copy_from_slice(&value.to_be_bytes());
     }
@@ -129,7 +130,7 @@ fn scattered_traces(edge: u32) -> Vec<u8> {
     file
 }
 
-/// The table of traces is counted, too, or refused with what would do.
+/// The table of traces is counted, too; if it does not fit, the refusal names a sufficient budget.
 fn check_scattered_traces() {
     let file = scattered_traces(300);
     let open = |memory_bytes: u64| {

@@ -10,9 +10,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 use crate::brick::APRON;
 use crate::container::ContainerError;
 use crate::container::header::Descriptor;
+use crate::pyramid::axis_number;
 use crate::recent::Recent;
 use crate::voxel_type::Voxel;
-use crate::{BrickIndex, BrickKey, Container, Lod, VoxelBox, with_voxel};
+use crate::{BrickIndex, BrickKey, Container, Lod, VoxelBox, cast, with_voxel};
 
 /// Source of decoded bricks: a finished container, or one that is being written.
 pub trait BrickStore: Sync {
@@ -20,6 +21,9 @@ pub trait BrickStore: Sync {
     fn descriptor(&self) -> &Descriptor;
 
     /// Stored voxels of a brick, little endian, x fastest. Reuses the memory of `spare`, whose contents are lost.
+    ///
+    /// # Errors
+    /// If the brick cannot be read or decoded.
     fn read_brick(&self, key: BrickKey, spare: Vec<u8>) -> Result<Vec<u8>, ContainerError>;
 }
 
@@ -40,7 +44,7 @@ pub type StoredBrick = Arc<Vec<u8>>;
 pub type DecodeBrick<'a> = dyn Fn(BrickKey) -> Result<StoredBrick, ContainerError> + Sync + 'a;
 
 /// Functions that decode the bricks of a box in parallel.
-#[derive(Clone, Copy)]
+#[derive(Debug, Clone, Copy)]
 pub struct Decoding {
     /// Smallest number of bricks per call of `decode`: the number of threads, asked again for each box.
     pub at_once: fn() -> usize,
@@ -90,6 +94,14 @@ impl Kept {
         if let Some(before) = self.bricks.insert(key, brick) {
             self.bytes -= before.len() + ENTRY_BYTES;
         }
+    }
+}
+
+impl std::fmt::Debug for LevelReader<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let mut fields = f.debug_struct("LevelReader");
+        fields.field("lod", &self.lod).field("budget_bytes", &self.budget_bytes).field("decoding", &self.decoding);
+        fields.finish_non_exhaustive()
     }
 }
 
@@ -174,7 +186,7 @@ impl<'a> LevelReader<'a> {
             for y in first[1]..end[1] {
                 let row: Vec<u64> = (first[0]..end[0]).collect();
                 for part in row.chunks(at_once) {
-                    let key = |x: u64| BrickKey::new(self.lod, BrickIndex([x as u32, y as u32, z as u32]));
+                    let key = |x: u64| BrickKey::new(self.lod, BrickIndex([x, y, z].map(axis_number)));
                     let keys: Vec<BrickKey> = part.iter().map(|&x| key(x)).collect();
                     for (key, brick) in keys.iter().zip(&self.bricks(&keys)?) {
                         self.runs_of(*key, brick, voxels, &mut take);
@@ -195,7 +207,7 @@ impl<'a> LevelReader<'a> {
     /// Number of bricks to decode in one call: as many as fit into half of the cache, but at least one per thread.
     fn bricks_at_once(&self, brick_bytes: u64) -> usize {
         let Some(decoding) = self.decoding else { return 1 };
-        (self.budget_bytes / 2 / (brick_bytes as usize + ENTRY_BYTES)).max((decoding.at_once)())
+        (self.budget_bytes / 2 / (cast::index(brick_bytes) + ENTRY_BYTES)).max((decoding.at_once)())
     }
 
     fn bricks(&self, keys: &[BrickKey]) -> Result<Vec<StoredBrick>, ContainerError> {
@@ -228,8 +240,8 @@ impl<'a> LevelReader<'a> {
         let part = core.intersect(voxels);
         let [nx, ny, nz] = part.extent();
         let extent = voxels.extent();
-        let from: [usize; 3] = std::array::from_fn(|a| (part.start[a] - core.start[a]) as usize + APRON);
-        let to: [usize; 3] = std::array::from_fn(|a| (part.start[a] - voxels.start[a]) as usize);
+        let from: [usize; 3] = std::array::from_fn(|a| cast::index(part.start[a] - core.start[a]) + APRON);
+        let to: [usize; 3] = std::array::from_fn(|a| cast::index(part.start[a] - voxels.start[a]));
         for z in 0..nz {
             for y in 0..ny {
                 let source = (((from[2] + z) * stored[1] + from[1] + y) * stored[0] + from[0]) * size;

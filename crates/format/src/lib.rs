@@ -14,6 +14,7 @@
 //! - [`container`]: the `.svol` file, byte by byte;
 //! - [`level_reader`]: boxes of voxels of one level, assembled from its bricks;
 //! - [`file_order`]: a box of voxels cut into pieces in the order of a plain file;
+//! - [`cast`]: integer conversions that are lossless on 64-bit targets;
 //! - [`byte_source`]: positional reads of a container's bytes;
 //! - [`readable`]: formatting of numbers in messages and listings;
 //! - [`recent`]: a cache that forgets the least recently used value;
@@ -22,12 +23,15 @@
 //! - [`random`]: random numbers that are the same on every machine, for synthetic volumes and tests.
 //!
 //! This crate knows no GPU, starts no thread and prints nothing. It holds at most one brick besides those that a caller
-//! hands to it or tells it to keep.
+//! hands to it or tells it to keep. It compiles for 64-bit targets only.
+
+#![warn(clippy::cast_possible_truncation, clippy::missing_errors_doc, missing_debug_implementations)]
 
 pub mod brick;
 pub mod brick_key;
 pub mod byte_source;
 pub mod canceller;
+pub mod cast;
 pub mod codec;
 pub mod container;
 pub mod file_order;
@@ -50,3 +54,6 @@ pub use pyramid::{Level, Pyramid};
 pub use space::{Dims, Geometry, VoxelBox};
 pub use value_range::ValueRange;
 pub use voxel_type::VoxelType;
+
+const _: () =
+    assert!(usize::BITS >= 64, "only 64-bit targets are supported: offsets in containers are indices in memory");

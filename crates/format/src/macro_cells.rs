@@ -214,6 +214,7 @@ pub fn dequantize(code: u8, range: ValueRange) -> f64 {
 
 /// Encodes cell ranges as bytes, rounded outward: `low, high` for each cell, x fastest.
 #[must_use]
+#[expect(clippy::cast_possible_truncation, reason = "saturating: codes are clamped to 0 to 255")]
 pub fn quantize(cells: &[ValueRange], range: ValueRange) -> Vec<u8> {
     // Halve all values if the width of the range is not a finite double.
     let part = if range.width().is_finite() { 1.0 } else { 0.5 };

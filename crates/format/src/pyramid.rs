@@ -84,12 +84,13 @@ impl Pyramid {
         if factors.len() + 1 > Lod::LIMIT {
             return Err(PyramidError::LevelCount { levels: factors.len() + 1 });
         }
-        let mut levels = vec![Self::level([1; 3], [1; 3], dims, layout, 0)?];
+        let mut last = Self::level([1; 3], [1; 3], dims, layout, 0)?;
+        let mut levels = vec![last];
         for (i, &f) in factors.iter().enumerate() {
             if f.iter().any(|&v| v != 1 && v != 2) || f == [1; 3] {
                 return Err(PyramidError::Factors { level: i + 1, factors: f });
             }
-            let finer = *levels.last().expect("level 0 is there");
+            let finer = last;
             let coarse = Dims(std::array::from_fn(|a| finer.dims.0[a].div_ceil(u64::from(f[a]))));
             if coarse == finer.dims {
                 return Err(PyramidError::NothingShrinks { level: i + 1, dims: coarse });
@@ -98,9 +99,9 @@ impl Pyramid {
             if scale.iter().any(|&s| s > Self::SCALE_LIMIT) {
                 return Err(PyramidError::Scale { level: i + 1, scale });
             }
-            levels.push(Self::level(f, scale, coarse, layout, finer.first_entry + finer.brick_count())?);
+            last = Self::level(f, scale, coarse, layout, finer.first_entry + finer.brick_count())?;
+            levels.push(last);
         }
-        let last = levels.last().expect("level 0 is there");
         if last.bricks != [1; 3] {
             return Err(PyramidError::Unfinished { bricks: last.bricks });
         }
@@ -123,7 +124,7 @@ impl Pyramid {
         if bricks.iter().any(|&n| n > u64::from(BrickKey::AXIS_LIMIT)) {
             return Err(PyramidError::TooManyBricks { bricks });
         }
-        Ok(Level { factors, scale, dims, bricks: bricks.map(|n| n as u32), first_entry })
+        Ok(Level { factors, scale, dims, bricks: bricks.map(axis_number), first_entry })
     }
 
     /// Size of the bricks.
@@ -159,7 +160,7 @@ impl Pyramid {
     /// The coarsest level; it has one brick.
     #[must_use]
     pub fn coarsest(&self) -> Lod {
-        Lod((self.levels.len() - 1) as u8)
+        lod_of(self.levels.len() - 1)
     }
 
     /// Number of bricks of all levels.
@@ -197,10 +198,13 @@ impl Pyramid {
         }
         let [nx, ny] = [u64::from(level.bricks[0]), u64::from(level.bricks[1])];
         let brick = [i % nx, i / nx % ny, i / (nx * ny)];
-        Some(BrickKey::new(Lod(lod as u8), BrickIndex(brick.map(|v| v as u32))))
+        Some(BrickKey::new(lod_of(lod), BrickIndex(brick.map(axis_number))))
     }
 
     /// All bricks of a level, x fastest.
+    ///
+    /// # Panics
+    /// If there is no such level.
     pub fn keys_of(&self, lod: Lod) -> impl Iterator<Item = BrickKey> + '_ {
         let level = self.level_at(lod);
         (level.first_entry..level.first_entry + level.brick_count())
@@ -250,8 +254,20 @@ impl Pyramid {
     }
 }
 
+/// Level of detail at a place in the list of levels.
+fn lod_of(place: usize) -> Lod {
+    Lod(u8::try_from(place).expect("a pyramid has at most Lod::LIMIT levels"))
+}
+
+/// Number of bricks along an axis of a pyramid, or position of a brick there, in 32 bits.
+pub(crate) fn axis_number(number: u64) -> u32 {
+    u32::try_from(number).expect("a pyramid has at most BrickKey::AXIS_LIMIT bricks along an axis")
+}
+
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::cast_possible_truncation, reason = "tests use small numbers")]
+
     use super::*;
 
     fn pyramid(dims: [u64; 3], core: u32, factors: &[[u32; 3]]) -> Pyramid {

@@ -2,6 +2,8 @@
 
 use std::f64::consts::TAU;
 
+use crate::cast;
+
 /// Small generator with a fixed sequence per seed (splitmix64; Steele, Lea, Flood 2014).
 #[derive(Debug, Clone)]
 pub struct Random(u64);
@@ -30,7 +32,7 @@ impl Random {
 
     /// Uniform index into a list of this length.
     pub fn index(&mut self, length: usize) -> usize {
-        self.below(length as u64) as usize
+        cast::index(self.below(length as u64))
     }
 
     /// A uniformly chosen element of a list.

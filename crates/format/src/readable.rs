@@ -4,6 +4,7 @@ use std::fmt::{Display, Formatter, Result};
 
 /// Displays a number with the fewest digits that parse to the same value; very large and very small ones get an
 /// exponent.
+#[derive(Debug, Clone, Copy)]
 pub struct Number(pub f64);
 
 impl Display for Number {
@@ -15,6 +16,7 @@ impl Display for Number {
 }
 
 /// Displays bytes as MiB, rounded up, because messages name sizes that must suffice. Small sizes have decimals.
+#[derive(Debug, Clone, Copy)]
 pub struct Mib(pub u64);
 
 impl Display for Mib {

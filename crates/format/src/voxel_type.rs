@@ -125,6 +125,10 @@ pub trait Voxel: bytemuck::Pod + PartialEq + PartialOrd + Send + Sync + 'static 
 
 macro_rules! voxel {
     ($t:ty, $tag:ident, |$v:ident| $from:expr, |$w:ident| $from_whole:expr, |$i:ident| $from_word:expr) => {
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "saturating or rounding, as the trait promises; the promise of `to_word` allows lost bits"
+        )]
         impl Voxel for $t {
             const TYPE: VoxelType = VoxelType::$tag;
             #[inline(always)]
@@ -237,6 +241,7 @@ impl Absence {
     /// float next to 1e30. A value that is not finite is ignored, because it is absent anyway.
     #[must_use]
     pub fn declared(nodata: Option<f64>, voxel_type: VoxelType) -> Self {
+        #[expect(clippy::cast_possible_truncation, reason = "rounding to the type is wanted")]
         let round = |v: f64| if voxel_type == VoxelType::F32 { f64::from(v as f32) } else { v };
         Self { nodata: nodata.map(round).filter(|v| v.is_finite()) }
     }

@@ -6,7 +6,7 @@
 
 use glam::{DMat3, DVec3};
 
-/// How pixels spread into rays.
+/// Projection from pixels to rays.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Projection {
     /// All rays begin at the eye.
@@ -16,23 +16,23 @@ pub enum Projection {
     },
     /// All rays are parallel to the forward axis.
     Orthographic {
-        /// World length that the picture's height shows.
+        /// World length that the full height of the picture covers.
         height: f64,
     },
 }
 
-/// A half-line or line in world space: the points `origin + t * direction` with `t >= t_min`.
+/// A half-line or line in world space: the points `origin + t * direction` with `t >= t_min`. t is a world length.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ray {
     /// World point at t = 0.
     pub origin: DVec3,
     /// Unit vector.
     pub direction: DVec3,
-    /// Least t: 0 for perspective, minus infinity for orthographic cameras.
+    /// Least t: 0 for perspective cameras, minus infinity for orthographic ones.
     pub t_min: f64,
 }
 
-/// Why an eye, a target and an up vector make no camera.
+/// Reason why eye, target and up vector define no camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[allow(missing_docs, reason = "the messages say it")]
 pub enum CameraError {
@@ -42,7 +42,7 @@ pub enum CameraError {
     UpIsForward,
 }
 
-/// A camera over a grid of pixels.
+/// A camera with a grid of pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Camera {
     /// World position of the eye.
@@ -59,7 +59,8 @@ pub struct Camera {
     pub width: u32,
     /// Pixels along y; at least 1.
     pub height: u32,
-    /// Pixels that the view itself has along x and y: as many, or a part of one less where it ends in the last ones.
+    /// Width and height of the view in pixels. Smaller than `width` and `height` by less than one pixel if the last
+    /// pixels reach beyond the view.
     pub extent: [f64; 2],
 }
 
@@ -67,7 +68,7 @@ pub struct Camera {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PixelRays {
     camera: Camera,
-    /// Half the picture's width and height: world length, at distance 1 for perspective cameras.
+    /// Half the picture's width and height as a world length; for perspective cameras at distance 1.
     half_size: [f64; 2],
 }
 
@@ -79,7 +80,7 @@ impl PixelRays {
         self.ray_at([f64::from(x), f64::from(y)])
     }
 
-    /// The same, by numbers that a loop over many pixels need not convert.
+    /// As [`PixelRays::ray`], for pixel coordinates that are already floating point.
     #[inline(always)]
     #[must_use]
     pub fn ray_at(&self, pixel: [f64; 2]) -> Ray {
@@ -95,7 +96,7 @@ impl PixelRays {
         }
     }
 
-    /// How far the centre of a pixel lies from the view's middle: world length, at distance 1 for perspective cameras.
+    /// Offset of a pixel's centre from the middle of the view: world length, for perspective cameras at distance 1.
     #[inline(always)]
     #[must_use]
     pub fn offset(&self, [x, y]: [f64; 2]) -> DVec3 {
@@ -104,8 +105,8 @@ impl PixelRays {
         nx * self.half_size[0] * camera.right + ny * self.half_size[1] * camera.up
     }
 
-    /// The pixel whose centre lies so far to the right of the view's middle, and so far above it; between pixels, and beside the
-    /// picture, too. The reverse of [`PixelRays::offset`].
+    /// The reverse of [`PixelRays::offset`]: the pixel whose centre lies `right` and `above` of the middle of the view.
+    /// Positions between pixels and outside the picture are allowed.
     #[inline(always)]
     #[must_use]
     pub fn pixel_at(&self, [right, above]: [f64; 2]) -> [f64; 2] {
@@ -114,23 +115,23 @@ impl PixelRays {
     }
 }
 
-/// The unit vector along `v`, whose square may be out of the range of `f64`; `None` where `v` is zero or not finite.
+/// The unit vector along `v`, even if the square of `v` overflows or underflows. `None` if `v` is zero or not finite.
 #[must_use]
 pub fn unit_vector(v: DVec3) -> Option<DVec3> {
     let greatest = v.abs().max_element();
-    // A power of two: nothing is rounded.
+    // Scaling by a power of two rounds nothing.
     let scaled = v / greatest.log2().floor().exp2();
     if greatest > 0.0 && v.is_finite() { scaled.try_normalize() } else { None }
 }
 
-/// Sine of the least angle between the forward axis and `up` that still tells right from left.
+/// Least sine of the angle between the forward axis and `up` for which left and right are defined.
 const MIN_UP_SINE: f64 = 1e-9;
 
 impl Camera {
     /// A camera at `eye` that looks at `target`.
     ///
     /// # Errors
-    /// If eye and target coincide, or `up` does not tell which way is up.
+    /// If eye and target coincide, or if `up` is zero or parallel to the line from eye to target.
     pub fn look_at(
         eye: DVec3,
         target: DVec3,
@@ -156,16 +157,16 @@ impl Camera {
         Self { width: self.width * factor, height: self.height * factor, extent, ..self }
     }
 
-    /// The same view with pixels `factor` times as large along each axis, the first where the first were; the last ones may
-    /// stand over.
+    /// The same view with pixels `factor` times as large along each axis. The upper left corner stays; the last pixels
+    /// may reach beyond the view.
     #[must_use]
     pub fn coarser(self, factor: u32) -> Self {
         let extent = self.extent.map(|pixels| pixels / f64::from(factor));
         Self { width: self.width.div_ceil(factor), height: self.height.div_ceil(factor), extent, ..self }
     }
 
-    /// Where the camera comes to if it goes on as it came here from `before`: turned and moved once more by the same rigid
-    /// motion. Lens and pixels are its own.
+    /// The camera after the motion from `before` to `self` is repeated once: the same rigid rotation and translation.
+    /// Projection and pixels are those of `self`.
     #[must_use]
     pub fn moved_on_from(&self, before: &Self) -> Self {
         let axes = |camera: &Self| DMat3::from_cols(camera.right, camera.up, camera.forward);
@@ -176,8 +177,7 @@ impl Camera {
         Self { eye: self.eye + turn * (self.eye - before.eye), forward, right, up: right.cross(forward), ..*self }
     }
 
-    /// Normalised device coordinates of a pixel's centre: x to the right, y up, both in (-1, 1) where the pixel does not stand
-    /// over.
+    /// Normalised device coordinates of a pixel's centre: x to the right, y up, both in (-1, 1) inside the view.
     #[inline(always)]
     #[must_use]
     pub fn ndc(&self, [x, y]: [f64; 2]) -> [f64; 2] {
@@ -190,7 +190,7 @@ impl Camera {
         self.rays().ray(x, y)
     }
 
-    /// All rays: what they share is computed once.
+    /// The rays of all pixels, with their common quantities computed once.
     #[must_use]
     pub fn rays(&self) -> PixelRays {
         let half_height = match self.projection {
@@ -201,7 +201,7 @@ impl Camera {
         PixelRays { camera: *self, half_size: [half_height * aspect, half_height] }
     }
 
-    /// World height of one pixel at a point.
+    /// World height of one pixel at a world point.
     #[must_use]
     pub fn pixel_size_at(&self, point: DVec3) -> f64 {
         match self.projection {
@@ -210,7 +210,7 @@ impl Camera {
         }
     }
 
-    /// World height of one pixel: at distance 1 for perspective, anywhere for orthographic cameras.
+    /// World height of one pixel: at distance 1 for perspective cameras, anywhere for orthographic ones.
     #[must_use]
     pub fn pixel_height(&self) -> f64 {
         match self.projection {
@@ -250,7 +250,7 @@ mod tests {
         }
     }
 
-    /// A ray of a coarser camera runs through the middle of the rays that it stands for.
+    /// The ray of a coarse pixel runs through the middle of the fine pixels that it covers.
     #[test]
     fn coarser_pixels_cover_those_of_the_picture() {
         let projection = Projection::Orthographic { height: 7.0 };
@@ -269,13 +269,13 @@ mod tests {
             Camera::look_at(DVec3::ZERO, DVec3::X, DVec3::Z, Projection::Orthographic { height: 8.0 }, [4, 2]).unwrap();
         let ray = camera.ray(0, 0);
         assert_eq!((ray.direction, ray.t_min), (DVec3::X, f64::NEG_INFINITY));
-        // Right is cross(x, z) = -y: the left pixel lies at +y, the top one at +z.
+        // Right is cross(x, z) = -y: the left pixel lies at +y, the top pixel at +z.
         assert!((ray.origin - DVec3::new(0.0, 6.0, 2.0)).length() < 1e-12);
         assert!((camera.ray(3, 1).origin - DVec3::new(0.0, -6.0, -2.0)).length() < 1e-12);
         assert_eq!(camera.pixel_height(), 4.0);
     }
 
-    /// Around the volume, through it, and zooming.
+    /// Motions around the volume and through it, and a change of the projection.
     #[test]
     fn cameras_that_go_on_stay_on_their_path() {
         let projection = Projection::Perspective { fov_y: 30.0 };

@@ -1,7 +1,7 @@
-//! Cameras of an animation: once around the volume, or from one key frame to the next.
+//! Cameras of an animation: a full turn around the volume, or interpolation between key frames.
 //!
-//! Between two key frames the camera turns about the point that it looks at, evenly (Shoemake 1985), while that point moves
-//! along a line; distances and angles of view change by the same factor in each frame.
+//! Between two key frames the target moves along a straight line. The camera turns around the target at constant
+//! angular speed (Shoemake 1985). Distances and angles of view change by a constant factor per frame.
 
 use glam::{DMat3, DQuat, DVec3};
 use serde::{Deserialize, Serialize};
@@ -12,7 +12,7 @@ use crate::scene::CameraSpec;
 /// Most frames of a path.
 pub const FRAME_LIMIT: u32 = 100_000;
 
-/// Why key frames are no path.
+/// Reason why key frames define no path.
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum CameraPathError {
@@ -22,30 +22,30 @@ pub enum CameraPathError {
     Keys { expected: String, found: String },
 }
 
-/// A camera and when it is there.
+/// A camera at a frame.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct KeyFrame {
-    /// Number of the frame, from 0 on.
+    /// Number of the frame; the first is 0.
     pub frame: u32,
-    /// As in a scene.
+    /// The camera, as in a scene.
     pub camera: CameraSpec,
 }
 
-/// `{"keys": [{"frame": 0, "camera": {...}}, ...]}`: the first key is frame 0, the last one ends the path.
+/// File content `{"keys": [{"frame": 0, "camera": {...}}, ...]}`. The first key is frame 0; the last key ends the path.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraPath {
-    /// In the order of their frames.
+    /// Key frames in ascending order of `frame`.
     pub keys: Vec<KeyFrame>,
 }
 
 impl CameraPath {
-    /// Reads a path.
+    /// Reads a path from JSON text.
     ///
     /// # Errors
-    /// If the text is none, its frames do not ascend from 0 to less than [`FRAME_LIMIT`], or perspective and parallel cameras
-    /// follow one another. Cameras that are none are found when their frame is drawn.
+    /// If the text is not valid, if frames do not ascend from 0 to less than [`FRAME_LIMIT`], or if perspective and
+    /// orthographic cameras are mixed. The cameras themselves are checked when their frame is drawn.
     pub fn from_json(text: &str) -> Result<Self, CameraPathError> {
         let path: Self = serde_json::from_str(text)?;
         let wrong = |expected: &str, found: String| Err(CameraPathError::Keys { expected: expected.into(), found });
@@ -66,7 +66,7 @@ impl CameraPath {
         Ok(path)
     }
 
-    /// The camera of each frame.
+    /// The cameras of all frames, in order.
     #[must_use]
     pub fn cameras(&self) -> Vec<CameraSpec> {
         let between = self.keys.windows(2).flat_map(|pair| {
@@ -77,7 +77,8 @@ impl CameraPath {
     }
 }
 
-/// So many cameras around the point that this one looks at, evenly, once around this world axis; the first is the camera itself.
+/// `frames` cameras on one full turn around the target, at equal angles about the world direction `axis`. The first is
+/// `camera` itself.
 #[must_use]
 pub fn turntable(camera: &CameraSpec, axis: DVec3, frames: u32) -> Vec<CameraSpec> {
     let axis = unit_vector(axis).unwrap_or(DVec3::Z);
@@ -90,7 +91,7 @@ pub fn turntable(camera: &CameraSpec, axis: DVec3, frames: u32) -> Vec<CameraSpe
     (0..frames).map(turned).collect()
 }
 
-/// The camera that has come this share of the way from one to another.
+/// The camera at the share `share` in [0, 1] of the way between two cameras.
 fn between(from: &CameraSpec, to: &CameraSpec, share: f64) -> CameraSpec {
     if share == 0.0 {
         return from.clone();
@@ -111,7 +112,7 @@ fn between(from: &CameraSpec, to: &CameraSpec, share: f64) -> CameraSpec {
     }
 }
 
-/// What turns x, y and z to the camera's right, its up and away from what it looks at; and its distance from that.
+/// The rotation from x, y, z to the camera's right, up and backward axes, and the distance from eye to target.
 fn orientation(camera: &CameraSpec) -> Option<(DQuat, f64)> {
     let away = DVec3::from_array(camera.eye) - DVec3::from_array(camera.target);
     let back = unit_vector(away)?;
@@ -147,7 +148,7 @@ mod tests {
         let cameras = CameraPath::from_json(&text).expect("a path").cameras();
         assert_eq!(cameras.len(), 5);
         assert_eq!((&cameras[0], &cameras[4]), (&keys[0].camera, &keys[1].camera));
-        // Half way: 45 degrees, and the geometric means of 10 and 40.
+        // Half way: 45 degrees, and the geometric mean of 10 and 40.
         let half = 20.0 * std::f64::consts::FRAC_1_SQRT_2;
         assert!(close(cameras[2].eye, [1.0 + half, 2.0 + half, 3.0]), "{:?}", cameras[2]);
         assert!(close(cameras[2].up, [0.0, 0.0, 1.0]) && (cameras[2].fov_y.expect("perspective") - 20.0).abs() < 1e-9);

@@ -1,7 +1,7 @@
-//! Images: premultiplied RGBA before the background, and the files they are written to (RENDERING-MODEL, section 10).
+//! Images: premultiplied RGBA without the background, and image files (RENDERING-MODEL, section 10).
 //!
-//! Row 0 is on top, x runs fastest. A file is written under a temporary name beside its own and then renamed, so that
-//! a file with the image's name is always whole.
+//! Row 0 is the top row; x runs fastest. A file is written under a temporary name in the same folder and then renamed.
+//! So a file with the image's name is always complete.
 
 #[cfg(feature = "images")]
 use std::io::{BufWriter, Seek, Write};
@@ -9,28 +9,28 @@ use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 
-/// Grey levels of full scale: those of an 8-bit channel.
+/// Grey levels of full scale in an 8-bit channel.
 pub const GREY_LEVELS: f64 = 255.0;
 
-/// The greatest of some sizes, signs dropped; 0 of none. What is no number counts as infinite: `f64::max` would drop it,
-/// and every bound would hold for a picture full of NaN.
+/// The greatest magnitude of some numbers; 0 if there are none. NaN counts as infinite: `f64::max` ignores NaN, so that
+/// a picture full of NaN would satisfy every bound.
 #[must_use]
 pub fn greatest(sizes: impl IntoIterator<Item = f64>) -> f64 {
     sizes.into_iter().map(|v| if v.is_nan() { f64::INFINITY } else { v.abs() }).fold(0.0, f64::max)
 }
 
-/// A picture.
+/// A picture before the background is added.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Image {
     /// Pixels along x.
     pub width: u32,
     /// Pixels along y.
     pub height: u32,
-    /// Premultiplied red, green, blue, and alpha, before the background is added; row by row from the top.
+    /// Premultiplied red, green, blue, and alpha; row by row from the top.
     pub pixels: Vec<[f32; 4]>,
 }
 
-/// File formats an image can be written in.
+/// File formats of images.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ImageFormat {
     /// 8 bit RGB, background added.
@@ -41,7 +41,7 @@ pub enum ImageFormat {
     Npy,
 }
 
-/// Why an image was not written.
+/// Reason why an image was not written.
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs, reason = "the messages say it")]
 pub enum ImageError {
@@ -54,10 +54,10 @@ pub enum ImageError {
 }
 
 impl ImageFormat {
-    /// All of them.
+    /// All formats.
     pub const ALL: [Self; 3] = [Self::Png, Self::Exr, Self::Npy];
 
-    /// How names of such files end.
+    /// File name extension, without the dot.
     #[must_use]
     pub fn ending(self) -> &'static str {
         match self {
@@ -67,10 +67,10 @@ impl ImageFormat {
         }
     }
 
-    /// The format that a file name asks for.
+    /// The format of a file name, by its extension.
     ///
     /// # Errors
-    /// If the name ends in none of the known extensions.
+    /// If the extension is not known.
     pub fn from_path(path: &Path) -> Result<Self, ImageError> {
         let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
         let format = Self::ALL.into_iter().find(|format| format.ending() == extension);
@@ -79,10 +79,10 @@ impl ImageFormat {
 }
 
 impl Image {
-    /// Mean of each `factor` x `factor` block of pixels.
+    /// The image made smaller: each pixel is the mean of a block of `factor` x `factor` pixels.
     ///
     /// # Panics
-    /// If the image is not a whole number of blocks.
+    /// If width or height is no multiple of `factor`.
     #[must_use]
     pub fn downsampled(self, factor: u32) -> Self {
         if factor == 1 {
@@ -111,14 +111,14 @@ impl Image {
         Self { width, height, pixels }
     }
 
-    /// A picture of this size of which nothing is known: NaN throughout.
+    /// A picture of unknown pixels: all channels are NaN.
     #[must_use]
     pub fn unknown([width, height]: [u32; 2]) -> Self {
         Self { width, height, pixels: vec![[f32::NAN; 4]; width as usize * height as usize] }
     }
 
-    /// The picture with pixels `factor` times as large, the first where the first of this one are, brought to
-    /// `size` pixels: what lies between the middles of its pixels is interpolated, so that no blocks show.
+    /// The picture enlarged by `factor` along each axis to `size` pixels; the upper left corner stays. Values between
+    /// the centres of the large pixels are interpolated, so that no blocks show.
     #[must_use]
     pub fn enlarged(self, factor: u32, size: [u32; 2]) -> Self {
         if factor == 1 && [self.width, self.height] == size {
@@ -127,7 +127,7 @@ impl Image {
         self.enlarged_over(Vec::new(), factor, size)
     }
 
-    /// The same, written over pixels that nobody looks at any more, whatever their number.
+    /// As [`Image::enlarged`], but reuses the memory of `pixels`, whose content and length do not matter.
     #[must_use]
     pub fn enlarged_over(&self, mut pixels: Vec<[f32; 4]>, factor: u32, size: [u32; 2]) -> Self {
         let [width, height] = size;
@@ -140,12 +140,12 @@ impl Image {
         large
     }
 
-    /// Pixels that are NaN become those of `small`, whose pixels are `factor` times as large, enlarged.
+    /// Replaces pixels that are NaN by those of `small` enlarged by `factor`.
     pub fn fill_unknown(&mut self, small: &Self, factor: u32) {
         self.fill_from(small, factor, |pixel| pixel[0].is_nan());
     }
 
-    /// The same of pixels that are to be filled.
+    /// As [`Image::fill_unknown`], for the pixels that `is_filled` selects.
     fn fill_from(&mut self, small: &Self, factor: u32, is_filled: impl Fn(&[f32; 4]) -> bool + Sync) {
         let columns: Vec<Beside> = (0..self.width).map(|x| Beside::new(x, factor, small.width)).collect();
         let bands = self.pixels.par_chunks_mut(self.width as usize * LINES_TOGETHER).enumerate();
@@ -154,10 +154,10 @@ impl Image {
         });
     }
 
-    /// Writes the pixels of a band that are numbers over those from row `first_row` on; how many there were.
+    /// Writes a band over the rows from `first_row` on and skips its NaN pixels. Returns the number of pixels written.
     ///
     /// # Panics
-    /// If the band is not as wide as the picture, or stands over it.
+    /// If the band is not as wide as the picture, or reaches beyond its last row.
     pub fn write_over(&mut self, first_row: u32, band: &Self) -> u64 {
         assert_eq!(self.width, band.width, "pixels along x");
         let first = first_row as usize * self.width as usize;
@@ -177,7 +177,8 @@ impl Image {
         self.pixels.as_flattened().iter().all(|v| v.is_finite())
     }
 
-    /// Greatest difference of a channel, grey levels of 255; infinite where either picture holds what is not finite.
+    /// Greatest difference of any channel in grey levels (1/255); infinite if a channel of either picture is not
+    /// finite.
     ///
     /// # Panics
     /// If the pictures differ in size.
@@ -186,7 +187,8 @@ impl Image {
         self.distance_where(other, |_| true)
     }
 
-    /// As [`Image::distance`], over the pixels (by index) that `is_judged` keeps; what is not finite counts everywhere.
+    /// As [`Image::distance`], over the pixels whose index `is_judged` accepts. Channels that are not finite count in
+    /// all pixels.
     ///
     /// # Panics
     /// If the pictures differ in size.
@@ -206,7 +208,7 @@ impl Image {
         rgb8(&self.pixels, background)
     }
 
-    /// Writes the image; the format is that of the file's name. An existing file is replaced.
+    /// Writes the image; the extension of the name gives the format. An existing file is replaced.
     ///
     /// # Errors
     /// If the name has no known extension, or the file cannot be written; no partial file stays behind.
@@ -216,10 +218,10 @@ impl Image {
         let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let write = || {
             let mut builder = tempfile::Builder::new();
-            // As any new file: what the process's mask leaves.
+            // The usual permissions of new files: the process's umask applies.
             #[cfg(unix)]
             builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-            // Not the name of what commands have not finished: nobody locks this one, so that it would pass for a leftover.
+            // Not the prefix of unfinished output files: this file is not locked and would be taken for a leftover.
             let mut file = builder.prefix(".supervol-").suffix(".picture").tempfile_in(folder)?;
             self.encode(format, background, file.as_file_mut())?;
             file.as_file().sync_all()?;
@@ -232,10 +234,10 @@ impl Image {
         })
     }
 
-    /// The bytes of an image file, to whatever takes them.
+    /// Writes the bytes of an image file to `out`.
     ///
     /// # Errors
-    /// If the bytes are not taken, or the format cannot hold the picture.
+    /// If `out` fails, or the format cannot hold the picture.
     #[cfg(feature = "images")]
     pub fn encode(
         &self,
@@ -259,7 +261,7 @@ impl Image {
         encoder.set_compression(png::Compression::Fast);
         encoder.set_depth(png::BitDepth::Eight);
         let mut writer = encoder.write_header()?;
-        // Row by row: a second picture of 3 bytes a pixel would be memory that nobody has counted.
+        // Row by row: a second picture of 3 bytes per pixel would exceed the memory budget.
         let mut rows = writer.stream_writer()?;
         for row in self.pixels.chunks_exact(self.width as usize) {
             rows.write_all(&rgb8(row, background))?;
@@ -283,7 +285,8 @@ impl Image {
         })
     }
 
-    /// NumPy format 1.0: magic, version, header length (u16), header padded so that the data begin at a multiple of 64.
+    /// NumPy format 1.0: magic, version, header length (u16), header padded so that the data begin at a multiple of 64
+    /// bytes.
     #[cfg(feature = "images")]
     fn encode_npy(&self, out: &mut impl Write) -> Result<(), EncodeError> {
         const PREFIX: usize = 10;
@@ -308,7 +311,7 @@ fn rgb8(pixels: &[[f32; 4]], background: [f64; 3]) -> Vec<u8> {
     pixels.iter().flat_map(|p| [0, 1, 2].map(|c| (255.0 * over(p, c).clamp(0.0, 1.0)).round() as u8)).collect()
 }
 
-/// Why an image was not encoded.
+/// Reason why an image was not encoded.
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs, reason = "the messages say it")]
 pub enum EncodeError {
@@ -328,11 +331,11 @@ impl From<png::EncodingError> for EncodeError {
     }
 }
 
-/// Lines that one thread fills.
+/// Rows that one task fills.
 const LINES_TOGETHER: usize = 64;
 
-/// Fills pixels of whole lines, numbered from `first`, from a picture whose pixels are `factor` times as large; `columns`: what they lie
-/// between.
+/// Fills pixels of whole rows, of which the first has the number `first`, from a picture whose pixels are `factor`
+/// times as large. `columns` holds the two neighbours and the weight of each column.
 fn fill_lines(
     lines: &mut [[f32; 4]],
     first: usize,
@@ -340,7 +343,7 @@ fn fill_lines(
     columns: &[Beside],
     is_filled: &impl Fn(&[f32; 4]) -> bool,
 ) {
-    // Rows of `small` above and below a line, as wide as the lines: the next lines lie between the same ones.
+    // Rows of `small` above and below the current row, already stretched to full width. The following rows reuse them.
     let mut wide = [(usize::MAX, Vec::new()), (usize::MAX, Vec::new())];
     for (y, line) in (first..).zip(lines.chunks_exact_mut(columns.len())) {
         if !line.iter().any(is_filled) {
@@ -366,7 +369,7 @@ fn fill_lines(
     }
 }
 
-/// The two pixels of a row or column beside a place, and the weight of the second; clamped at the ends.
+/// The two pixels of a row or column beside a position, and the weight of the second; clamped at the ends.
 struct Beside {
     first: usize,
     second: usize,
@@ -374,7 +377,7 @@ struct Beside {
 }
 
 impl Beside {
-    /// Beside the middle of pixel `i`, of `count` pixels that are `factor` times as large.
+    /// Neighbours of the centre of pixel `i` among `count` pixels that are `factor` times as large.
     fn new(i: u32, factor: u32, count: u32) -> Self {
         let place = ((f64::from(i) + 0.5) / f64::from(factor) - 0.5).clamp(0.0, f64::from(count - 1));
         let first = place as u32;
@@ -383,7 +386,7 @@ impl Beside {
     }
 }
 
-/// One pixel, and so much of the way to another.
+/// Linear interpolation from one pixel to another.
 fn mixed(a: &[f32; 4], b: &[f32; 4], weight: f32) -> [f32; 4] {
     let mut mixed = *a;
     for c in 0..4 {
@@ -398,7 +401,7 @@ mod tests {
 
     use super::*;
 
-    /// A ramp stays one between the middles of the large pixels, and ends level beyond them.
+    /// A ramp stays a ramp between the centres of the large pixels and is constant beyond the outer ones.
     #[test]
     fn enlarged_pictures_are_interpolated() {
         let pixels = (0..2).flat_map(|y| (0..3).map(move |x| [(10 * y + 4 * x) as f32; 4])).collect();
@@ -410,7 +413,7 @@ mod tests {
         assert_eq!(large.clone().enlarged(1, [5, 4]), large);
     }
 
-    /// Line by line it is what it is pixel by pixel, bit for bit, and pixels that are numbers stay.
+    /// Filling by rows equals filling pixel by pixel, bit for bit. Other pixels stay.
     #[test]
     fn what_is_unknown_is_interpolated_and_nothing_else() {
         let mut random = Random::new(20);

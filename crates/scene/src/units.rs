@@ -1,12 +1,13 @@
-//! The units that pictures are computed in.
+//! Units in which pictures are computed.
 //!
-//! `f32` ends at 3e38 and 1e-38, squares of it at 1e19 and 1e-19; a camera beside a volume 1e18 voxels from the world's origin
-//! has no place in `f64` any more. So a picture is computed in *units* of its own: lengths in units of [`Units::length`] from
-//! [`Units::anchor`], values in units of [`Units::value`]. Units are powers of two, so that nothing is rounded on the way, and
-//! those of the world itself unless its numbers are extreme.
+//! `f32` covers magnitudes from 1e-38 to 3e38; squares overflow or underflow beyond 1e19 and 1e-19. A camera beside a
+//! volume that lies 1e18 voxels from the world's origin cannot be represented even in `f64`. A picture is therefore
+//! computed in *units* of its own: lengths in multiples of [`Units::length`] from the point [`Units::anchor`], values
+//! in multiples of [`Units::value`]. Units are powers of two, so that conversion rounds nothing. For ordinary volumes
+//! they are those of the world.
 //!
-//! Scenes are resolved into units ([`Scene::resolve`](crate::scene::Scene::resolve)), and all that a caster, the reference or
-//! the streamer knows of a container's numbers comes from [`InUnits`]. Nothing in between knows that there are units.
+//! [`Scene::resolve`](crate::scene::Scene::resolve) converts scenes into units. [`InUnits`] converts a container's
+//! numbers for ray casters, the reference integrator and the streamer. All other code is independent of units.
 
 use glam::DVec3;
 use supervol_format::space::HALF_VOXEL;
@@ -14,48 +15,49 @@ use supervol_format::{Container, Dims, Geometry, ValueRange};
 
 use crate::facts::{DataKind, VolumeFacts};
 
-/// Binary exponents of a voxel's shortest edge that are left alone. With those of values, they keep the square of a gradient
-/// that is a millionth of the steepest within `f32`.
+/// Binary exponents of a voxel's shortest edge for which world lengths are kept. Together with [`PLAIN_VALUES`], the
+/// square of a gradient of a millionth of the steepest stays within `f32`.
 const PLAIN_LENGTHS: std::ops::RangeInclusive<i32> = -20..=20;
-/// Binary exponents of the greatest magnitude of a value that are left alone.
+/// Binary exponents of the greatest magnitude of a value for which data values are kept.
 const PLAIN_VALUES: std::ops::RangeInclusive<i32> = -20..=40;
-/// Percentiles between which most values lie.
+/// Percentiles between which a typical value lies.
 const MOST_VALUES: std::ops::RangeInclusive<f64> = 1.0..=99.0;
-/// The usual values are at least 2 to minus this: the square of the inverse is within `f32`.
+/// Typical values in units are at least 2 to the minus this, so that the square of their inverse stays within `f32`.
 const USUAL_DEPTH: i32 = 60;
-/// Binary exponents of percentiles that are believed: they are counted in single precision.
+/// Binary exponents of trusted percentiles: percentiles are computed in single precision.
 const COUNTED_VALUES: std::ops::RangeInclusive<i32> = -120..=120;
-/// Binary exponents that a unit may have: its inverse is finite, too.
+/// Greatest magnitude of the binary exponent of a unit: its inverse must be finite.
 const UNIT_LIMIT: i32 = 1000;
-/// Corners farther from the world's origin than this many voxels' edges are anchored: below, `f64` resolves 2^-22 of a voxel.
+/// Volumes whose corner is farther from the world's origin than this many voxel edges get an anchor. Below, `f64`
+/// resolves 2^-22 of a voxel.
 const ANCHORED_VOXELS: f64 = (1u64 << 30) as f64;
-/// Greatest magnitude of a value in units, of voxels and of what scenes say: beyond, differences would run over in `f32`. Only a
-/// voxel that is further than 2^60 beyond all others is so large, and what shows of it is the same.
+/// Greatest magnitude of a value in units, for voxels and scenes: beyond, differences overflow in `f32`. Only a voxel
+/// that exceeds all others by a factor of more than 2^60 is clamped. The picture does not change by that.
 pub const VALUE_LIMIT: f64 = 1.2676506002282294e30;
 
-/// See the module.
+/// Units of a picture; see the module.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Units {
-    /// World position of the origin of lengths.
+    /// World position of the origin.
     pub anchor: DVec3,
-    /// World length of 1; a power of two.
+    /// World length of one unit; a power of two.
     pub length: f64,
-    /// Data value of 1; a power of two.
+    /// Data value of one unit; a power of two.
     pub value: f64,
 }
 
-/// The binary exponent of a positive number, subnormal ones included.
+/// The binary exponent of a positive number; subnormal numbers are allowed.
 fn exponent(number: f64) -> i32 {
     // `as` saturates.
     number.log2().floor() as i32
 }
 
-/// Two to this power, within [`UNIT_LIMIT`].
+/// Two to this power, clamped to [`UNIT_LIMIT`].
 fn power(exponent: i32) -> f64 {
     f64::from(exponent.clamp(-UNIT_LIMIT, UNIT_LIMIT)).exp2()
 }
 
-/// World lengths of a voxel's edges. Squares of spacings may be out of range, those of directions are not.
+/// World lengths of a voxel's edges along x, y, z. Squares of spacings may overflow, squares of directions do not.
 #[must_use]
 pub fn edges(geometry: &Geometry) -> [f64; 3] {
     let d = geometry.direction;
@@ -63,10 +65,10 @@ pub fn edges(geometry: &Geometry) -> [f64; 3] {
 }
 
 impl Units {
-    /// Those of the world.
+    /// World units: no conversion.
     pub const WORLD: Self = Self { anchor: DVec3::ZERO, length: 1.0, value: 1.0 };
 
-    /// Whether lengths are those of the world.
+    /// Whether lengths are world lengths.
     #[must_use]
     pub fn has_world_lengths(&self) -> bool {
         *self == Self { value: self.value, ..Self::WORLD }
@@ -91,14 +93,14 @@ impl Units {
         (data / self.value).clamp(-VALUE_LIMIT, VALUE_LIMIT)
     }
 
-    /// A place in the world in units.
+    /// Position, spacing and direction of a volume in units.
     #[must_use]
     pub fn geometry(&self, world: &Geometry) -> Geometry {
         let spacing = world.spacing.map(|spacing| spacing / self.length);
         Geometry { spacing, origin: self.point(world.origin.into()).to_array(), direction: world.direction }
     }
 
-    /// Facts of a volume in units, without percentiles and histogram, which only presets ask for, in data units.
+    /// Facts of a volume in units. Percentiles and histogram are left out; only presets need these, in data units.
     #[must_use]
     pub fn facts(&self, world: &VolumeFacts) -> VolumeFacts {
         let value_range = self.range(world.value_range);
@@ -107,7 +109,7 @@ impl Units {
     }
 
     fn range(&self, ValueRange { min, max }: ValueRange) -> ValueRange {
-        // The empty range has infinite ends, and keeps them.
+        // The empty range has infinite ends and keeps them.
         ValueRange { min: min / self.value, max: max / self.value }
     }
 }
@@ -117,8 +119,8 @@ fn length_unit(geometry: &Geometry) -> f64 {
     if PLAIN_LENGTHS.contains(&shortest) { 1.0 } else { power(shortest) }
 }
 
-/// What is too large comes just within the limit, not to 1, and what most values are stays well above underflow: a few may be far
-/// larger than all others, and the transfer function is about the others.
+/// Too large values are scaled just below the limit, not to 1, and typical values stay well above underflow. A few
+/// voxels may be far greater than all others, but the transfer function usually concerns the others.
 fn value_unit(facts: &VolumeFacts) -> f64 {
     let range = facts.value_range;
     let greatest = if range.is_empty() { 0.0 } else { range.min.abs().max(range.max.abs()) };
@@ -146,13 +148,13 @@ fn anchor(geometry: &Geometry, dims: Dims) -> DVec3 {
 /// A container's numbers in the units of its pictures.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct InUnits {
-    /// Place of level 0.
+    /// Position of level 0.
     pub geometry: Geometry,
-    /// Value = container value * scale + offset.
+    /// Scale from container values: value = container value * `scale` + `offset`.
     pub scale: f64,
-    /// See `scale`.
+    /// Offset from container values; see `scale`.
     pub offset: f64,
-    /// Least and greatest value of the volume; `[0, 1]` data units where none is present.
+    /// Least and greatest value of the volume. If no voxel is present, the range [0, 1] of data values.
     pub value_range: ValueRange,
 }
 
@@ -160,7 +162,7 @@ impl InUnits {
     /// The numbers of a container.
     #[must_use]
     pub fn of(container: &Container) -> Self {
-        // Whatever kind the data are of: that need not be found out.
+        // The kind of data does not matter here and is expensive to recognise.
         let (descriptor, facts) = (container.descriptor(), VolumeFacts::of_kind(container, DataKind::Generic));
         let units = Units::of(&facts);
         Self {
@@ -171,7 +173,7 @@ impl InUnits {
         }
     }
 
-    /// The value of what the container stores.
+    /// The value of a number as the container stores it.
     #[must_use]
     pub fn value(&self, stored: f64) -> f64 {
         stored * self.scale + self.offset
@@ -218,7 +220,7 @@ mod tests {
         assert!(Units::of(&self::facts(f64::MAX, 1.0, 0.0)).value.is_finite());
         let empty = VolumeFacts { value_range: ValueRange::EMPTY, ..self::facts(1.0, 1.0, 0.0) };
         assert_eq!(Units::of(&empty), Units::WORLD);
-        // One voxel far beyond all others.
+        // One voxel far greater than all others.
         for spike in [1e10, 1e20, 1e37, 1e300] {
             let facts = VolumeFacts { percentiles: vec![(1.0, -0.3), (99.0, 0.7)], ..self::facts(spike, 1.0, 0.0) };
             let units = Units::of(&facts);

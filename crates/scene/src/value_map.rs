@@ -1,6 +1,6 @@
-//! Numbers of a volume in three forms, and the map between them.
+//! Three forms of a voxel's number, and the maps between them.
 //!
-//! - A *stored number* is what a brick's array holds: `u8`, `u16` or `f32`.
+//! - A *stored number* is the element of a brick's array: `u8`, `u16` or `f32`.
 //! - A *render value* is an `f32`: `stored * scale + offset`. Transfer functions are applied to render values.
 //! - A *data value* is an `f64` in the data's own units: `render value + shift`.
 
@@ -8,14 +8,16 @@ use supervol_format::{ValueRange, VoxelType};
 
 use crate::units::VALUE_LIMIT;
 
-/// What stored numbers mean; one for the whole container.
+/// Map from stored numbers to render values and data values; one for the whole container.
 ///
-/// Exact for integers of up to 16 bits and, where nothing is shifted or scaled, for `f32`. `u32`, `i32` and `f64` values
-/// are rounded to 24 bits of their distance from [`ValueMap::shift`]: a data value d is off by up to
-/// `2^-24 |d - shift|`, which is at most `2^-23` of the range's width. A smooth transfer function all of whose control
-/// points lie within w is right to half a grey level where w is at least 2^-16 of the range's width, and sees steps where
-/// it is narrower: at 2^-20 up to 7 grey levels off, at 2^-25 more than 100 (`windows_of_values_that_f32_does_not_resolve`
-/// in `tests/tests/known_issues.rs`). Near the shift, mostly zero, far narrower ones are right.
+/// The map is exact for integers of up to 16 bits and, without shift and scale, for `f32`. `u32`, `i32` and `f64`
+/// values are rounded to 24 bits of their distance from [`ValueMap::shift`]. The error of a data value d is at most
+/// `2^-24 |d - shift|`, which is at most `2^-23` of the range's width.
+///
+/// Consequence for a smooth transfer function: let w be the width over which its control points lie, as a share of the
+/// range's width. For w of at least 2^-16 the error is at most half a grey level. Narrower functions show steps: up to
+/// 7 grey levels at 2^-20, more than 100 at 2^-25 (`windows_of_values_that_f32_does_not_resolve` in
+/// `tests/tests/drawn/known_issues.rs`). Near the shift, which is mostly zero, far narrower functions are exact.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ValueMap {
     /// Render value per stored number; may be negative.
@@ -24,7 +26,7 @@ pub struct ValueMap {
     pub offset: f32,
     /// Data value of the render value 0.
     pub shift: f64,
-    /// The stored `U8` or `U16` number that is a hole.
+    /// The stored number that marks an absent voxel, for `U8` and `U16` bricks.
     pub absent: Option<u16>,
     /// Container scale: data value = container value * scale + offset.
     source_scale: f64,
@@ -35,8 +37,8 @@ pub struct ValueMap {
 impl ValueMap {
     /// The map for a container of this voxel type: data value = container value * `scale` + `offset`.
     ///
-    /// `range` is that of the whole volume, in data units. Where it lies far from zero for its width, render values are
-    /// taken from its middle, so that `f32` resolves it.
+    /// `range` is the value range of the whole volume in data units. If it lies far from zero relative to its width,
+    /// its middle becomes the shift, so that `f32` resolves it.
     #[must_use]
     pub fn for_container(
         voxel_type: VoxelType,
@@ -55,7 +57,7 @@ impl ValueMap {
                 let offset = (source_offset - shift) - bias * source_scale;
                 (source_scale as f32, offset as f32, hole.map(|v| (v + bias) as u16))
             }
-            // These become render values when a brick is decoded, in f64.
+            // Values of these types become render values when a brick is decoded, in `f64`.
             None => (1.0, 0.0, None),
         };
         Self { scale, offset, shift, absent, source_scale, source_offset }
@@ -82,7 +84,7 @@ impl ValueMap {
         f64::from(render) + self.shift
     }
 
-    /// Render value of a value as the container stores it. Monotone, so that ranges map to ranges.
+    /// Render value of a number as the container stores it. Monotone, so that ranges map to ranges.
     #[inline]
     #[must_use]
     pub fn from_container(&self, voxel_type: VoxelType, value: f64) -> f32 {
@@ -93,7 +95,7 @@ impl ValueMap {
     }
 }
 
-/// What is added to an integer of at most 16 bits to store it unsigned; `None` for the types rendered as `f32`.
+/// Bias added to an integer of at most 16 bits to store it unsigned; `None` for types rendered as `f32`.
 fn integer_bias(voxel_type: VoxelType) -> Option<f64> {
     match voxel_type {
         VoxelType::U8 | VoxelType::U16 => Some(0.0),
@@ -103,7 +105,7 @@ fn integer_bias(voxel_type: VoxelType) -> Option<f64> {
     }
 }
 
-/// The nearest `f32` of a magnitude that differences do not run over with; NaN stays NaN.
+/// The nearest `f32`, clamped so that differences do not overflow; NaN stays NaN.
 fn to_f32(value: f64) -> f32 {
     value.clamp(-VALUE_LIMIT, VALUE_LIMIT) as f32
 }

@@ -11,8 +11,8 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use supervol::runtime::engines::engine::{Advance, Engine};
+use supervol::runtime::engines::error::EngineError;
 use supervol::runtime::engines::totals::EngineTotals;
-use supervol::runtime::render::error::RenderError;
 use supervol::runtime::stream::priority::BrickOrder;
 use supervol::runtime::stream::residency::{BrickView, DecodedBrick, Resident, Voxels};
 use supervol::runtime::stream::streamer::HostView;
@@ -67,13 +67,13 @@ impl Engine for Slabs {
         Some(BrickOrder::along([0, 0, 1]))
     }
 
-    fn begin(&mut self, _pixel_rows: Range<u32>) -> Result<(), RenderError> {
+    fn begin(&mut self, _pixel_rows: Range<u32>) -> Result<(), EngineError> {
         self.left = self.container.pyramid().keys_of(Lod::FINEST).collect();
         self.greatest = vec![f64::NEG_INFINITY; self.size().iter().product()];
         Ok(())
     }
 
-    fn advance(&mut self, view: &HostView<'_>) -> Result<Advance, RenderError> {
+    fn advance(&mut self, view: &HostView<'_>) -> Result<Advance, EngineError> {
         let mut used = Vec::new();
         for key in std::mem::take(&mut self.left) {
             match view.lookup(key) {
@@ -90,7 +90,7 @@ impl Engine for Slabs {
         Ok(Advance { remaining: wanted.len() as u64, wanted, used, ..Advance::default() })
     }
 
-    fn write_image(&mut self, to: &mut [[f32; 4]]) -> Result<(), RenderError> {
+    fn write_image(&mut self, to: &mut [[f32; 4]]) -> Result<(), EngineError> {
         let present = self.greatest.iter().copied().filter(|value| value.is_finite());
         let (low, high) = present.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
         for (pixel, value) in to.iter_mut().zip(&self.greatest) {

@@ -7,7 +7,8 @@ use supervol_format::VoxelBox;
 use supervol_format::container::ContainerError;
 #[cfg(feature = "sources")]
 use supervol_preprocess::BuildError;
-use supervol_runtime::engines::gpu::device::GpuError;
+use supervol_runtime::engines::error::EngineError;
+use supervol_runtime::engines::gpu::error::GpuError;
 use supervol_runtime::render::error::RenderError;
 #[cfg(feature = "images")]
 use supervol_scene::image::ImageError;
@@ -115,7 +116,7 @@ fn kind_of_render(error: &RenderError) -> ErrorKind {
         RenderError::Budget(_)
         | RenderError::ReferenceTooLarge { .. }
         | RenderError::CheckTooLarge { .. }
-        | RenderError::Gpu(GpuError::Budget { .. })
+        | RenderError::Engine(EngineError::Gpu(GpuError::Budget { .. }))
         | RenderError::NoPlace
         | RenderError::NoSuchPixel { .. }
         | RenderError::SlicesOnGpu

@@ -43,7 +43,8 @@
 //!
 //! # Features
 //!
-//! `sources` (default) reads volume files and builds containers; `images` (default) writes PNG, OpenEXR and NumPy files.
+//! `sources` (default) reads volume files and builds containers; `images` (default) writes PNG, OpenEXR and NumPy files;
+//! `gpu` (default) also draws on graphics devices. Without `gpu` no wgpu is compiled.
 //!
 //! # Lower layers
 //!

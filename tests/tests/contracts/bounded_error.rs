@@ -1,4 +1,5 @@
-//! Containers of moved voxels (`build --max-error`): every voxel is within the bound of the source's, and every rule holds.
+//! Containers with quantised voxels (`build --max-error`): every voxel is within the error bound of the source's, and
+//! every rule of the format holds.
 
 use supervol_format::codec::quantize::Quantizer;
 use supervol_format::codec::{Codec, CodecChoice};
@@ -28,7 +29,7 @@ fn stored(container: &Container) -> Vec<Vec<f64>> {
     container.pyramid().keys_of(Lod::FINEST).map(read).collect()
 }
 
-/// Greatest distance of a present voxel from the exact one, stored units; holes must be the same ones.
+/// Greatest distance of a present voxel from the exact one, in stored units. The same voxels must be absent.
 fn farthest(exact: &Container, moved: &Container) -> f64 {
     let absence: Absence = exact.descriptor().absence;
     let mut farthest = 0.0f64;
@@ -50,7 +51,7 @@ fn check(exact: &Built, moved: &Built, bound: f64, what: &str) {
     assert!(descriptor.voxel_error() <= bound, "{what}: {} of {bound}", descriptor.voxel_error());
     let farthest = farthest(&exact.container, &moved.container);
     assert!(farthest <= descriptor.voxel_error(), "{what}: {farthest} of {bound}");
-    // The bricks say it: no more than the bound, and as much as one of their voxels was moved.
+    // The bricks' stated error is at most the bound, and equals the greatest error of a voxel.
     let entries = moved.container.pyramid().keys_of(Lod::FINEST).map(|key| moved.container.entry(key).expect("whole"));
     let said = entries.map(|entry| entry.error).fold(0.0, f64::max);
     assert_eq!(said, farthest, "{what}");
@@ -110,7 +111,7 @@ fn labels_are_never_moved() {
     let same = built(&labels as &dyn VolumeSource, &bounded);
     assert!(same.container.descriptor().quantizer.is_none() && same.report.notes.iter().any(|n| n.contains("labels")));
     assert_eq!(farthest(&exact.container, &same.container), 0.0);
-    // Who says that they are none may have them moved.
+    // If the user declares that values are measurements, they may be quantised.
     let measured = BuildOptions { reduce: Some(Reduce::Mean), ..bounded };
     assert!(built(&labels as &dyn VolumeSource, &measured).container.descriptor().quantizer.is_some());
 }

@@ -1,4 +1,4 @@
-//! Small inputs ask for little work and little memory: what is quadratic, or has no limit, shows at these sizes.
+//! Bounded work: small inputs cause little work and memory. Quadratic or unbounded code would show at these sizes.
 
 use std::path::PathBuf;
 
@@ -13,7 +13,7 @@ use supervol_sources::input::spool::SpoolFolder;
 use supervol_sources::synthetic::Synthetic;
 use supervol_tests::fields::{options, origin, try_build};
 
-/// A file of 64 voxels behind these lines of a NRRD header.
+/// A file of 64 voxels with these lines in its NRRD header.
 fn nrrd(lines: &str) -> (tempfile::TempDir, PathBuf) {
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("v.nrrd");
@@ -43,7 +43,7 @@ fn lists_of_files_have_a_limit() {
     assert!(error.contains("at most 65536 files"), "{error}");
 }
 
-/// What a file makes us write, we read again.
+/// Every text from a source file that is written can be read again.
 #[test]
 fn labels_and_units_of_any_length_make_a_container_that_opens() {
     let long = "\u{1}".repeat(3_400_000);
@@ -60,7 +60,7 @@ fn no_manifest_is_longer_than_readers_take() {
     assert_eq!(Manifest::from_json(&manifest.to_json().expect("a manifest")).as_ref(), Ok(&manifest));
     manifest.notes = vec!["x".repeat(BYTES_LIMIT as usize)];
     assert!(manifest.to_json().is_err_and(|e| e.contains("at most")));
-    // The same in a source.
+    // The same for a source.
     let mut noisy = Noisy(Synthetic::new("sphere", Dims([8; 3]), None, 1).expect("a name"), None);
     let mut info = noisy.0.info().clone();
     info.notes = vec!["x".repeat(1000); 10_000];
@@ -70,7 +70,7 @@ fn no_manifest_is_longer_than_readers_take() {
     assert!(built.container.manifest().notes.len() < 100);
 }
 
-/// A volume that says more than there is to say.
+/// A volume with far too many notes.
 struct Noisy(Synthetic, Option<supervol_sources::SourceInfo>);
 
 impl VolumeSource for Noisy {
@@ -83,7 +83,7 @@ impl VolumeSource for Noisy {
     }
 }
 
-/// A line of many small bricks: finding the one to drop from a full cache must not look at all of them.
+/// A line of many small bricks: eviction from a full cache must not examine all of them.
 #[test]
 fn long_thin_volumes_build_and_verify() -> Result<(), ContainerError> {
     let folder = tempfile::tempdir().expect("a folder");

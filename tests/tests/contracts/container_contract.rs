@@ -1,5 +1,5 @@
-//! What a built container promises, checked against the definitions in [`supervol_tests::oracle`]: every voxel type,
-//! every brick size, odd dims, holes, noise, constants.
+//! Contract of a built container, checked against the definitions in [`supervol_tests::oracle`]: every voxel type,
+//! every brick size, odd dims, absent voxels, noise, constants.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -24,7 +24,7 @@ use supervol_tests::oracle::Grid;
 /// Random points at which each brick is sampled.
 const POINTS: usize = 150;
 
-/// Dims that are odd in one way each, for a brick size.
+/// Odd dims of different kinds for a brick size.
 fn odd_dims(core: u32) -> [[u64; 3]; 4] {
     let more = u64::from(core) + 1;
     let one_more = if core <= 32 { [more; 3] } else { [more, 5, more] };
@@ -40,7 +40,7 @@ fn check(content: Content, dims: [u64; 3], voxel_type: VoxelType, core: u32) {
     check_levels(&built.container, None, &what);
 }
 
-/// Level 0 comes out as it went in.
+/// Extracting level 0 returns the source's voxels.
 fn check_extraction(field: &Field, built: &Built, what: &str) {
     let output = built.folder.path().join("level0.raw");
     let extraction = Extraction { lod: Lod(0), voxels: None, existing: Existing::Keep, memory_bytes: 1 << 26 };
@@ -50,7 +50,7 @@ fn check_extraction(field: &Field, built: &Built, what: &str) {
     assert!(extracted == field.bytes(), "{what}: level 0 is not the source");
 }
 
-/// Every brick of a container of `source`; without one, of what its level 0 holds.
+/// Checks every brick of a container against `source`, or without one against the container's own level 0.
 fn check_levels(container: &Container, source: Option<&Grid>, what: &str) {
     let levels = container.pyramid().levels().len();
     let grids: Vec<Grid> = (0..levels).map(|l| Grid::of_level(container, Lod(l as u8))).collect();
@@ -71,7 +71,7 @@ fn core_ends(container: &Container, key: BrickKey) -> ([i64; 3], [i64; 3]) {
     (core.start.map(|v| v as i64), core.end.map(|v| v as i64 - 1))
 }
 
-/// The value range is exactly that of the voxels that interpolation reaches: the core and one voxel around.
+/// The value range is exactly that of the voxels that interpolation reaches: the core and one voxel around it.
 fn check_range(container: &Container, key: BrickKey, entry: &BrickEntry, grid: &Grid, what: &str) {
     let (first, last) = core_ends(container, key);
     let (core_range, _) = grid.range(first, last);
@@ -85,7 +85,7 @@ fn check_range(container: &Container, key: BrickKey, entry: &BrickEntry, grid: &
     }
 }
 
-/// A macro cell's range holds the voxels it reaches and is at most one quantum wider at either end.
+/// A macro cell's range contains the voxels that it reaches, and is at most one quantum wider at either end.
 fn check_macro_cells(container: &Container, key: BrickKey, entry: &BrickEntry, grid: &Grid, what: &str) {
     let mut record = vec![0; entry.record_bytes() as usize];
     container.read_at(entry.offset, &mut record).unwrap_or_else(|e| panic!("{what}: {e}"));
@@ -110,7 +110,7 @@ fn check_macro_cells(container: &Container, key: BrickKey, entry: &BrickEntry, g
     }
 }
 
-/// At random points of the brick's region: the sample lies in the range, and is no further from the source than `error`.
+/// At random points of the brick's region, the sample lies in the range and differs from the source by at most `error`.
 fn check_points(
     container: &Container,
     key: BrickKey,
@@ -121,11 +121,11 @@ fn check_points(
     let (first, last) = core_ends(container, key);
     let (own, finest) = (&grids[usize::from(key.lod().0)], &grids[0]);
     let scale = container.pyramid().level_at(key.lod()).scale;
-    // Our own interpolation rounds, too: eight products and sums of values up to the magnitude.
+    // Rounding error of our own interpolation: eight products and sums of values up to the magnitude.
     let slack = 32.0 * f64::EPSILON * finest.magnitude();
     let mut random = Random::new(mix(key.bits()));
     for _ in 0..POINTS {
-        // A quarter lattice meets the corners of both grids; other points lie anywhere.
+        // Points on a lattice of quarters hit the corners of both grids; other points lie anywhere.
         let on_lattice = random.below(2) == 0;
         let p: [f64; 3] = std::array::from_fn(|a| {
             let (low, width) = (first[a] as f64 - 0.5, (last[a] - first[a] + 1) as f64);
@@ -148,7 +148,8 @@ fn check_points(
     }
 }
 
-/// Whether level `lod` is present at a point of level 0: the bound is promised where all levels in between are.
+/// Whether level `lod` is present at a point of level 0. The bound is promised only where all levels in between are
+/// present.
 fn present_at(container: &Container, grid: &Grid, lod: usize, fine_p: [f64; 3]) -> bool {
     grid.sample(container.pyramid().levels()[lod].from_level_0(fine_p)).is_some()
 }
@@ -183,7 +184,7 @@ fn bricks_of_128() {
     check_all(128, &[Content::Smooth, Content::Holes]);
 }
 
-/// Values at the ends of their type: ranges, errors and the manifest must survive widths that overflow.
+/// Values at the ends of their type: ranges, errors and the manifest must be right although widths overflow.
 #[test]
 fn extremes_of_every_type() {
     for voxel_type in VoxelType::ALL {
@@ -213,7 +214,7 @@ fn extremes_of_every_type() {
     }
 }
 
-/// What is moved, and means that are rounded, are as far off the source as their bricks say, at every level.
+/// Quantised voxels and rounded means: at every level, bricks state their distance from the source.
 #[test]
 fn bricks_of_moved_voxels_are_held_against_the_source() {
     let moved = [
@@ -237,7 +238,7 @@ fn bricks_of_moved_voxels_are_held_against_the_source() {
     }
 }
 
-/// A nodata value is compared with voxels of the volume's type: 1e30 as a float is another number than as a double.
+/// A nodata value is compared in the volume's voxel type: 1e30 as a float differs from 1e30 as a double.
 #[test]
 fn nodata_is_rounded_to_the_voxel_type() {
     for nodata in [1e30, 0.1, f64::NAN, f64::INFINITY, -0.0] {
@@ -260,7 +261,7 @@ fn nodata_is_rounded_to_the_voxel_type() {
     }
 }
 
-/// A ball of holes in a steep field: the bound holds wherever all levels up to the brick's are present.
+/// Absent voxels in a steep field: the bound holds at all points where every level up to the brick's is present.
 #[test]
 fn error_bounds_hold_beside_holes() {
     for shift in 0..8 {
@@ -287,7 +288,7 @@ fn error_bounds_hold_beside_holes() {
     }
 }
 
-/// Every point of a lattice of quarters of level-0 voxels near the hole.
+/// Checks every point of a lattice of quarter voxels of level 0 near the absent voxels.
 fn check_lattice(container: &Container, key: BrickKey, entry: &BrickEntry, grids: &[Grid]) {
     let (first, last) = core_ends(container, key);
     let (own, finest) = (&grids[usize::from(key.lod().0)], &grids[0]);
@@ -315,7 +316,7 @@ fn check_lattice(container: &Container, key: BrickKey, entry: &BrickEntry, grids
     }
 }
 
-/// A source that is far away is asked as rarely as can be: once to open, once for all entries that are wanted together.
+/// Remote sources get few requests: one to open the container, one for all entries that are wanted together.
 #[test]
 fn opening_takes_one_request_and_entries_come_together() {
     let field = Field::of(Content::Noise, [259, 150, 161], VoxelType::U8);
@@ -340,7 +341,7 @@ fn opening_takes_one_request_and_entries_come_together() {
     assert_eq!(requests(), 2, "they are in memory");
 }
 
-/// As versions 1 and 2 wrote it: the last page of the TOC is whole, and version 2 says that voxels were moved.
+/// Versions 1 and 2: the last page of the TOC is full, and version 2 marks quantised voxels.
 #[test]
 fn containers_of_older_versions_are_read() {
     let field = Field::of(Content::Smooth, [90, 80, 70], VoxelType::I16);
@@ -354,7 +355,7 @@ fn containers_of_older_versions_are_read() {
         assert_eq!((old.descriptor(), old.manifest()), (new.container.descriptor(), new.container.manifest()));
         let keys = || (0..old.pyramid().levels().len()).flat_map(|lod| old.pyramid().keys_of(Lod(lod as u8)));
         assert!(keys().all(|key| old.entry(key).expect("whole") == new.container.entry(key).expect("whole")));
-        // Neither takes the other's table for its own.
+        // A reader of one version refuses the TOC of the other.
         for (bytes, version) in [(std::fs::read(&path).expect("it is there"), VERSION), (bytes.clone(), version)] {
             let error = Container::from_source(Arc::new(with_version(bytes, version)))
                 .expect_err("a table too long or too short");

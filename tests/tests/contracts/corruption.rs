@@ -1,5 +1,5 @@
-//! Damaged containers (STABILITY, S41): truncated, bits flipped, checksums mended. `verify` notices everything that
-//! matters, nothing panics, and no brick is handed out that is not the original one.
+//! Damaged containers (STABILITY, S41): truncated, with flipped bits, with corrected checksums. `verify` detects all
+//! relevant damage, nothing panics, and every brick that is returned is the original one.
 
 use std::os::unix::fs::FileExt;
 use std::sync::Arc;
@@ -14,13 +14,13 @@ use supervol_tests::faults::{CountingBytes, FailingBytes, ShortBytes};
 use supervol_tests::fields::{Field, built, options};
 use supervol_tests::forge::{Forge, reseal};
 
-/// Flips over the whole file, and as many again over header, TOC entries, manifest and footer.
+/// Number of flips over the whole file, and again over header, TOC entries, manifest and footer.
 const FLIPS: u64 = 5000;
 const SEED: u64 = 41;
 
-/// A small container with every codec, holes, uniform and absent bricks, and four levels. The bricks along x, with the
-/// two voxels that each borrows on either side, are noise (raw), waves (zstd), one lone voxel (rle), a constant
-/// (uniform), half a hole, and nothing at all (absent).
+/// A small container with every codec, absent voxels, uniform and absent bricks, and four levels. The bricks along x
+/// are noise (raw), waves (zstd), one single voxel (rle), a constant (uniform), half absent, and completely absent.
+/// This includes their two apron voxels on either side.
 fn small_container() -> Forge {
     let field = Field::new([97, 16, 11], VoxelType::I16, |p| match p[0] {
         0..18 => (mix(p[0] ^ mix(p[1] ^ mix(p[2]))) % 65_536) as f64 - 32_768.0,
@@ -38,7 +38,7 @@ fn keys(container: &Container) -> impl Iterator<Item = BrickKey> + '_ {
     (0..container.pyramid().brick_count()).filter_map(|n| container.pyramid().key(n))
 }
 
-/// Opens damaged bytes and compares every brick that is handed out with the original.
+/// Opens damaged bytes and compares every returned brick with the original.
 fn assert_nothing_wrong_is_handed_out(original: &Container, damaged: Vec<u8>, what: &str) {
     let Ok(container) = Container::from_source(Arc::new(damaged)) else { return };
     assert_eq!(container.descriptor(), original.descriptor(), "{what}");
@@ -53,7 +53,7 @@ fn assert_nothing_wrong_is_handed_out(original: &Container, damaged: Vec<u8>, wh
     }
 }
 
-/// A file that `verify` reads, changed in place.
+/// A file on disk that is changed in place and read by `verify`.
 struct OnDisk {
     path: tempfile::TempPath,
     file: std::fs::File,
@@ -70,7 +70,8 @@ impl OnDisk {
         verify(&self.path, 1 << 26, &|_, _| ()).is_ok()
     }
 
-    /// Whether `verify` accepts the file with these bytes written at an offset; the file is mended afterwards.
+    /// Whether `verify` accepts the file with these bytes written at an offset. The original bytes are restored
+    /// afterwards.
     fn verifies_with(&self, original: &[u8], at: usize, changed: &[u8]) -> bool {
         self.file.write_all_at(changed, at as u64).expect("the file can be written");
         let accepted = self.verifies();
@@ -99,7 +100,7 @@ fn truncation_is_always_noticed() {
             .unwrap_or_else(|| panic!("{cut} of {whole} bytes open as a container"));
         assert!(!error.to_string().is_empty());
     });
-    // Cut after it was opened: what is there is right, what is not is an error.
+    // Truncated after opening: readable data are right, unreadable data give an error.
     for cut in cuts.iter().step_by(7) {
         let short = ShortBytes { inner: forge.bytes.clone(), readable: *cut as u64 };
         assert!(Container::from_source(Arc::new(short)).is_err(), "opened with {cut} readable bytes");
@@ -143,15 +144,15 @@ fn flipped_bits_are_noticed_and_nothing_wrong_is_handed_out() {
     });
 }
 
-/// Every bit of every TOC entry matters even when the page's checksum is mended: no field is without a rule. The one
-/// exception is the sign of a zero, which changes no value.
+/// Every bit of every TOC entry is protected by a rule, even if the page's checksum is corrected. The only exception is
+/// the sign of a zero, which changes no value.
 #[test]
 fn every_bit_of_every_entry_is_under_a_rule() {
     let forge = small_container();
     let sections = forge.original.sections();
     let (toc, toc_bytes) = (sections.toc_offset as usize, sections.toc_bytes as usize);
     assert!(toc_bytes < toc::PAGE_BYTES, "one page");
-    // One brick of each level and kind.
+    // One brick per level and kind.
     let mut bricks: Vec<BrickKey> = keys(&forge.original).collect();
     let kind = |key: &BrickKey| (key.lod(), forge.entry(*key).codec as u8, forge.entry(*key).absent);
     bricks.sort_by_key(kind);
@@ -173,7 +174,7 @@ fn every_bit_of_every_entry_is_under_a_rule() {
     });
 }
 
-/// Damage with all page checksums mended, in header and footer, too: whatever the answer, no panic.
+/// Random damage with all page checksums corrected, also of header and footer: no answer is a panic.
 #[test]
 fn mended_damage_never_panics() {
     let forge = small_container();
@@ -184,7 +185,8 @@ fn mended_damage_never_panics() {
         for _ in 0..=random.below(3) {
             let (at, value) = (random.below(440) as usize, random.next_u64() as u8);
             let value = if random.below(2) == 0 { damaged.bytes[at] ^ 1 << random.below(8) } else { value };
-            // Both pages alike, or they contradict each other and nothing behind that is reached.
+            // Header and footer get the same damage; otherwise they contradict each other and later code is not
+            // reached.
             damaged.bytes[footer + at] = value;
             if at < 400 {
                 damaged.bytes[at] = value;
@@ -202,7 +204,7 @@ fn mended_damage_never_panics() {
     });
 }
 
-/// A header that claims the largest grid must be refused, not multiplied until it wraps.
+/// A header with the largest grid must be refused; computing its size must not overflow.
 #[test]
 fn the_largest_grid_is_refused_without_overflow() {
     let mut forge = small_container();

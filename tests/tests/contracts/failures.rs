@@ -1,4 +1,5 @@
-//! When the machine or the command fails: the message says what, where and what to do, and no file is left.
+//! Failures of the machine and wrong commands: the message names the problem, the place and the remedy, and no file is
+//! left.
 
 use std::path::Path;
 use std::process::Command;
@@ -31,7 +32,7 @@ fn an_existing_output_is_kept_unless_told_otherwise() {
     assert!(error.to_string().contains("--force"), "{error}");
     assert!(error.is_wrong_command());
     assert_eq!(std::fs::read(&output).expect("still there"), b"precious");
-    // A build that fails half way leaves the old file alone even when it may replace it.
+    // A build that fails half way keeps the old file, even if it may replace it.
     let replace = BuildOptions { existing: Existing::Replace, ..options(16) };
     let failing = FailingVolume::new(field(), 1);
     build_at(&failing, &output, &replace).expect_err("the source fails");
@@ -81,13 +82,13 @@ fn too_little_memory_is_refused_with_what_would_do() {
     assert!(["memory", "--memory", "--brick", "MiB"].iter().all(|w| message.contains(w)), "{message}");
     assert!(error.is_wrong_command());
     assert!(files_in(folder.path()).is_empty());
-    // What the message says is needed suffices.
+    // The memory that the message asks for must suffice.
     let needed: u64 = message.split(' ').next().and_then(|n| n.parse().ok()).expect("the message begins with a number");
     let enough = BuildOptions { memory_bytes: needed << 20, ..options(64) };
     build_at(&field(), &output, &enough).unwrap_or_else(|e| panic!("{needed} MiB: {e}"));
 }
 
-/// A file system of its own, as small as told, gone when this goes.
+/// A file system of limited size, unmounted when it is dropped.
 struct SmallDisk(tempfile::TempDir);
 
 impl SmallDisk {
@@ -110,7 +111,7 @@ impl Drop for SmallDisk {
 
 #[test]
 fn a_full_disk_is_named_and_nothing_is_left() {
-    // From nothing at all to almost enough: it fills at the header, at bricks, at the TOC.
+    // Sizes from nothing to almost enough: the disk fills at the header, at bricks, at the TOC.
     let whole = try_build(&field(), &options(16)).expect("the field builds").report.container_bytes;
     for bytes in [4096, whole / 4, whole / 2, whole * 3 / 4, whole - 8192] {
         let Some(disk) = SmallDisk::mount(bytes) else {
@@ -126,7 +127,7 @@ fn a_full_disk_is_named_and_nothing_is_left() {
     }
 }
 
-/// A number of type u8 in text takes two bytes; decoded, one. The disk is too small for that.
+/// A u8 number as text takes two bytes, decoded one byte. The disk is too small for the decoded voxels.
 #[test]
 fn a_disk_that_fills_while_voxels_are_decoded_is_named() {
     use supervol_sources::formats::nrrd::NrrdSource;

@@ -1,4 +1,5 @@
-//! Every real file builds and comes back bit for bit, or is refused with a reason, exactly as `docs/formats.md` says.
+//! Table of formats: every real file is built and read back bit for bit, or refused with a reason, exactly as in
+//! `docs/formats.md`.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! Offsets beyond 4 GiB: a sparse file, which takes no room on disk.
+//! Offsets beyond 4 GiB, in a sparse file that takes no room on disk.
 
 use std::io::{Seek, SeekFrom, Write};
 
@@ -18,7 +18,7 @@ fn voxels_beyond_4_gib_are_read_where_they_are() {
     assert!(bytes > 5 << 30);
     file.as_file().set_len(HEADER_BYTES + bytes).expect("a sparse file of 6 GB");
 
-    // Single voxels, among them the last one and those around offsets of 2^32 bytes.
+    // Single voxels, including the last one and those around the offset of 2^32 bytes.
     let mut random = Random::new(4);
     let mut numbers: Vec<u64> = (0..200).map(|_| random.below(bytes / 2)).collect();
     numbers.extend([bytes / 2 - 1, 0, (1 << 31) - 257, (1 << 31) - 256, (1 << 31) - 255, 1 << 31]);

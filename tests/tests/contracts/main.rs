@@ -1,4 +1,4 @@
-//! Contracts of containers and builds, on files that are written here, damaged, huge or real.
+//! Contracts of containers and builds, on generated, damaged, huge and real files.
 
 #![allow(clippy::unwrap_used, reason = "tests fail loudly")]
 

@@ -1,4 +1,5 @@
-//! Coarser levels of labels hold labels, those of `max` hold the greatest; `verify` knows which, and bounds hold for both.
+//! Reductions: coarser levels of labels hold labels, those of `max` hold the greatest value. `verify` checks both, and
+//! error bounds hold for both.
 
 use supervol_format::{Lod, VoxelType};
 use supervol_preprocess::BuildOptions;
@@ -9,7 +10,7 @@ use supervol_tests::forge::Forge;
 
 const LABELS: [f64; 4] = [0.0, 3.0, 17.0, 200.0];
 
-/// Regions around four points.
+/// Regions of points that are nearest to one of four centres.
 fn regions() -> Field {
     Field::new([70, 50, 40], VoxelType::U8, |[x, y, z]| {
         let to = |p: [i64; 3]| (x as i64 - p[0]).pow(2) + (y as i64 - p[1]).pow(2) + (z as i64 - p[2]).pow(2);

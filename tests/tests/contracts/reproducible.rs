@@ -1,4 +1,5 @@
-//! The same input and options give the same bytes, whatever the threads; all codecs decode to the same voxels.
+//! Reproducible builds: the same input and options give the same bytes for any number of threads. All codecs decode to
+//! the same voxels.
 
 use supervol_format::codec::{Codec, CodecChoice};
 use supervol_format::{Lod, VoxelType};
@@ -12,7 +13,7 @@ fn bytes_of(source: &dyn VolumeSource, options: &BuildOptions) -> Vec<u8> {
     std::fs::read(&built(source, options).path).expect("the container was just built")
 }
 
-/// Budgets from the least that works to plenty: the least cuts the volume into many tiles.
+/// Memory budgets from the least sufficient one, which gives many tiles, to a large one.
 #[test]
 fn threads_do_not_change_a_byte() {
     let field = Field::of(Content::Holes, [150, 90, 110], VoxelType::I16);

@@ -1,5 +1,5 @@
-//! Means of floats are rounded to what they are worth keeping: never further than half a step from the mean, level 0 not at all, and a
-//! container says so.
+//! Rounded means of float volumes. The error is at most half a step, level 0 is unchanged, and the manifest states the
+//! step.
 
 use supervol_format::level_reader::LevelReader;
 use supervol_format::voxel_type::voxels_as_f64;
@@ -29,7 +29,7 @@ fn level(container: &Container, lod: Lod) -> Vec<u8> {
     bytes
 }
 
-/// Exact means of the level before.
+/// Exact means of the next finer level.
 fn means(container: &Container, lod: Lod) -> Vec<u8> {
     let finer = Lod(lod.0 - 1);
     let (own, before) = (container.pyramid().level_at(lod), container.pyramid().level_at(finer));
@@ -74,7 +74,7 @@ fn means_are_within_half_a_step_and_voxels_stay_what_they_are() {
                 assert_eq!((found / step).fract(), 0.0, "{what}: {found} is no multiple of {step}");
                 moved += usize::from(found != mean);
             }
-            // Means of multiples may be multiples of a shorter step.
+            // Means of multiples of a step may be multiples of a shorter step.
             assert!(moved > 0 || i > 0, "{what}: nothing was rounded");
         }
         let bytes = |built: &Container| built.manifest().parameters.contains_key("coarse_steps");

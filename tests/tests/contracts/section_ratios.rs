@@ -1,4 +1,5 @@
-//! A container of a section, one voxel thick, takes at most its source and a tenth: all levels, the table and both pages.
+//! Size of containers of sections (one voxel thick): at most 1.1 times the source, with all levels, the TOC and both
+//! header pages.
 
 use std::path::Path;
 
@@ -12,23 +13,23 @@ use supervol_sources::{Survey, VolumeSource};
 use supervol_tests::fields::{Field, built, options};
 use supervol_tests::skipped;
 
-/// Bytes of a container, as a share of its source's.
+/// Greatest size of a container as a share of its source's.
 const MOST: f64 = 1.1;
 const WIDTH: u64 = 1000;
 const DEPTH: u64 = 750;
 
-/// As people build: bricks of 64, axes by measurement, the smallest codec.
+/// Usual build options: bricks of 64, measured halving of axes, the smallest codec.
 fn usual() -> BuildOptions {
     BuildOptions { lod_axes: LodAxes::Auto, reduce: None, ..options(64) }
 }
 
-/// Numbers of mean 0 and variance 1 that depend on the place alone: sums of twelve even ones.
+/// Noise of mean 0 and variance 1 that depends only on the position: sums of twelve uniform numbers.
 fn noise([x, y, z]: [u64; 3]) -> f64 {
     let even = |i: u64| mix(i ^ mix(x ^ mix(y ^ mix(z)))) as f64 / u64::MAX as f64;
     (0..12).map(even).sum::<f64>() - 6.0
 }
 
-/// Reflections of layers that dip and bend, from -1 to 1.
+/// Reflections of dipping and bending layers, from -1 to 1.
 fn layers([x, _, z]: [u64; 3]) -> f64 {
     let (x, z) = (x as f64, z as f64);
     let depth = z + 40.0 * (x / 170.0).sin() + 0.1 * x;
@@ -36,25 +37,25 @@ fn layers([x, _, z]: [u64; 3]) -> f64 {
     strength * (depth / 3.1).sin()
 }
 
-/// A section through such layers.
+/// A section through these layers.
 fn section(voxel_type: VoxelType, middle: f64, amplitude: f64, noise_rms: f64) -> Field {
     Field::new([WIDTH, 1, DEPTH], voxel_type, move |p| middle + amplitude * layers(p) + noise_rms * noise(p))
 }
 
-/// The same as a line of a survey, whose samples are halved last.
+/// The same as a line of a survey, whose sample axis is halved last.
 fn line(field: Field) -> Field {
     field.with_info(|info| info.survey = Some(Survey::plain([WIDTH, 1], 4.0)))
 }
 
-/// Builds and checks a container; its bytes as a share of `source_bytes`.
+/// Builds and verifies a container; returns its size as a share of `source_bytes`.
 fn share(source: &dyn VolumeSource, source_bytes: u64) -> f64 {
     let built = built(source, &usual());
     verify(&built.path, 1 << 28, &|_, _| ()).unwrap_or_else(|e| panic!("{e}"));
     built.report.container_bytes as f64 / source_bytes as f64
 }
 
-/// The last one is an exception: levels that halve one axis each have as many means as level 0 has voxels, and a mean that is worth
-/// keeping is four bits of these eight (docs/decisions/029-what-levels-keep.md).
+/// The last case is an exception. Its levels halve one axis each and have together as many means as level 0 has voxels.
+/// The significant part of a mean is four of these eight bits (docs/decisions/029-what-levels-keep.md).
 #[test]
 fn sections_take_their_source_and_a_tenth() {
     let cases = [
@@ -79,7 +80,7 @@ fn a_line_of_volve_takes_its_file_and_a_tenth() {
     let Ok(metadata) = file.metadata() else {
         return skipped("the data folder is not there: no line of Volve to build");
     };
-    // Its traces have numbers, but no lines.
+    // Its traces have trace numbers, but no line numbers.
     let numbered = SegyOptions { inline_byte: 9, crossline_byte: 21, ..SegyOptions::default() };
     let source = SegySource::open(&file, &numbered).expect("it is one of the formats that are read");
     let share = share(&source, metadata.len());

@@ -1,4 +1,4 @@
-//! A source that somebody writes to while it is read: the build says so, and leaves nothing.
+//! A source file that changes while it is read: the build reports it and leaves no file.
 
 use std::fs::File;
 use std::io::{Seek, SeekFrom, Write};
@@ -13,10 +13,10 @@ use supervol_tests::fields::options;
 
 const DIMS: Dims = Dims([40, 40, 40]);
 
-/// What somebody does to a file.
+/// A change to a file.
 type Change = dyn Fn(&Path) + Sync;
 
-/// A file to which something is done when its voxels are read for the first time.
+/// A source that changes its file at the first read of voxels.
 struct Disturbed<'a> {
     source: RawSource,
     disturb: &'a (dyn Fn() + Sync),
@@ -71,7 +71,7 @@ fn overwrite(file: &Path, at: u64, bytes: &[u8]) {
 fn a_source_that_changes_while_it_is_read_is_refused() {
     let cases: [(&str, &Change); 5] = [
         ("written to", &|file| overwrite(file, 100, &[8])),
-        // Times of modification can be set back.
+        // The modification time can be set back.
         ("written to", &|file| {
             let modified = file.metadata().and_then(|m| m.modified()).expect("a time");
             overwrite(file, 100, &[8]);
@@ -110,6 +110,6 @@ fn a_checksum_of_another_version_is_found_out() {
 fn a_source_that_is_left_alone_builds() {
     let folder = tempfile::tempdir().expect("a folder");
     let file = volume(folder.path());
-    // Reading is no change.
+    // Reading is not a change.
     build_while(&file, &|| drop(std::fs::read(&file))).expect("nothing happened to it");
 }

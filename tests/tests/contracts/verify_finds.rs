@@ -1,4 +1,4 @@
-//! `verify` on containers in which exactly one rule is broken and every checksum is right: the message names the rule.
+//! `verify` on containers that break exactly one rule and have correct checksums: the message names the rule.
 
 use supervol_format::codec::{Codec, CodecChoice};
 use supervol_format::container::checksum;
@@ -10,7 +10,7 @@ use supervol_preprocess::verify::verify;
 use supervol_tests::fields::{Content, Field, built, options};
 use supervol_tests::forge::Forge;
 
-/// Raw-coded, so that voxels can be changed in place; one brick is uniform, one absent.
+/// A raw-coded container, so that voxels can be changed in place; one brick is uniform, one absent.
 fn container() -> Forge {
     let field = Field::new([70, 20, 18], VoxelType::F32, |p| match p[0] {
         0..20 => 1000.0 + (p[0] * 31 + p[1] * 17 + p[2] * p[2]) as f64 * 0.37,
@@ -25,7 +25,7 @@ fn key(lod: u8, brick: [u32; 3]) -> BrickKey {
     BrickKey::new(Lod(lod), BrickIndex(brick))
 }
 
-/// What `verify` says about the forged container.
+/// The message of `verify` for a forged container.
 fn message(forge: &Forge) -> String {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let path = folder.path().join("forged.svol");
@@ -41,7 +41,7 @@ fn assert_names(forge: &Forge, words: &[&str]) {
     assert!(words.iter().all(|w| message.contains(w)), "expected {words:?} in: {message}");
 }
 
-/// Breaks one field of one entry.
+/// Breaks one field of one entry and checks the message.
 fn assert_entry_rule(key: BrickKey, change: impl Fn(&mut BrickEntry), words: &[&str]) {
     let mut forge = container();
     let mut entry = forge.entry(key);
@@ -110,14 +110,14 @@ fn error_bounds() {
 
 #[test]
 fn fills() {
-    // Another value is first noticed by the neighbour, whose apron holds the old one.
+    // Another value is first detected in the neighbour's apron, which holds the old value.
     let other = |e: &mut BrickEntry| {
         e.fill = u64::from(13.0f32.to_bits());
         e.range = ValueRange { min: 13.0, max: 13.0 };
         e.range_beneath = e.range;
     };
     assert_entry_rule(key(0, UNIFORM), other, &["apron", "LOD 0"]);
-    // Pictures go by the range or by the fill: readers take none where these differ.
+    // Some readers use the range, others the fill: an entry in which they differ is refused.
     assert_entry_rule(
         key(0, UNIFORM),
         |e| e.fill = u64::from(13.0f32.to_bits()),
@@ -133,7 +133,7 @@ fn macro_cells() {
         let mut forge = container();
         let key = key(0, VARIED);
         let mut record = forge.record(key);
-        // The second cell: its ends are inside the brick's range.
+        // The second cell: its range lies inside the brick's range.
         let at = forge.entry(key).payload_bytes as usize + 2 + cell_byte;
         record[at] = record[at].wrapping_add(delta);
         forge.set_record(key, &record);
@@ -146,7 +146,7 @@ fn aprons() {
     let mut forge = container();
     let key = key(0, VARIED);
     let mut voxels = forge.original.read_brick(key, &forge.entry(key)).expect("the container is whole");
-    // The corner of the apron: no interpolation reaches it, gradients do.
+    // The corner of the apron is used by gradients, not by interpolation.
     voxels[..4].copy_from_slice(&1001.0f32.to_le_bytes());
     forge.set_voxels(key, &voxels);
     assert_names(&forge, &["apron", "LOD 0"]);
@@ -181,7 +181,7 @@ fn payloads_and_checksums() {
 
 #[test]
 fn overlapping_and_unreachable_records() {
-    // Two bricks of one size share a record.
+    // Two bricks of the same size share a record.
     let (first, second) = (key(0, [0, 0, 0]), key(0, [1, 0, 0]));
     let mut forge = container();
     let shared = forge.entry(first);
@@ -212,7 +212,7 @@ fn reserved_bytes_and_unknown_codecs() {
     }
 }
 
-/// A content with nothing in it must still obey every rule.
+/// A container without any present voxel must obey every rule.
 #[test]
 fn nothing_is_a_container_too() {
     let field = Field::of(Content::Absent, [20, 3, 40], VoxelType::U8);
@@ -221,7 +221,7 @@ fn nothing_is_a_container_too() {
     assert_eq!(built.container.manifest().value_range, None);
 }
 
-/// A manifest with a valid checksum that does not say what the voxels say.
+/// A manifest with a valid checksum that contradicts the voxels.
 #[test]
 fn false_manifests() {
     type Falsify = fn(&mut Manifest);

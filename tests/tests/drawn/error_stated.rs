@@ -1,4 +1,4 @@
-//! The stated error of a frame holds, pixel by pixel: each against the reference integrator over level 0.
+//! Stated errors of pictures hold for every pixel, compared with the reference integrator on level 0.
 
 #![allow(clippy::print_stdout, reason = "how tight the statements are is what these tests are for, too")]
 
@@ -18,7 +18,7 @@ use supervol_tests::fields::{Content, Field, options};
 use supervol_tests::pictures::{Subject, finest, gpu_name};
 
 const SIZE: &str = r#""image": {"width": 24, "height": 20}"#;
-/// Modes without surfaces.
+/// Modes without iso surfaces.
 const MODES: [&str; 5] = [
     r#""mode": "dvr""#,
     r#""mode": "dvr", "shading": {}"#,
@@ -26,7 +26,7 @@ const MODES: [&str; 5] = [
     r#""mode": "minip""#,
     r#""mode": "mean""#,
 ];
-/// What the reference itself may be off, grey levels.
+/// Error of the reference itself, in grey levels.
 const REFERENCE: f64 = 0.01;
 
 /// A renderer that states errors.
@@ -35,7 +35,7 @@ fn renderer(subject: &Subject, backend: Backend) -> Renderer {
     Renderer::new(PlacedVolume::of(subject.container.clone()), options).expect("threads")
 }
 
-/// A picture, what each of its pixels may be off by, and its statistics.
+/// A picture, the stated error of each pixel, and the statistics.
 fn stated(
     renderer: &mut Renderer,
     scene: &ResolvedScene,
@@ -49,7 +49,7 @@ fn stated(
     (renderer.picture().expect("there is one").into_owned(), errors, stats)
 }
 
-/// Greatest distance of a pixel from the exact one that is above what is stated, and the greatest of all; grey levels.
+/// Greatest excess of a pixel's error over its stated error, and greatest error of all; in grey levels.
 fn beyond(picture: &Image, exact: &Image, errors: &Image) -> (f64, f64) {
     let pixels = picture.pixels.iter().zip(&exact.pixels).zip(&errors.pixels);
     pixels.fold((f64::NEG_INFINITY, 0.0), |(beyond, largest), ((found, exact), stated)| {
@@ -59,7 +59,7 @@ fn beyond(picture: &Image, exact: &Image, errors: &Image) -> (f64, f64) {
     })
 }
 
-/// `"transfer_function"` with random points: from far wider than the values to far narrower, steps included.
+/// JSON member `"transfer_function"` with random points: much wider than the value range to much narrower, with steps.
 fn random_function(random: &mut Random, subject: &Subject) -> String {
     let width = 8.0 * 0.02f64.powf(random.unit());
     let mut places: Vec<f64> = (0..2 + random.below(5)).map(|_| 0.5 + width * (random.unit() - 0.5)).collect();
@@ -80,17 +80,17 @@ fn waves() -> Field {
     })
 }
 
-/// What a test draws of one kind of content.
+/// Settings of the pictures that a test draws of one field.
 struct Drawn<'a> {
     backend: Backend,
     levels: &'a [LevelChoice],
-    /// Random transfer functions for each mode.
+    /// Number of random transfer functions per mode.
     functions: usize,
-    /// Most that may be stated of pictures of the finest level, grey levels.
+    /// Greatest error that may be stated for pictures of the finest level, in grey levels.
     most_of_finest: f64,
 }
 
-/// Every mode and level with random transfer functions: what is stated is never less than what is measured.
+/// Draws every mode and level with random transfer functions. The stated error is never less than the measured one.
 fn assert_stated(name: &str, field: &Field, drawn: &Drawn<'_>, random: &mut Random) {
     let subject = Subject::new(name, field as &dyn VolumeSource, &options(16));
     let mut renderer = renderer(&subject, drawn.backend);
@@ -148,7 +148,7 @@ fn no_pixel_is_farther_off_than_is_stated() {
     }
 }
 
-/// The same by a graphics device.
+/// As above, drawn by the GPU.
 #[test]
 fn no_pixel_of_a_device_is_farther_off_than_is_stated() {
     if gpu_name().is_none() {
@@ -161,7 +161,7 @@ fn no_pixel_of_a_device_is_farther_off_than_is_stated() {
     }
 }
 
-/// Presence that changes between levels is told.
+/// The statement reports that the presence of voxels may change between levels.
 #[test]
 fn voxels_that_may_be_there_or_not_are_told() {
     let subject = Subject::new("holes", &Field::of(Content::Holes, [40; 3], VoxelType::U8), &options(16));
@@ -171,7 +171,7 @@ fn voxels_that_may_be_there_or_not_are_told() {
     assert!(coarse.error_stated.is_some_and(|said| said.presence_may_change), "{coarse:#?}");
 }
 
-/// A picture by a deadline states what it does not know, and less and less of it.
+/// A picture with a deadline states the error of its unfinished parts, which decreases.
 #[test]
 fn unfinished_pictures_state_what_they_do_not_know() {
     let subject = Subject::new("waves", &waves(), &options(16));
@@ -190,7 +190,7 @@ fn unfinished_pictures_state_what_they_do_not_know() {
     assert!(whole.pixels_unknown == 0 && whole.largest_grey_levels < 4.0, "{whole:?}");
 }
 
-/// Pictures of moved voxels, `functions` for each mode: what is stated is held against the source's own.
+/// Pictures of quantised voxels, `functions` per mode: the stated error holds relative to the source's own voxels.
 fn assert_moved_counts(backend: Backend, functions: usize) {
     let field = waves();
     let exact = Subject::new("waves", &field as &dyn VolumeSource, &options(16));
@@ -222,13 +222,13 @@ fn assert_moved_counts(backend: Backend, functions: usize) {
     assert!(largest_of_all > 4.0, "pictures of moved voxels are off by at most {largest_of_all}: nothing is tested");
 }
 
-/// Voxels that were moved to make the container smaller count.
+/// The stated error includes the quantisation of voxels.
 #[test]
 fn moved_voxels_are_part_of_what_is_stated() {
     assert_moved_counts(Backend::Cpu, 6);
 }
 
-/// The same by a graphics device.
+/// As above, drawn by the GPU.
 #[test]
 fn moved_voxels_are_part_of_what_a_device_states() {
     if gpu_name().is_some() {

@@ -1,5 +1,5 @@
-//! Every fuzz body, on its valid input and on seeded mutations of it: what CI runs on any machine, libFuzzer or not.
-//! The libFuzzer targets are in `fuzz/`.
+//! Every fuzz body on its valid inputs and on seeded mutations of them, for machines without libFuzzer. The libFuzzer
+//! targets are in `fuzz/`.
 
 use std::num::NonZero;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -13,14 +13,15 @@ use supervol_tests::fuzz_bodies;
 const ROUNDS: u64 = 4000;
 const SEED: u64 = 20_260_101;
 
-/// One mutation: edits behind a mode byte, a damaged copy of the valid input, or noise.
+/// One mutation: a mode byte with edits, a damaged copy of the valid input, or noise.
 fn mutated(valid: &[u8], random: &mut Random) -> Vec<u8> {
     let edits =
         |random: &mut Random| -> Vec<u8> { (0..6 * (1 + random.below(6))).map(|_| random.next_u64() as u8).collect() };
     match random.below(8) {
         0 => (0..random.below(600)).map(|_| random.next_u64() as u8).collect(),
         1 | 2 => fuzz_bodies::apply_edits(valid, &edits(random)),
-        // Bodies that cover several kinds of file tell them by the bits above the lowest, container and journal by one of them what to mend.
+        // Bits above the lowest one choose the kind of file in bodies with several kinds. In container and journal, one
+        // of them requests corrected checksums.
         6 => [vec![3], edits(random)].concat(),
         _ => [vec![random.below(64) as u8 * 2 + 1], edits(random)].concat(),
     }
@@ -44,7 +45,7 @@ fn run(name: &str) {
             }
         }
     };
-    // No pool: a body that waits for a pool of its own would begin others while it waits, one within the other.
+    // Plain threads, no thread pool: a body that waits for its own pool would start other bodies on the waiting thread.
     std::thread::scope(|scope| {
         (0..available_parallelism().map_or(1, NonZero::get)).for_each(|_| drop(scope.spawn(work)))
     });
@@ -136,7 +137,7 @@ fn vtk() {
     run("vtk");
 }
 
-/// The valid inputs must be valid, or mutating them tests little.
+/// The valid inputs must be valid; otherwise their mutations test little.
 #[test]
 fn valid_inputs_are_accepted() {
     use supervol_sources::formats::segy::{SegyOptions, SegySource};

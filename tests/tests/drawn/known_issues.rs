@@ -1,5 +1,5 @@
-//! Gates that do not hold yet, each with the number it fails by and what would mend it. A test fails here when its gate
-//! holds: then it moves to `stability.rs`, and to the changelog.
+//! Gates that do not hold yet, each with its distance and the remedy. A test here fails as soon as its gate holds. Then
+//! it moves to `stability.rs` and into the changelog.
 
 #![allow(clippy::print_stdout, reason = "the distances measured are what these tests are for")]
 
@@ -9,7 +9,7 @@ use supervol_tests::fields::{Field, options};
 use supervol_tests::pictures::{BOUND, Subject, covered, distance, finest};
 use supervol_tests::stability::{broken_gates, measured};
 
-/// Exactly one gate of the regime is broken, and its words hold `what`.
+/// Asserts that exactly one gate of the regime is broken, and that its text contains `what`.
 fn is_still_broken(id: &str, what: &str) {
     if let Some(outcome) = measured(id) {
         let broken = broken_gates(&outcome);
@@ -20,32 +20,32 @@ fn is_still_broken(id: &str, what: &str) {
     }
 }
 
-/// A forced checkerboard of two levels: errors of opposite sign cancel along a ray of one level and need not along one
-/// that changes levels, so that a pixel leaves the interval of its two pure colours, by up to 11.1 grey levels at full
-/// size. Nothing in how a ray is drawn mends this; where levels are chosen by error, both pure pictures are within the
-/// target and so is their mixture.
+/// A forced checkerboard of two levels. Errors of opposite sign cancel along a ray in one level, but not along a ray
+/// that changes levels. A pixel can then leave the interval between its two pure colours, by up to 11.1 grey levels at
+/// full size. No change of the integration can remove this. If levels are chosen by error, both pure pictures are
+/// within the target, and so is their mixture.
 #[test]
 fn s15_level_seams() {
     is_still_broken("S15", "interval");
 }
 
-/// Sampling at jittered places once a voxel (a method of comparison): the mean over frames is of opacities, not of optical
-/// depths, so that noise of the depth leaves half its variance behind; most where a transfer function steps at a ray's
-/// end. The default does not jitter and has no such bias.
+/// Jittered sampling, one sample per voxel (a method for comparison). The mean over frames is taken of opacities, not
+/// of optical depths. So noise of the depth leaves half its variance as a bias, most of all if the transfer function
+/// steps at a ray's end. The default method does not jitter and has no such bias.
 #[test]
 fn s43_jitter() {
     is_still_broken("S43", "samples 1 voxel apart");
 }
 
-/// Volumes whose values span a range that `f32` cannot resolve, by voxel type: the range, and a value in it.
+/// Volumes with a value range that `f32` cannot resolve: voxel type, range, and a value in it.
 const WIDE: [(VoxelType, [f64; 2], f64); 3] = [
     (VoxelType::U32, [0.0, 4_294_967_295.0], 3.0e9),
     (VoxelType::I32, [-2_147_483_648.0, 2_147_483_647.0], 1.5e9),
     (VoxelType::F64, [-1.0e6, 1.0e6], 7.0e5),
 ];
 
-/// Distance of the CPU's picture from the reference, grey levels: waves between `base` and `base + width` under a transfer
-/// function of that width, and the ends of the range in two voxels that are clipped away.
+/// Distance in grey levels of the CPU's picture from the reference. The field has waves between `base` and
+/// `base + width`, and the transfer function has that width. Two clipped voxels hold the ends of the value range.
 fn distance_in_window(voxel_type: VoxelType, [low, high]: [f64; 2], base: f64, width: f64) -> f64 {
     const EDGE: u64 = 24;
     let field = Field::new([EDGE; 3], voxel_type, move |p| {
@@ -71,9 +71,9 @@ fn distance_in_window(voxel_type: VoxelType, [low, high]: [f64; 2], base: f64, w
 }
 
 /// Render values are `f32` (`ValueMap`): 24 bits of a value's distance from the middle or from zero. A smooth transfer
-/// function all of whose points lie within 2^-25 of the range (measured: 115 to 167 grey levels off) or within 2^-20 (4.5 to
-/// 7.4) sees steps; within 2^-16 it is right to half a level. Mended by render values that are counted from the transfer
-/// function's window instead of the volume's middle.
+/// function over a small part of the range shows steps. Measured: 115 to 167 grey levels at 2^-25 of the range, 4.5 to
+/// 7.4 at 2^-20. At 2^-16 the error is at most half a level. Remedy: render values relative to the transfer function's
+/// window instead of the volume's middle.
 #[test]
 fn windows_of_values_that_f32_does_not_resolve() {
     for (voxel_type, range, base) in WIDE {

@@ -1,7 +1,7 @@
-//! `--level auto` keeps the error that was asked for: its pictures against those of level 0, ray by ray.
+//! `--level auto` keeps the requested error: its pictures are compared with those of level 0, ray by ray.
 //!
-//! Views in which a voxel of level 2 is as large as a pixel, and one of level 1 half as large: coarse enough for levels to
-//! be wanted, too near for the rule of thumb about small voxels, so that the bound alone decides
+//! In these views a voxel of level 2 is as large as a pixel, and one of level 1 half as large. That is coarse enough
+//! for levels to be used, and too near for the rule of thumb about small voxels. So the error bound alone decides
 //! (docs/decisions/005-levels-by-error.md).
 
 #![allow(clippy::print_stdout, reason = "the distances measured are what these tests are for")]
@@ -18,10 +18,10 @@ use supervol_tests::pictures::{BOUND, Subject, distance, finest, mean_distance};
 const CAMERA: &str =
     r#""camera": {"eye": [130, -170, 110], "target": [31.5, 31.5, 31.5], "up": [0, 0, 1], "height": 112}"#;
 const SIZE: &str = r#""image": {"width": 28, "height": 28}"#;
-/// What rounding and the end of nearly opaque rays may add: they end at 0.0003 of transmittance, at different places.
+/// Error of rounding and of early ray termination: rays end at a transmittance of 0.0003, at different positions.
 const ELSEWHERE: f64 = 0.16;
 
-/// Waves of a few bricks' length, between 0 and 1.
+/// Waves with a length of a few bricks, between 0 and 1.
 fn waves() -> Subject {
     let field = |p: [u64; 3]| {
         let [x, y, z] = p.map(|v| v as f64 / 64.0);
@@ -34,12 +34,12 @@ fn automatic(max_error: f64) -> RenderOptions {
     RenderOptions { level: LevelChoice::Auto, max_error, predict_error: true, ..finest(Backend::Cpu) }
 }
 
-/// Bricks read of level 1 and coarser.
+/// Number of bricks read of level 1 and coarser.
 fn coarse_bricks(stats: &FrameStats) -> u64 {
     stats.bricks_by_level[1..].iter().map(|level| level.page_ins).sum()
 }
 
-/// `"transfer_function"`: opacity and colour as `(value, grey, alpha)`.
+/// JSON member `"transfer_function"` with points `(value, grey, alpha)`.
 fn function(unit_distance: f64, points: &[(f64, f64, f64)]) -> String {
     let point = |&(value, grey, alpha): &(f64, f64, f64)| {
         format!(r#"{{"value": {value:?}, "color": [{grey:?}, 0.4, 0.9], "alpha": {alpha:?}}}"#)
@@ -51,7 +51,7 @@ fn function(unit_distance: f64, points: &[(f64, f64, f64)]) -> String {
 #[test]
 fn a_larger_error_draws_coarser_levels_and_is_kept() {
     let subject = waves();
-    // Rises so slowly that the error bounds of the coarser levels are seen as fractions of a grey level, and as several.
+    // So flat that the error bounds of coarser levels are fractions of a grey level up to several grey levels.
     let slow = function(8.0, &[(-3.0, 0.1, 0.05), (4.0, 0.9, 0.3)]);
     for mode in ["dvr", "mip", "minip", "mean"] {
         let scene = subject.scene(&[CAMERA, SIZE, &slow, &format!(r#""mode": "{mode}""#)]);
@@ -67,7 +67,7 @@ fn a_larger_error_draws_coarser_levels_and_is_kept() {
         }
         assert!(fine_bricks.is_sorted_by(|a, b| a >= b), "{mode}: {fine_bricks:?}");
         assert!(fine_bricks[0] > 0 && fine_bricks[5] == 0, "{mode}: {fine_bricks:?}");
-        // Normals have no bound.
+        // Normals have no error bound.
         let shaded = subject.scene(&[CAMERA, SIZE, &slow, r#""shading": {}"#]);
         let (picture, stats) = subject.render(&shaded, &automatic(16.0 / 255.0));
         let same_error = RenderOptions { max_error: 16.0 / 255.0, ..finest(Backend::Cpu) };
@@ -75,7 +75,7 @@ fn a_larger_error_draws_coarser_levels_and_is_kept() {
     }
 }
 
-/// Where voxels are smaller than a quarter of a pixel a rule of thumb decides, and the statistics say so.
+/// If voxels are smaller than a quarter of a pixel, a rule of thumb decides, and the statistics report it.
 #[test]
 fn small_voxels_that_keep_their_contrast_are_averaged_and_counted() {
     let subject = waves();
@@ -85,7 +85,7 @@ fn small_voxels_that_keep_their_contrast_are_averaged_and_counted() {
     let (picture, stats) = subject.render(&scene, &RenderOptions { max_error: 0.5 / 255.0, ..automatic(0.0) });
     assert!(stats.bricks_without_bound > 0 && stats.bricks_without_bound == coarse_bricks(&stats), "{stats:#?}");
     let predicted = stats.error_predicted.expect("packets of rays in mode dvr predict their error");
-    // The rule asks for no bound, but there is one of what was drawn.
+    // The rule of thumb needs no bound, but the picture has one.
     let of_levels = predicted.levels.grey_levels.unwrap();
     let off = distance(&picture, &subject.finest(&scene, Backend::Cpu));
     assert!(predicted.levels.is_bound && off <= of_levels + BOUND && !predicted.total.is_bound, "{off}, {predicted:?}");
@@ -95,7 +95,7 @@ fn small_voxels_that_keep_their_contrast_are_averaged_and_counted() {
         [&picture, &subject.finest(&scene, Backend::Cpu)].map(|picture| mean_distance(picture, &averaged));
     println!("mean distance from level 0 supersampled: {coarse:.3}, with one ray of level 0 per pixel {fine:.3}");
     assert!(coarse <= 1.1 * fine, "{coarse} and {fine}");
-    // A level that is asked for comes without a promise.
+    // A requested level has no guaranteed error.
     let level_1 = RenderOptions { level: LevelChoice::Fixed(Lod(1)), ..automatic(0.0) };
     assert!(subject.render(&scene, &level_1).1.bricks_without_bound > 0);
     assert_eq!(subject.render(&scene, &finest(Backend::Cpu)).1.bricks_without_bound, 0);
@@ -108,7 +108,7 @@ fn no_random_transfer_function_breaks_the_target() {
     let (mut coarse, mut worst) = (0, 0.0f64);
     const PICTURES: usize = 80;
     for picture in 0..PICTURES {
-        // From far wider than the values to far narrower, steps included.
+        // Widths from much wider than the value range to much narrower, with steps.
         let width = 30.0 * 0.02f64.powf(random.unit());
         let mut values: Vec<f64> = (0..2 + random.below(5)).map(|_| 0.5 + width * (random.unit() - 0.5)).collect();
         values.sort_by(f64::total_cmp);
@@ -129,7 +129,7 @@ fn no_random_transfer_function_breaks_the_target() {
         if let Some(predicted) = stats.error_predicted {
             let [levels, total] = [predicted.levels, predicted.total].map(|term| term.grey_levels);
             let (levels, total) = levels.zip(total).expect("no brick is without a bound");
-            // Level 0 is itself drawn at the default error.
+            // Level 0 itself is drawn with the default error.
             assert!(error <= total + BOUND && predicted.levels.is_bound, "picture {picture}: {error}, {predicted:?}");
             assert!(coarse_bricks(&stats) > 0 || levels == 0.0, "picture {picture}: nothing is coarse, {predicted:?}");
         }

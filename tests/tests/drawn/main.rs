@@ -1,4 +1,4 @@
-//! Pictures against the reference, across backends, scenes, levels and errors; and the issues that are known.
+//! Pictures compared with the reference, across backends, scenes, levels and errors; and known issues.
 
 #![allow(clippy::unwrap_used, reason = "tests fail loudly")]
 

@@ -1,8 +1,8 @@
-//! Acceptance of the pictures: real containers, every mode, every backend, and what must not change a picture.
+//! Acceptance test of pictures: real containers, every mode, every backend, and options that must not change a picture.
 //!
-//! The reference integrator decides what is right. Backends must agree pairwise within the error that is asked for, half a grey level of 255
-//! ([`BOUND`]) by default; what the design promises to change nothing changes no bit on the CPU. With `--nocapture` every distance
-//! is printed; `UPDATE_ACCEPTANCE=1` writes those of the backends to `docs/acceptance.md`.
+//! The reference integrator defines the right picture. Backends agree pairwise within the requested error, by default
+//! half a grey level ([`BOUND`]). Options without effect by design change no bit on the CPU. `--nocapture` prints every
+//! distance. `UPDATE_ACCEPTANCE=1` writes the distances of the backends to `docs/acceptance.md`.
 
 #![allow(clippy::print_stdout, reason = "the distances measured are what these tests are for")]
 
@@ -12,13 +12,15 @@ use std::path::Path;
 use supervol_format::random::mix;
 use supervol_format::{Dims, Lod, VoxelBox, VoxelType};
 use supervol_runtime::engines::cells::CellRule;
-use supervol_runtime::engines::gpu::caster::GpuError;
-use supervol_runtime::engines::packets::{Caster, Skipping};
+use supervol_runtime::engines::cpu::Caster;
+use supervol_runtime::engines::error::EngineError;
+use supervol_runtime::engines::gpu::error::GpuError;
 use supervol_runtime::lod::by_error::ANY_ERROR;
 use supervol_runtime::render::error::RenderError;
 use supervol_runtime::render::options::{Backend, LevelChoice, RenderOptions};
 use supervol_runtime::render::renderer::{Renderer, render};
 use supervol_runtime::render::volume::PlacedVolume;
+use supervol_runtime::stream::classify::Skipping;
 use supervol_scene::image::{GREY_LEVELS, Image, greatest};
 use supervol_scene::scene::ResolvedScene;
 use supervol_sources::open::{OpenOptions, open};
@@ -32,14 +34,14 @@ use supervol_tests::pictures::{
 const SIZE: &str = r#""image": {"width": 64, "height": 48}"#;
 const SMALL: &str = r#""image": {"width": 40, "height": 32}"#;
 const SHADED: &str = r#""shading": {}"#;
-/// Errors that are asked for, grey levels of 255.
+/// Requested errors, in grey levels.
 const ASKED: [f64; 3] = [0.1, BOUND, 2.0];
-/// Below this the GPU aims at the error that is asked for, but its tables do not keep it by construction (decision 017).
+/// Below this the GPU aims at the requested error, but its tables do not guarantee it (decision 017).
 const LEAST_KEPT: f64 = 0.25;
-/// Most pixels that may lie on silhouettes, as a share of the picture.
+/// Greatest share of pixels that may lie on silhouettes.
 const SILHOUETTE_SHARE: f64 = 0.02;
-/// What a uniform brick may cost: it is integrated as one chord, so that a ray may end behind the opacity at which its
-/// cells would have ended it; that is 0.0003 of opacity.
+/// Additional error of a uniform brick. It is integrated as one chord, so that a ray may end beyond the opacity at
+/// which single cells would have ended it. That is 0.0003 of opacity.
 const ONE_CHORD: f64 = 0.0765;
 
 const BLUE: [f64; 3] = [0.1, 0.3, 0.9];
@@ -54,18 +56,18 @@ fn smooth(subject: &Subject) -> String {
     subject.transfer_function(&[(0.0, BLUE, 0.0), (0.3, BLUE, 0.01), (0.6, GOLD, 0.08), (1.0, RED, 0.3)])
 }
 
-/// From nearly nothing to nearly opaque at one value.
+/// A step from almost transparent to almost opaque.
 fn step(subject: &Subject) -> String {
     subject.transfer_function(&[(0.0, BLUE, 0.01), (0.4871, BLUE, 0.01), (0.4871, GOLD, 0.7), (1.0, RED, 0.9)])
 }
 
-/// A peak one twentieth of the range wide.
+/// A peak one twentieth of the value range wide.
 fn hat(subject: &Subject) -> String {
     let points = [(0.0, GOLD, 0.0), (0.462, GOLD, 0.0), (0.487, BLUE, 0.8), (0.512, GOLD, 0.0), (1.0, GOLD, 0.0)];
     subject.transfer_function(&points)
 }
 
-/// Two surfaces, the outer one half transparent.
+/// Two iso surfaces, the outer one semi-transparent.
 fn surfaces(subject: &Subject) -> String {
     let (outer, inner) = (subject.value(0.4137), subject.value(0.6619));
     format!(
@@ -101,7 +103,7 @@ fn carp() -> Subject {
     Subject::new("carp CT 64^3 u8", &head, &options(32))
 }
 
-/// Draws pictures of level 0, one after the other: bricks stay, and on a GPU pipelines.
+/// Draws pictures of level 0, one after the other. Bricks and GPU pipelines are reused.
 struct Drawer(Renderer);
 
 impl Drawer {
@@ -110,7 +112,7 @@ impl Drawer {
         Self(Renderer::new(volume, finest(backend)).unwrap_or_else(|e| panic!("{}, {backend:?}: {e}", subject.name)))
     }
 
-    /// The picture at an error, grey levels.
+    /// The picture with a requested error in grey levels.
     fn draw(&mut self, scene: &ResolvedScene, asked: f64) -> Image {
         let options = RenderOptions { max_error: asked / GREY_LEVELS, ..self.0.options().clone() };
         self.0.set_options(options).expect("options are right");
@@ -123,10 +125,10 @@ impl Drawer {
     }
 }
 
-/// How far apart two backends are at each of the errors [`ASKED`] for.
+/// Distances between two backends, one per error in [`ASKED`].
 type Distances = [f64; ASKED.len()];
 
-/// Distances of one scene's pictures by all backends.
+/// Distances between the pictures of one scene by all backends.
 struct Row {
     scene: String,
     mode: String,
@@ -153,11 +155,11 @@ impl Row {
     }
 }
 
-/// The pictures of one scene by the reference, the CPU and, where there is one, the GPU.
+/// Draws one scene with the reference, the CPU and, if there is one, the GPU.
 fn compare(subject: &Subject, drawers: &mut [Drawer], mode: &str, scene: &ResolvedScene) -> Row {
     let exact = subject.finest(scene, Backend::Reference);
     let name = format!("{}, {mode}", subject.name);
-    // The least value of nearly every ray may be one that shows nothing.
+    // In `minip`, the least value of nearly every ray may be transparent.
     let shows = covered(&exact) > 0.02 || mode == "minip";
     assert!(shows, "{name}: only {} of the picture shows anything", covered(&exact));
     let stable =
@@ -221,7 +223,7 @@ fn backends_agree_in_every_mode() {
 
 const WRITES: &str = "strings take everything";
 
-/// The table as a document.
+/// The table as a Markdown document.
 fn write_table(rows: &[Row], gpu: Option<&str>) {
     let mut text = String::from("# Acceptance of the pictures\n\n");
     let gpu = gpu.unwrap_or("none");
@@ -255,7 +257,7 @@ fn write_table(rows: &[Row], gpu: Option<&str>) {
     std::fs::write(&path, text).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
 }
 
-/// Waves of some ten voxels with a little noise, between 1 and 120, whole numbers: every voxel type holds them.
+/// Waves of about ten voxels with a little noise, whole numbers from 1 to 120, which every voxel type can hold.
 fn waves(p: [u64; 3]) -> f64 {
     let [x, y, z] = p.map(|v| v as f64);
     let wave = (x * 0.61).sin() + (y * 0.47 + 1.0).sin() + (z * 0.71 + x * 0.2).cos();
@@ -268,14 +270,14 @@ fn waves_of(dims: [u64; 3], voxel_type: VoxelType, core: u32) -> Subject {
     Subject::new(&name, &Field::new(dims, voxel_type, waves), &options(core))
 }
 
-/// Scenes in every mode from outside.
+/// Scenes in every mode, seen from outside.
 fn scenes(subject: &Subject) -> Vec<(&'static str, ResolvedScene)> {
     let (camera, tf) = (subject.outside(), smooth(subject));
     let scene = |(mode, members): (_, String)| (mode, subject.scene(&[&camera, SMALL, &tf, &members]));
     modes(subject).into_iter().map(scene).collect()
 }
 
-/// As [`scenes`], of the modes that a GPU is asked for here: pipelines take long to compile on processors.
+/// Whether a mode is tested on the GPU in [`scenes`]; few modes, because software adapters compile pipelines slowly.
 fn is_for_gpu(mode: &str) -> bool {
     matches!(mode, "dvr shaded" | "mean")
 }
@@ -285,8 +287,9 @@ fn report(name: &str, distance: f64, bound: f64) {
     assert!(distance <= bound, "{name}: {distance}/255, bound {bound}/255");
 }
 
-/// What the size of bricks may change, grey levels: packets compute positions in `f32` from where a ray enters a brick, and in
-/// `dvr` refine cells by what is in front of the brick (docs/decisions/006-packets.md). Surfaces are found in `f64`.
+/// Greatest effect of the brick size, in grey levels. Packets compute positions in `f32` relative to a ray's entry into
+/// a brick. In `dvr` they refine cells according to the transmittance in front of the brick
+/// (docs/decisions/006-packets.md). Surfaces are found in `f64`.
 fn brick_size_bound(mode: &str) -> f64 {
     match mode {
         "mip" | "minip" | "mean" => 0.001,
@@ -309,7 +312,7 @@ fn skipping_changes_no_bit_and_brick_size_nothing_that_shows() {
     }
 }
 
-/// Much of `vessels` is exactly zero: whole bricks are uniform, and which ones depends on their size.
+/// Much of `vessels` is exactly zero: whole bricks are uniform, and the brick size decides which ones.
 #[test]
 fn brick_size_and_skipping_of_a_sparse_volume() {
     let source = Synthetic::new("vessels", Dims([64; 3]), Some(VoxelType::U16), 7).expect("allowed");
@@ -364,12 +367,12 @@ fn sixteen_slots_on_the_gpu_draw_what_all_do() {
         let expected = subject.finest(&scene, Backend::Cpu);
         let tiny = RenderOptions { gpu_memory_bytes: Some(1), ..finest(Backend::Gpu) };
         let (slot_bytes, min_slots, needed) = match render(&subject.container, &scene, &tiny) {
-            Err(RenderError::Gpu(GpuError::Budget { slot_bytes, min_slots, needed, .. })) => {
+            Err(RenderError::Engine(EngineError::Gpu(GpuError::Budget { slot_bytes, min_slots, needed, .. }))) => {
                 (slot_bytes, min_slots, needed)
             }
             other => panic!("one byte of GPU memory suffices, or another error: {:?}", other.err()),
         };
-        // A sixteenth of what is spare becomes staging.
+        // A sixteenth of the spare memory becomes staging memory.
         let few = needed + (16 - min_slots) * slot_bytes * 16 / 15;
         for gpu_memory_bytes in [few, 256 << 20] {
             let options = RenderOptions { gpu_memory_bytes: Some(gpu_memory_bytes), ..finest(Backend::Gpu) };
@@ -382,7 +385,7 @@ fn sixteen_slots_on_the_gpu_draw_what_all_do() {
     }
 }
 
-/// CPU and, in two modes, GPU against the reference.
+/// Compares the CPU and, in two modes, the GPU with the reference.
 fn agrees(subject: &Subject, name: &str, members: &[&str], with_gpu: bool) {
     let tf = smooth(subject);
     for (mode, more) in modes(subject).into_iter().filter(|(mode, _)| !mode.starts_with("iso")) {
@@ -403,8 +406,8 @@ fn eyes_inside_and_rays_along_the_axes() {
     let subject = waves_of([37, 41, 33], VoxelType::U16, 16);
     let inside = r#""camera": {"eye": [15.5, 20, 16], "target": [40, 29, 18.5], "up": [0, 0, 1], "fov_y": 95}"#;
     agrees(&subject, "eye inside", &[inside, SMALL], has_gpu);
-    // 32 pixels over 32 voxels: every ray of the first camera runs in two planes of voxels, the second's in faces of
-    // bricks and macro cells too.
+    // 32 pixels over 32 voxels. Every ray of the first camera lies in two planes of voxels. Rays of the second one also
+    // lie in faces of bricks and macro cells.
     for (name, eye) in [("voxel planes", [16.5, 16.5, 16.0]), ("brick faces", [16.0, 16.0, 15.5])] {
         for (axis, up) in [([0.0, 0.0, 1.0], [0, 1, 0]), ([0.0, -1.0, 0.0], [0, 0, 1]), ([1.0, 0.0, 0.0], [0, 0, 1])] {
             let target: [f64; 3] = std::array::from_fn(|a| eye[a] + axis[a]);
@@ -436,7 +439,7 @@ fn anisotropic_spacing_and_rotated_axes() {
     agrees(&subject, "outside", &[&subject.outside(), SMALL], gpu_name().is_some());
 }
 
-/// A value with holes: single voxels, a slab, a ball.
+/// A value with absent voxels: single ones, a slab, a ball.
 fn holed(p: [u64; 3]) -> Option<f64> {
     let from_middle: u64 = p.iter().map(|v| v.abs_diff(20).pow(2)).sum();
     let is_hole = mix(p[0] ^ mix(p[1] ^ mix(p[2] ^ 5))).is_multiple_of(31) || p[2] == 9 || from_middle < 50;
@@ -471,7 +474,7 @@ fn every_voxel_type_gives_the_same_picture() {
             let image = subject.finest(&scene, Backend::Cpu);
             assert!(image == expected, "{}, {mode}: {}/255", subject.name, distance(&image, &expected));
         }
-        // One type of each way to store voxels on the GPU.
+        // One type per storage format of voxels on the GPU.
         for subject in [&subjects[1], &subjects[3], &subjects[7]] {
             if has_gpu && mode == "dvr shaded" {
                 let image = subject.finest(&scene, Backend::Gpu);
@@ -481,12 +484,12 @@ fn every_voxel_type_gives_the_same_picture() {
     }
 }
 
-/// Pictures far smaller than the volume, and how far levels chosen by the size of voxels alone may take them from level
-/// 0 in one channel of one pixel, and on average.
+/// Pictures far smaller than the volume, with levels chosen by the size of voxels alone. The numbers are the greatest
+/// and the mean distance from level 0.
 ///
-/// In the sphere, means of voxels are values of the field nearly everywhere, but its edge is as wide as a coarse voxel.
-/// The signal of Marschner and Lobb waves within a pixel: coarse levels average its values before they are classified,
-/// a picture of level 0 averages colours; that is what choosing levels costs, not a mistake.
+/// In the sphere, means of voxels are field values almost everywhere, but its edge is as wide as a coarse voxel. The
+/// Marschner-Lobb signal oscillates within a pixel. Coarse levels average its values before classification, level 0
+/// averages colours. This is the cost of choosing levels, not a bug.
 const AUTOMATIC: [(&str, f64, f64); 2] = [("sphere", 6.0, 0.2), ("marschner-lobb", 70.0, 3.0)];
 
 #[test]
@@ -497,7 +500,7 @@ fn automatic_levels_read_less_and_stay_close() {
         let scene = subject.scene(&[&subject.outside(), image, &smooth(&subject)]);
         let averaged =
             subject.scene(&[&subject.outside(), &image.replace("pixel\": 1", "pixel\": 16"), &smooth(&subject)]);
-        // Ray by ray: packets would integrate within any error, too.
+        // The cell caster: packets would also integrate with any error.
         let caster = Caster::Cells(CellRule::DEFAULT);
         let automatic =
             RenderOptions { level: LevelChoice::Auto, max_error: ANY_ERROR, caster, ..finest(Backend::Cpu) };
@@ -512,7 +515,7 @@ fn automatic_levels_read_less_and_stay_close() {
         let name = format!("{name}, automatic levels, 40 x 30 pixels");
         report(&name, distance(&coarse, &fine), greatest);
         report(&format!("{name}, mean"), mean_distance(&coarse, &fine), mean);
-        // At the error that users get, the same rays see what level 0 shows.
+        // With the default error, the same rays show the same as level 0.
         let careful = RenderOptions { max_error: RenderOptions::default().max_error, ..automatic };
         let picture = subject.render(&scene, &careful).0;
         report(&format!("{name}, default error"), distance(&picture, &subject.finest(&scene, Backend::Cpu)), BOUND);
@@ -531,7 +534,8 @@ fn a_volume_seen_one_to_one_is_drawn_from_level_0() {
     assert!(stats.bricks_by_level[1..].iter().all(|level| level.page_ins == 0), "{stats:#?}");
     assert!(stats.bricks_by_level[0].page_ins > 0 && stats.error_bound == 0.0, "{stats:#?}");
     assert!(picture == subject.finest(&scene, Backend::Cpu));
-    // From twice as far, each pixel is two voxels wide: enough for level 1 where any error will do, and not at the default.
+    // Twice as far away, a pixel is two voxels wide. That suffices for level 1 with any error, but not with the default
+    // error.
     let careful = automatic.clone();
     let automatic = RenderOptions { max_error: ANY_ERROR, ..automatic };
     let far = camera.replace(r#""height": 64"#, r#""height": 128"#);

@@ -1,5 +1,5 @@
-//! The stability suite at its smallest sizes: every gate holds that is not about speed, but for those of
-//! `known_issues.rs`. The same code at full size makes the report: `supervol chart --stability -o DIR`.
+//! The stability suite at its smallest sizes. Every gate that is not about speed holds, except those in
+//! `known_issues.rs`. `supervol chart --stability -o DIR` runs the same code at full size and writes the report.
 
 use supervol_measure::stability::regimes;
 use supervol_tests::stability::{broken_gates, measured};
@@ -11,7 +11,7 @@ fn holds(id: &str) {
     }
 }
 
-/// A regime that nobody tests would rot.
+/// Every regime needs a test here or in `known_issues.rs`.
 #[test]
 fn every_regime_stands_here_or_among_the_known_issues() {
     let tests = [include_str!("stability.rs"), include_str!("known_issues.rs")].concat();

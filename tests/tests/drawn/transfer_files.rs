@@ -1,5 +1,5 @@
-//! Transfer functions and colour maps in files of other programs: what is read is what their definitions say, and what is wrong is
-//! refused with its place.
+//! Transfer functions and colour maps in files of other programs. The result matches the definition of each format;
+//! wrong files are refused with the place of the error.
 
 use std::path::Path;
 
@@ -38,7 +38,7 @@ fn our_own_files_come_back_as_they_were_written() {
     assert_eq!(parsed(&again, "own.json").points(&facts()).unwrap(), expected);
 }
 
-/// ParaView writes an array of presets; colours and opacities have points of their own.
+/// ParaView writes an array of presets, in which colours and opacities have separate points.
 #[test]
 fn colour_maps_of_paraview_are_read_with_their_opacities() {
     let text = r#"[{"ColorSpace": "RGB", "Creator": "a person", "Name": "two ramps", "NanColor": [1, 1, 0],
@@ -50,7 +50,7 @@ fn colour_maps_of_paraview_are_read_with_their_opacities() {
     let read = function(&spec);
     near(&read, 25.0, [0.25, 0.0, 0.0], 0.1);
     near(&read, 50.0, [0.5, 0.0, 0.0], 0.2);
-    // Half of the way is a quarter of it: the midpoint of the group before.
+    // At half the way, a quarter of the change: the midpoint of the preceding group.
     near(&read, 75.0, [0.75, 0.0, 0.0], 0.6);
     near(&read, 150.0, [1.0, 0.5, 0.5], 1.0);
     near(&read, 200.0, [1.0; 3], 1.0);
@@ -58,7 +58,7 @@ fn colour_maps_of_paraview_are_read_with_their_opacities() {
     assert_eq!(map, [(0.0, [0.0; 3]), (0.5, [1.0, 0.0, 0.0]), (1.0, [1.0; 3])]);
 }
 
-/// The cool to warm map has two points or three and is no line in RGB: published values (Moreland 2009).
+/// The cool-to-warm map has two or three points and is not linear in RGB. Values as published (Moreland 2009).
 #[test]
 fn colour_maps_are_straight_in_their_own_space() {
     let two =
@@ -80,7 +80,7 @@ fn colour_maps_are_straight_in_their_own_space() {
     );
 }
 
-/// ImageVis3D: the number of entries, then red, green, blue and alpha of each, over the range of the data.
+/// ImageVis3D: the number of entries, then red, green, blue and alpha of each, over the data's range.
 #[test]
 fn tables_of_imagevis3d_are_stretched_over_the_range() {
     let entries: String =
@@ -92,7 +92,8 @@ fn tables_of_imagevis3d_are_stretched_over_the_range() {
     near(&read, 98.0, [0.495, 0.0, 1.0], 0.0);
     near(&read, 100.0, [0.5, 0.0, 1.0], 0.5);
     near(&read, 300.0, [1.0, 0.0, 1.0], 0.5);
-    // A table without any line in it is as long as a transfer function may be, or thinned to half a grey level.
+    // A table without linear parts has at most as many entries as a transfer function, or is thinned to half a grey
+    // level.
     let rough = |count: usize| -> String {
         let entry = |i: usize| format!("0 {} 0 0.5\n", 0.5 + 0.4 * ((i * i) as f64 * 1e-7).sin());
         format!("{count}\n{}", (0..count).map(entry).collect::<String>())

@@ -10,7 +10,7 @@
 //!   [`input`]: files that commands read; [`sample`]: the volume that comes with the program;
 //! - [`quantity`]: numbers with units;
 //! - [`source`], [`cache`], [`scene`]: options that several commands have;
-//! - [`bench`], [`chart`], [`view`]: arguments of the commands that other executables run.
+//! - [`bench`](mod@bench), [`chart`], [`view`]: arguments of the commands that other executables run.
 //!
 //! Nothing here draws, builds or measures.
 

@@ -4,7 +4,7 @@ use std::num::NonZero;
 use std::str::FromStr;
 
 use supervol_format::{Dims, VoxelBox, VoxelType};
-use supervol_runtime::engines::packets::MAX_ERROR_LIMITS;
+use supervol_runtime::engines::rules::MAX_ERROR_LIMITS;
 use supervol_runtime::lod::by_error::ANY_ERROR;
 use supervol_scene::image::GREY_LEVELS;
 use supervol_sources::Endian;

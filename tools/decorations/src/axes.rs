@@ -1,7 +1,7 @@
-//! The box of a grid, and what places along its axes are called: the first and the last one, and round ones between them.
+//! Box of the volume's domain with labels along its axes: first and last coordinate, and round numbers in between.
 //!
-//! Of the four edges along an axis the lowest of the outline is written at (of two that are equally low the left one): there words have
-//! room. Numbers stand on the side of it that looks away from the box.
+//! Each axis is labelled at one of its four edges: the lowest edge of the box's outline (the left one of two equally
+//! low edges). There the labels have room. They are on the side of the edge that faces away from the box.
 
 use glam::DVec3;
 use supervol_format::Container;
@@ -13,35 +13,35 @@ use supervol_sources::Survey;
 use crate::canvas::{Anchor, Canvas, Layer};
 use crate::short;
 
-/// Pixels of a tick.
+/// Length of a tick, in pixels.
 const TICK: f64 = 4.0;
-/// Pixels from an edge to the middle of what is written at it.
+/// Pixels from an edge to the middle of its labels.
 const BESIDE: f64 = 8.0;
-/// Least pixels from tick to tick.
+/// Least distance between ticks, in pixels.
 const TICK_ROOM: f64 = 48.0;
-/// Shares of the way along an edge at which the axis may be named.
+/// Possible positions of the axis name, as shares of the edge's length.
 const NAME_PLACES: [f64; 3] = [0.5, 0.35, 0.65];
 /// Most ticks of an edge.
 const TICK_LIMIT: usize = 20;
-/// Cosine between a face and the line of sight below which the face is seen from its edge.
+/// Cosine between a face's normal and the line of sight below which the face is seen edge-on.
 const EDGE_ON: f64 = 1e-9;
-/// Pixels by which an edge has to be lower than another one.
+/// Pixels by which an edge must be lower to count as lower than another one.
 const LOWER: f64 = 1.0;
 
-/// An edge of the box that places are written at.
+/// An edge of the box with labels.
 pub struct LabelledEdge {
-    /// The axis that it runs along.
+    /// The axis parallel to the edge: 0, 1 or 2.
     pub axis: usize,
-    /// World points at which the axis begins and ends: half a voxel beyond the first and the last one.
+    /// World positions of both ends: half a voxel beyond the first and the last voxel.
     ends: [DVec3; 2],
-    /// Voxels along it.
+    /// Number of voxels along the edge.
     voxels: f64,
-    /// Unit vector in the picture, away from the box.
+    /// Unit vector in the picture that points away from the box.
     outward: [f64; 2],
     camera: Camera,
 }
 
-/// Where a world point lies in the picture, pixels; `None` behind the camera.
+/// Position of a world point in the picture, in pixels; `None` behind the camera.
 fn project(camera: &Camera, point: DVec3) -> Option<[f64; 2]> {
     let p = point - camera.eye;
     let half = match camera.projection {
@@ -54,7 +54,7 @@ fn project(camera: &Camera, point: DVec3) -> Option<[f64; 2]> {
     (half > 0.0).then_some([0.5 * (x + 1.0) * width, 0.5 * (1.0 - y) * height])
 }
 
-/// Draws the box; the edges that places are to be written at, once all else is.
+/// Draws the box. Returns the edges to label after everything else is drawn.
 pub fn draw_box(canvas: &mut Canvas<'_>, placed: &VolumeFacts, camera: &Camera) -> Vec<LabelledEdge> {
     let corners = domain_corners(placed);
     let seen: [[bool; 2]; 3] = std::array::from_fn(|axis| [0, 1].map(|side| is_seen(&corners, camera, axis, side)));
@@ -87,7 +87,7 @@ pub fn draw_box(canvas: &mut Canvas<'_>, placed: &VolumeFacts, camera: &Camera) 
     labelled
 }
 
-/// Whether a face of the box is seen from outside.
+/// Whether the outside of a face of the box is visible.
 fn is_seen(corners: &[DVec3; 8], camera: &Camera, axis: usize, side: usize) -> bool {
     let middle_of = |side: usize| (0..8).filter(|c| c >> axis & 1 == side).map(|c| corners[c]).sum::<DVec3>() / 4.0;
     let [a, b] = [(axis + 1) % 3, (axis + 2) % 3].map(|other| corners[1 << other] - corners[0]);
@@ -101,20 +101,20 @@ fn is_seen(corners: &[DVec3; 8], camera: &Camera, axis: usize, side: usize) -> b
 }
 
 impl LabelledEdge {
-    /// The point of the picture at a share of the way from the first to the last voxel.
+    /// Position in the picture at a share of the way from the first to the last voxel.
     fn at(&self, share: f64) -> Option<[f64; 2]> {
         let along = (0.5 + share * (self.voxels - 1.0)) / self.voxels;
         project(&self.camera, self.ends[0] + along * (self.ends[1] - self.ends[0]))
     }
 
-    /// Writes the first and the last place, the axis, and round places between them, as far as there is room.
+    /// Writes the first and the last coordinate, the axis name, and round numbers in between, as far as there is room.
     pub fn label(&self, canvas: &mut Canvas<'_>, ends: &AxisEnds) {
         let (Some(first), Some(last)) = (self.at(0.0), self.at(1.0)) else { return };
         self.write(canvas, first, &short(ends.first));
         if ends.first != ends.last {
             self.write(canvas, last, &short(ends.last));
         }
-        // In the middle, or where else there is room.
+        // In the middle of the edge, or at another position with room.
         NAME_PLACES.iter().any(|share| self.at(*share).is_some_and(|at| self.write(canvas, at, &ends.name)));
         let pixels = (last[0] - first[0]).hypot(last[1] - first[1]);
         for (value, text) in ends.ticks(pixels) {
@@ -126,7 +126,7 @@ impl LabelledEdge {
         }
     }
 
-    /// Beside the edge, unless something is written there; whether it is.
+    /// Writes a text beside the edge unless another text is there. Returns whether it was written.
     fn write(&self, canvas: &mut Canvas<'_>, at: [f64; 2], text: &str) -> bool {
         let [x, y] = [0, 1].map(|i| (at[i] + BESIDE * self.outward[i]).round() as i32);
         let anchor = match self.outward {
@@ -139,17 +139,17 @@ impl LabelledEdge {
     }
 }
 
-/// What the ends of an axis are called: line numbers, times, or lengths from the first voxel on.
+/// Coordinates of the ends of an axis: line numbers, times, or lengths from the first voxel.
 pub struct AxisEnds {
     name: String,
     first: f64,
     last: f64,
-    /// Whether there is nothing between whole numbers.
+    /// Whether only whole numbers are valid coordinates.
     is_counted: bool,
 }
 
 impl AxisEnds {
-    /// Of an axis of the grid; lengths are those of the data, however heights are exaggerated in the picture.
+    /// Coordinates of an axis of the grid. Lengths are those of the data, without vertical exaggeration.
     pub fn of(container: &Container, facts: &VolumeFacts, axis: usize) -> Self {
         let manifest = container.manifest();
         let survey = Survey::of(manifest);
@@ -173,7 +173,7 @@ impl AxisEnds {
         }
     }
 
-    /// Round numbers between the ends with their texts, no closer than there is room for on so many pixels.
+    /// Round numbers between the ends, and their texts. `pixels`, the length of the edge, limits their density.
     fn ticks(&self, pixels: f64) -> Vec<(f64, String)> {
         let (low, high) = (self.first.min(self.last), self.first.max(self.last));
         let least = (high - low) * TICK_ROOM / pixels;
@@ -190,7 +190,7 @@ impl AxisEnds {
     }
 }
 
-/// The least of 1, 2 and 5 times a power of ten that is not below.
+/// The least number of the form 1, 2 or 5 times a power of ten that is at least `length`.
 fn round_above(length: f64) -> f64 {
     let power = 10f64.powf(length.log10().floor());
     [1.0, 2.0, 5.0].into_iter().map(|factor| factor * power).find(|l| *l >= length).unwrap_or(10.0 * power)
@@ -211,7 +211,7 @@ mod tests {
         assert_eq!(ticks(4.0, 1848.0, false, 200.0), ["500", "1000", "1500"]);
         assert_eq!(ticks(0.0, 0.75, false, 400.0), ["0.0", "0.1", "0.2", "0.3", "0.4", "0.5", "0.6", "0.7"]);
         assert_eq!(ticks(1.0, 3.0, true, 900.0), ["1", "2", "3"]);
-        // Nothing to write: no length, no room, no number.
+        // No ticks: zero length, too little room, or a coordinate that is not finite.
         assert!(ticks(5.0, 5.0, false, 300.0).is_empty() && ticks(0.0, 9.0, false, 30.0).is_empty());
         assert!(ticks(0.0, f64::NAN, false, 300.0).is_empty() && ticks(0.0, 1.0, false, f64::NAN).is_empty());
         let far = ticks(1e9, 1e9 + 100.0, false, 500.0);

@@ -1,4 +1,4 @@
-//! Lines and letters on a finished picture, before or behind what it shows.
+//! Canvas for lines and text on a finished picture, in front of or behind the volume.
 
 use std::convert::Infallible;
 
@@ -13,27 +13,27 @@ use embedded_graphics::primitives::{Line, PointsIter, PrimitiveStyle, Rectangle}
 use embedded_graphics::text::{Alignment, Baseline, Text, TextStyleBuilder};
 use supervol_scene::image::Image;
 
-/// Pixels of a letter, across and high.
+/// Size of a letter in pixels: width, height.
 pub const LETTER: [i32; 2] = [6, 10];
-/// Pixels between texts side by side that are written where there is room.
+/// Least pixels between texts that are written only where there is room.
 const APART: i32 = 4;
-/// Grey of lines and letters on dark and on light backgrounds.
+/// Grey of lines and letters on a dark and on a light background, in [0, 1].
 const ON_DARK: f32 = 0.85;
 const ON_LIGHT: f32 = 0.10;
 
-/// Share of the background's colour in what lies under a text.
+/// Share of the background's colour that is mixed into the pixels under a text.
 const DIMMING: f32 = 0.7;
 
-/// Whether something is drawn over what the picture shows, or under it.
+/// Depth of a drawing relative to the volume.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Layer {
-    /// Over it.
+    /// In front of the volume.
     Before,
-    /// Under it, by its opacity.
+    /// Behind the volume, according to its opacity.
     Behind,
 }
 
-/// Which point of a text is placed.
+/// The point of a text that lies at the given position.
 #[derive(Debug, Clone, Copy)]
 pub enum Anchor {
     /// Its upper left corner.
@@ -52,21 +52,21 @@ pub enum Anchor {
     MiddleRight,
 }
 
-/// A text with its place.
+/// A text with its position and style.
 type Letters<'t> = Text<'t, MonoTextStyle<'static, BinaryColor>>;
 
-/// A picture that is drawn on.
+/// A picture with drawing operations.
 pub struct Canvas<'a> {
     image: &'a mut Image,
     background: [f32; 3],
     ink: f32,
     layer: Layer,
-    /// Where there are texts.
+    /// Areas that texts cover.
     taken: Vec<Rectangle>,
 }
 
 impl<'a> Canvas<'a> {
-    /// A canvas with ink that stands out from the background.
+    /// A canvas with a line colour that contrasts with the background.
     pub fn new(image: &'a mut Image, background: [f64; 3]) -> Self {
         let is_dark = background.iter().sum::<f64>() < 1.5;
         let as_stored = background.map(|c| c as f32);
@@ -79,12 +79,12 @@ impl<'a> Canvas<'a> {
         }
     }
 
-    /// Pixels along x and y.
+    /// Width and height in pixels.
     pub fn size(&self) -> [i32; 2] {
         [self.image.width, self.image.height].map(|n| i32::try_from(n).unwrap_or(i32::MAX))
     }
 
-    /// A line between two points, pixels; of one that leaves the picture the part inside.
+    /// Draws a line between two points in pixels, clipped to the picture.
     pub fn line(&mut self, from: [f64; 2], to: [f64; 2], layer: Layer) {
         let Some(ends) = clipped(from, to, self.size().map(f64::from)) else { return };
         let [from, to] = ends.map(|p| Point::new(p[0].round() as i32, p[1].round() as i32));
@@ -93,7 +93,7 @@ impl<'a> Canvas<'a> {
         self.layer = Layer::Before;
     }
 
-    /// A text, moved as far into the picture as it has to be, and below others that are there already; left out where there is no room.
+    /// Writes a text, shifted into the picture and below existing texts as needed; omitted if there is no room.
     pub fn text(&mut self, text: &str, at: [i32; 2], anchor: Anchor) {
         let mut text = self.placed(text, at, anchor);
         let height = self.size()[1];
@@ -109,8 +109,8 @@ impl<'a> Canvas<'a> {
         self.write(&text);
     }
 
-    /// A text, moved as far into the picture as it has to be; left out where another one is, or hardly a letter beside it. Whether it is
-    /// there.
+    /// Writes a text, shifted into the picture as needed; omitted if another text overlaps or is closer than about a
+    /// letter. Returns whether it was written.
     pub fn text_where_free(&mut self, text: &str, at: [i32; 2], anchor: Anchor) -> bool {
         let text = self.placed(text, at, anchor);
         let Rectangle { mut top_left, mut size } = text.bounding_box();
@@ -123,7 +123,7 @@ impl<'a> Canvas<'a> {
         is_free
     }
 
-    /// A text within the picture.
+    /// A text shifted into the picture.
     fn placed<'t>(&self, text: &'t str, [x, y]: [i32; 2], anchor: Anchor) -> Letters<'t> {
         let (alignment, baseline) = match anchor {
             Anchor::TopLeft => (Alignment::Left, Baseline::Top),
@@ -159,7 +159,7 @@ impl<'a> Canvas<'a> {
         let Ok(_) = text.draw(self);
     }
 
-    /// Draws what lies under a text towards the background, so that it can be read.
+    /// Mixes the background's colour into an area, so that a text on it is readable.
     fn dim(&mut self, area: Rectangle) {
         let background = self.background;
         for point in area.points() {
@@ -172,7 +172,7 @@ impl<'a> Canvas<'a> {
         }
     }
 
-    /// A row of pixels of one colour.
+    /// Draws a row of pixels with one colour.
     pub fn row(&mut self, [left, y]: [i32; 2], pixels: i32, color: [f64; 3]) {
         for x in left..left + pixels {
             if let Some(pixel) = self.pixel(x, y) {
@@ -215,7 +215,7 @@ impl DrawTarget for Canvas<'_> {
     }
 }
 
-/// The part of a line inside the picture (Liang, Barsky 1984), `None` where there is none.
+/// The part of a line inside the picture (Liang, Barsky 1984); `None` if there is none.
 fn clipped(from: [f64; 2], to: [f64; 2], size: [f64; 2]) -> Option<[[f64; 2]; 2]> {
     let (mut start, mut end) = (0.0f64, 1.0f64);
     for axis in 0..2 {
@@ -261,7 +261,7 @@ mod tests {
         for text in ["H", "H", "H"] {
             canvas.text(text, [5, 0], Anchor::TopLeft);
         }
-        // Of three letters of ten rows, two have room.
+        // Letters have ten rows: two of three texts have room.
         let rows = |from: usize| picture.pixels[from * 40..][..400].iter().filter(|p| p[0] == ON_LIGHT).count();
         assert!(rows(0) > 8 && rows(0) == rows(10), "{} and {}", rows(0), rows(10));
     }

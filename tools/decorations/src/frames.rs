@@ -1,8 +1,8 @@
-//! A folder with the pictures of an animation, one for each camera: what it holds, and which pictures are missing.
+//! Folder of the pictures of an animation, one per camera: its plan, and the missing pictures.
 //!
-//! The folder's [`PLAN`] says what its pictures show. Who asks for the same again goes on with what is missing; something else is
-//! refused, unless whoever asks wants the pictures replaced. Pictures appear under their names when they are whole, so that what is
-//! there is done.
+//! The folder's [`PLAN`] describes its pictures. A request for the same pictures continues with the missing ones. A
+//! request for other pictures is refused unless they may be replaced. Pictures appear under their names only when they
+//! are complete, so that an existing picture is finished.
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -14,12 +14,12 @@ use supervol_runtime::render::options::RenderOptions;
 use supervol_scene::image::ImageFormat;
 use supervol_scene::scene::{CameraSpec, Scene};
 
-/// Name of the file that says what the pictures of a folder show.
+/// Name of the file that describes the pictures of a folder.
 pub const PLAN: &str = "sequence.json";
-/// Most bytes of a plan: of a path of as many key frames as there may be frames.
+/// Most bytes of a plan: enough for a path with the greatest number of key frames.
 const PLAN_LIMIT_BYTES: u64 = 64 << 20;
 
-/// Why no picture can go to a folder.
+/// Reason why no picture can be written to a folder.
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs, reason = "the messages say it")]
 pub enum FramesError {
@@ -33,41 +33,41 @@ pub enum FramesError {
     Output(#[from] OutputError),
 }
 
-/// Pictures by some cameras.
+/// The pictures of an animation.
 #[derive(Debug, Clone, Copy)]
 pub struct Frames<'a> {
-    /// Of what.
+    /// The volume.
     pub container: &'a Container,
-    /// What they show; its camera is that of the first.
+    /// The scene; its camera is that of the first picture.
     pub scene: &'a Scene,
-    /// Whether they are decorated.
+    /// Whether the pictures have decorations.
     pub decorate: bool,
-    /// One for each picture.
+    /// One camera per picture.
     pub cameras: &'a [CameraSpec],
-    /// What was asked for of them.
+    /// The requested motion, as it is written to the plan.
     pub motion: &'a Value,
-    /// Where they go; made where it is not there.
+    /// Folder of the pictures; it is created if needed.
     pub folder: &'a Path,
-    /// What each of them is written as. Pictures of the same in several formats go to one folder.
+    /// File format. Pictures of one animation in several formats can share a folder.
     pub format: ImageFormat,
-    /// What is read, and not written to.
+    /// Input files, which must not be overwritten.
     pub inputs: &'a [&'a Path],
 }
 
-/// What becomes of pictures of something else.
+/// Treatment of existing pictures of another animation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Others {
-    /// They are kept, and nothing is written; how somebody says otherwise.
+    /// They are kept and the request is refused; the text says how to replace them.
     Keep(&'static str),
     /// They are replaced.
     Replace,
 }
 
 impl Frames<'_> {
-    /// Begins the folder, or goes on with it: the numbers of the pictures that are missing.
+    /// Begins or continues the folder. Returns the numbers of the missing pictures.
     ///
     /// # Errors
-    /// If the folder holds something else or cannot be written to, or something that is read would be.
+    /// If the folder holds another animation or is not writable, or if an input file would be overwritten.
     pub fn begin(&self, options: &RenderOptions, others: Others) -> Result<Vec<usize>, FramesError> {
         let failed = |source| FramesError::Folder { path: self.folder.display().to_string(), source };
         std::fs::create_dir_all(self.folder).map_err(failed)?;
@@ -75,7 +75,7 @@ impl Frames<'_> {
         Ok((0..self.cameras.len()).filter(|frame| !(goes_on && self.path(*frame).exists())).collect())
     }
 
-    /// Whether the folder holds pictures of the same; if not, it says from now on that it will.
+    /// Whether the folder holds pictures of the same animation. If not, removes old pictures and writes the plan.
     fn begin_plan(&self, options: &RenderOptions, others: Others) -> Result<bool, FramesError> {
         let plan = self.folder.join(PLAN);
         check_distinct(&plan, self.inputs.iter().copied())?;
@@ -93,7 +93,8 @@ impl Frames<'_> {
             }
             _ => {}
         }
-        // Whatever stops this from here on: no picture of before passes for one of these.
+        // Old pictures are removed before the new plan is written, so that none is taken for a new one after an
+        // interruption.
         let of_all_formats = |frame| ImageFormat::ALL.map(|format| self.path_as(frame, format));
         for path in (0..self.cameras.len()).filter(|_| found.is_some()).flat_map(of_all_formats) {
             check_distinct(&path, self.inputs.iter().copied())?;
@@ -111,7 +112,7 @@ impl Frames<'_> {
         Ok(false)
     }
 
-    /// What decides what the pictures show.
+    /// The plan: everything that determines the content of the pictures.
     fn plan(&self, options: &RenderOptions) -> String {
         let manifest = self.container.manifest();
         let bytes = self.container.file_bytes();
@@ -126,7 +127,7 @@ impl Frames<'_> {
         format!("{plan:#}\n")
     }
 
-    /// Where a picture goes.
+    /// Path of a picture.
     #[must_use]
     pub fn path(&self, frame: usize) -> PathBuf {
         self.path_as(frame, self.format)
@@ -136,7 +137,7 @@ impl Frames<'_> {
         self.folder.join(format!("frame-{frame:05}.{}", format.ending()))
     }
 
-    /// What to do with all pictures, as the end of a sentence.
+    /// Advice on what to do with all pictures, as the end of a sentence.
     #[must_use]
     pub fn advice(&self) -> String {
         let folder = self.folder.display();
@@ -148,7 +149,7 @@ impl Frames<'_> {
         }
     }
 
-    /// The scene of a picture.
+    /// Scene of a picture.
     #[must_use]
     pub fn scene(&self, frame: usize) -> Scene {
         Scene { camera: Some(self.cameras[frame].clone()), ..self.scene.clone() }

@@ -1,10 +1,10 @@
-//! What pictures of the command line and of the viewer share: decorations, and folders of animations ([`frames`]).
+//! Decorations of pictures, and folders of animations ([`frames`]); shared by the command line and the viewer.
 //!
-//! Decorations are what a person wants to see beside the volume: its box with places along its axes (`axes`), which way it is turned, a
-//! scale, what the colours mean, and what it is.
+//! Decorations are a box with labelled axes (`axes`), orientation, a scale bar, a colour bar, and the volume's name and
+//! kind of data.
 //!
-//! Edges of the box that the volume hides are drawn behind it, the others before it, by the opacity of the picture: what lies
-//! between is not known, so that an edge inside of something clear looks as if it were behind it.
+//! Edges on the far side of the box are drawn behind the volume, the others in front of it, according to the picture's
+//! opacity. The picture has no depth, so an edge inside a transparent volume looks as if it were behind it.
 
 mod axes;
 mod canvas;
@@ -21,19 +21,22 @@ use supervol_sources::Survey;
 
 use self::canvas::{Anchor, Canvas, Layer};
 
-/// Pixels between what is drawn and the picture's border.
+/// Pixels between decorations and the picture's border.
 const MARGIN: i32 = 6;
-/// Pixels of the colour bar across, and its share of the picture's height.
+/// Width of the colour bar in pixels, and its height as a share of the picture's height.
 const BAR_WIDTH: i32 = 10;
 const BAR_SHARE: f64 = 0.4;
-/// Greatest share of the picture's width that the scale bar takes.
+/// Greatest length of the scale bar, as a share of the picture's width.
 const SCALE_SHARE: f64 = 0.25;
-/// Cosine between a direction of the world and one of the picture from which on the one is written at the other's border.
+/// Least cosine between a named world direction and a direction of the picture at which the name is written at that
+/// border.
 const ALIGNED: f64 = 0.7;
-/// How far the cosine between an axis and the camera's direction may be from 1 where a section lies across that axis.
+/// Greatest difference from 1 of the cosine between a grid axis and the camera's direction, for a section across that
+/// axis.
 const FACE_ON: f64 = 1e-9;
 
-/// Draws all decorations over a finished picture. `name` is that of one picture among several; it stands below the volume's.
+/// Draws all decorations over a finished picture. `name` is the name of one picture among several; it is written below
+/// the volume's name.
 pub fn decorate(
     image: &mut Image,
     container: &Container,
@@ -47,7 +50,7 @@ pub fn decorate(
         extent: scene.image_size.map(f64::from),
         ..scene.camera
     };
-    // What is drawn is in units of its own; what is written beside it is not.
+    // Shapes are drawn in units of the picture; numbers are written in world and data units.
     let units = Units::of(facts);
     let placed = &units.facts(facts);
     let mut canvas = Canvas::new(image, scene.background);
@@ -70,15 +73,16 @@ pub fn decorate(
     }
 }
 
-/// Whether the box belongs to what is shown: not where a section lies across no axis, and the box would stand askew behind it.
+/// Whether the box is drawn. For an oblique section it is not, because it would lie askew behind the section.
 fn shows_box(scene: &ResolvedScene, placed: &VolumeFacts, camera: &Camera) -> bool {
     let linear = placed.geometry.linear();
     let is_across = |axis: usize| linear.col(axis).normalize_or_zero().dot(camera.forward).abs() > 1.0 - FACE_ON;
     scene.mode != Mode::Slice || (0..3).any(is_across)
 }
 
-/// What the world's directions are called that point to the right, the left, the upper and the lower border of a picture, where they
-/// have names: a patient's sides, a survey's points of the compass. `right` and `up` are the picture's unit vectors in the world.
+/// Names of the world directions at the borders of a picture: right, left, upper, lower. Directions with names are the
+/// sides of a patient and the compass directions of a survey. `right` and `up` are the picture's unit vectors in world
+/// space.
 #[must_use]
 pub fn named_borders(container: &Container, facts: &VolumeFacts, [right, up]: [DVec3; 2]) -> [Option<&'static str>; 4] {
     let named = directions(container, facts);
@@ -88,7 +92,7 @@ pub fn named_borders(container: &Container, facts: &VolumeFacts, [right, up]: [D
     })
 }
 
-/// Names of the world's directions, where they have some, at the borders that they point to.
+/// Draws the names of world directions at the borders that they point to.
 fn draw_orientation(canvas: &mut Canvas<'_>, container: &Container, facts: &VolumeFacts, camera: &Camera) {
     let [width, height] = canvas.size();
     let borders = [
@@ -105,7 +109,7 @@ fn draw_orientation(canvas: &mut Canvas<'_>, container: &Container, facts: &Volu
     }
 }
 
-/// Directions of the world that have names: a patient's sides, a survey's points of the compass.
+/// World directions with names: sides of a patient, compass directions of a survey.
 fn directions(container: &Container, facts: &VolumeFacts) -> Vec<(&'static str, DVec3)> {
     let both = |names: [&'static str; 2], way: DVec3| [(names[0], way), (names[1], -way)];
     let patient = |right: DVec3, front: DVec3| {
@@ -120,7 +124,7 @@ fn directions(container: &Container, facts: &VolumeFacts) -> Vec<(&'static str, 
     }
 }
 
-/// East and north of the map, in the world of the survey.
+/// World directions of east and north of the map, for a survey.
 fn compass(container: &Container, facts: &VolumeFacts) -> Option<[DVec3; 2]> {
     let survey = Survey::of(container.manifest())?;
     let corners = survey.corners?;
@@ -129,14 +133,15 @@ fn compass(container: &Container, facts: &VolumeFacts) -> Option<[DVec3; 2]> {
     if length <= 0.0 || survey.crossline.count < 2 {
         return None;
     }
-    // The world's x runs along the crosslines' way, (x, y) on the map; its y is a quarter turn clockwise from that.
+    // The world's x axis runs along the crosslines, (x, y) on the map. Its y axis is a quarter turn clockwise from
+    // that.
     let [east_share, north_share] = [x / length, y / length];
     let along = facts.geometry.linear().x_axis.normalize_or_zero();
     let right_of = DVec3::Z.cross(along);
     Some([east_share * along + north_share * right_of, north_share * along - east_share * right_of])
 }
 
-/// A bar of a round length.
+/// Draws a scale bar of a round length.
 fn draw_scale(canvas: &mut Canvas<'_>, container: &Container, world_per_pixel: f64) {
     let [width, height] = canvas.size();
     let length = round_below(SCALE_SHARE * f64::from(width) * world_per_pixel);
@@ -152,15 +157,15 @@ fn draw_scale(canvas: &mut Canvas<'_>, container: &Container, world_per_pixel: f
     canvas.text(format!("{} {unit}", short(length)).trim(), [MARGIN, height - MARGIN - 6], Anchor::BottomLeft);
 }
 
-/// The greatest of 1, 2 and 5 times a power of ten that is not above.
+/// The greatest number of the form 1, 2 or 5 times a power of ten that is at most `length`.
 fn round_below(length: f64) -> f64 {
     let power = 10f64.powf(length.log10().floor());
     [5.0, 2.0, 1.0].into_iter().map(|factor| factor * power).find(|l| *l <= length).unwrap_or(power)
 }
 
-/// The colours of the transfer function with the values that they stand for, in units of `value_unit`.
+/// Draws the colour bar of the transfer function with values in data units; `value_unit` converts into these.
 fn draw_colors(canvas: &mut Canvas<'_>, container: &Container, scene: &ResolvedScene, value_unit: f64) {
-    // A slice alone is shown in colours of its own, which stand for values unless a filter has made something else of them.
+    // A slice alone has its own colours. With a filter that changes the meaning of values, no bar is drawn.
     let slice = scene.slices.first().filter(|_| scene.mode == Mode::Slice);
     if slice.is_some_and(|slice| slice.filter.is_some_and(|filter| !filter.kind.keeps_values())) {
         return;
@@ -175,7 +180,7 @@ fn draw_colors(canvas: &mut Canvas<'_>, container: &Container, scene: &ResolvedS
     if rows < 2 || high <= low {
         return;
     }
-    // Letters for the right border stand in the middle: the bar leaves that room to them.
+    // Room for the letters at the right border, beside which the bar is drawn.
     let left = left - 2 * canvas::LETTER[0];
     for row in 0..rows {
         let share = f64::from(row) / f64::from(rows - 1);
@@ -187,13 +192,13 @@ fn draw_colors(canvas: &mut Canvas<'_>, container: &Container, scene: &ResolvedS
         let y = top + (share * f64::from(rows - 1)).round() as i32;
         canvas.text(&short(value * value_unit), [left - 4, y], Anchor::MiddleRight);
     }
-    // A long unit would lie across a small picture; `info` says it.
+    // A long unit would reach across a small picture; `info` shows it.
     if 2 * canvas::LETTER[0] * unit.chars().count() as i32 <= width {
         canvas.text(unit, [left + BAR_WIDTH, top - 4], Anchor::BottomRight);
     }
 }
 
-/// A number in few digits.
+/// A number as short text.
 fn short(value: f64) -> String {
     let size = value.abs();
     if size != 0.0 && !(1e-3..1e6).contains(&size) {

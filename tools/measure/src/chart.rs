@@ -1,19 +1,20 @@
-//! The chart: every method on every scene, its cost beside its distance from the exact picture.
+//! The chart: cost and error of every method on every scene.
 //!
-//! For each scene and look the reference integrator makes the exact picture once, in doubles, from the volume stored in
-//! floats. Each method then makes the same picture twice over: once cold, which counts bytes, bricks, samples and cells,
-//! and then warm, with all bricks in memory, until it has been timed often enough; cost and error are those of one and the
-//! same picture. What depends on the transfer function alone (tables) is made before a warm picture's clock starts.
+//! For each scene and look:
+//! 1. The reference integrator draws the exact picture once, in `f64`, from the volume stored as floats.
+//! 2. Each method draws the picture cold. This run counts bytes, bricks, samples and cells.
+//! 3. The method draws it warm, with all bricks in memory, until it has been timed often enough. Cost and error belong
+//!    to the same picture. Tables that depend only on the transfer function are made before the warm clock starts.
 //!
-//! Processor time is that of the whole process: nothing else may run in it meanwhile. A method that fails is left out and
-//! named in the notes.
+//! Processor time is that of the whole process, so nothing else may run in it. Failed methods are left out and named in
+//! the notes.
 
 use std::time::{Duration, Instant};
 
 use glam::DVec3;
 use supervol_format::codec::CodecChoice;
 use supervol_preprocess::{BuildOptions, MaxError};
-use supervol_runtime::engines::gpu::caster::GpuDevice;
+use supervol_runtime::engines::gpu::device::GpuDevice;
 use supervol_runtime::render::options::{Backend, RenderOptions};
 use supervol_runtime::render::process;
 use supervol_runtime::render::renderer::Renderer;
@@ -29,23 +30,23 @@ use crate::scenes::{Grid, Loaded, Look, SceneSpec, Shading, Shape, Storage};
 use crate::stated::{AtLevel, Pixels};
 use crate::volume::{HOST_MEMORY_BYTES, Volume, build_options, finest, image_size, transfer_function};
 
-/// Warm pictures that are timed at least and at most.
+/// Least and greatest number of timed warm pictures.
 const REPEATS: [usize; 2] = [3, 9];
-/// Time after which no further picture is timed.
+/// Time limit after which no further picture is timed.
 const REPEAT_TIME: Duration = Duration::from_millis(100);
-/// Distance of the camera from the middle, in radii of the volume: the volume fills the picture, and a pixel covers less
-/// than two voxels everywhere, so that the automatic level of detail is level 0.
+/// Camera distance from the centre, in radii of the volume. The volume fills the picture, and a pixel covers less than
+/// two voxels everywhere, so the automatic level of detail is 0.
 const CAMERA_RADII: f64 = 2.2;
-/// Length that opacities are given for, in world units: one voxel.
+/// Unit distance of opacities, world length: one voxel.
 const UNIT_DISTANCE: f64 = 1.0;
 
-/// Levels of detail of which it is compared what is stated.
+/// Levels of detail whose stated errors are compared with the true errors.
 const STATED_LEVELS: [u8; 2] = [0, 1];
 
-/// Looks whose pictures the report shows.
+/// Looks with pictures in the report.
 const PICTURED_LOOKS: [Look; 2] =
     [Look { shape: Shape::Smooth, shading: Shading::On }, Look { shape: Shape::Spike, shading: Shading::Off }];
-/// Methods whose pictures the report shows.
+/// Methods with pictures in the report.
 const PICTURED_METHODS: [(&str, &str); 4] = [
     (DEFAULT, "--max-error 0.5/255"),
     ("midpoint samples", "step 1 voxel"),
@@ -53,45 +54,45 @@ const PICTURED_METHODS: [(&str, &str); 4] = [
     ("pre-classified", "step 1 voxel"),
 ];
 
-/// What was measured.
+/// Results of the chart.
 pub struct Chart {
     /// In order of scenes, looks and methods.
     pub points: Vec<Point>,
-    /// Exact pictures, each with those of some methods.
+    /// Exact pictures, each with the pictures of some methods.
     pub pictures: Vec<PictureRow>,
-    /// What is stated of pixels, scene by scene, over all looks of each.
+    /// Stated errors of pixels, scene by scene, over all looks of the scene.
     pub stated: Vec<(String, Vec<AtLevel>)>,
-    /// What a reader must know of this run: a sentence each.
+    /// Remarks on this run, one sentence each.
     pub notes: Vec<String>,
     /// Width and height of the measured pictures, pixels.
     pub image_size: [u32; 2],
-    /// Voxels along an edge of those volumes whose size can be chosen.
+    /// Voxels along an edge of the volumes with selectable size.
     pub edge: u64,
 }
 
-/// The exact picture of a scene and look, and those of some methods.
+/// The exact picture of a scene and look, and the pictures of some methods.
 pub struct PictureRow {
     /// Name of the scene.
     pub scene: String,
     /// Name of the transfer function.
     pub transfer_function: String,
-    /// The reference integrator's.
+    /// Picture of the reference integrator.
     pub exact: Image,
-    /// Method, parameters, picture.
+    /// Method, parameters and picture.
     pub pictures: Vec<(String, String, Image)>,
 }
 
-/// One picture's cost.
+/// Cost of one picture.
 struct Cost {
     cold: FrameStats,
     cpu_ms: Vec<f64>,
     wall_ms: Vec<f64>,
 }
 
-/// How a volume is stored: as what, by which codec, and how far a voxel may be off.
+/// Storage of a volume: voxel storage, codec, largest voxel error.
 type Stock = (Storage, CodecChoice, MaxError);
 
-/// A scene's volume in every way it has been stored so far.
+/// The stored versions of a scene's volume that have been built so far.
 struct Stored<'a> {
     context: &'a Context<'a>,
     spec: &'a SceneSpec,
@@ -99,7 +100,7 @@ struct Stored<'a> {
     volumes: Vec<(Stock, Volume)>,
 }
 
-/// Measures these scenes by every method.
+/// Measures these scenes with every method.
 ///
 /// # Errors
 /// If a scene's volume or exact picture cannot be made.
@@ -129,13 +130,13 @@ pub fn run(context: &Context<'_>, scenes: &[&SceneSpec]) -> Result<Chart, ChartE
     Ok(chart)
 }
 
-/// The adapter that GPU points would run on, or why there are none.
+/// Name of the GPU adapter, or the reason why there is none.
 fn gpu_to_measure() -> Result<String, String> {
     GpuDevice::open().map(|device| device.name()).map_err(|e| e.to_string())
 }
 
 impl Stored<'_> {
-    /// The volume, stored and encoded like this; built at the first call.
+    /// The volume in this storage and codec; built at the first call.
     fn volume(&mut self, method: &MethodSpec) -> Result<&Volume, ChartError> {
         let stock @ (storage, codec, max_error) = (method.storage, method.codec, method.voxel_error);
         if let Some(i) = self.volumes.iter().position(|(there, _)| *there == stock) {
@@ -182,7 +183,7 @@ impl Chart {
         Ok(())
     }
 
-    /// `compare` is shown the volume as the default has it, the scene, and the exact picture.
+    /// Calls `compare` with the default's volume, the scene and the exact picture.
     fn measure_look(
         &mut self,
         stored: &mut Stored<'_>,
@@ -224,7 +225,7 @@ impl Chart {
         Ok(())
     }
 
-    /// The members of the scene file: the same for every storage.
+    /// Members of the scene file, equal for all storages.
     fn scene_members(&self, stored: &mut Stored<'_>, look: Look) -> Result<Vec<String>, ChartError> {
         let points = stored.spec.values.points(look.shape, stored.grid.range());
         let default = MethodSpec::default_method();
@@ -262,17 +263,17 @@ fn measure(stored: &mut Stored<'_>, members: &[&str], method: &MethodSpec) -> Re
     Ok((image, cost))
 }
 
-/// How pictures are drawn of whose pixels it is stated how far they are off.
+/// Render options that also predict the error of each pixel.
 fn stating() -> RenderOptions {
     RenderOptions { predict_error: true, host_memory_bytes: HOST_MEMORY_BYTES, ..finest(Backend::Cpu) }
 }
 
-/// Whether another picture is to be timed.
+/// Whether enough pictures have been timed.
 fn is_enough(timed: usize, begun: Instant) -> bool {
     timed >= REPEATS[1] || (timed >= REPEATS[0] && begun.elapsed() >= REPEAT_TIME)
 }
 
-/// Times pictures whose bricks are all in memory.
+/// Times pictures with all bricks in memory.
 fn time_cpu(
     volume: &Volume,
     scene: &ResolvedScene,
@@ -282,7 +283,7 @@ fn time_cpu(
     let mut renderer =
         Renderer::new(supervol_runtime::render::volume::PlacedVolume::of(volume.container.clone()), options.clone())?;
     renderer.set_scene(scene.clone());
-    // The first picture fetches the bricks.
+    // The first picture loads the bricks.
     renderer.advance(None)?;
     let begun = Instant::now();
     while !is_enough(cost.cpu_ms.len(), begun) {
@@ -295,8 +296,7 @@ fn time_cpu(
     Ok(())
 }
 
-/// Repeats whole pictures: wall time is that of the passes, processor time that of everything, the opening of the device
-/// included.
+/// Repeats whole pictures. Wall time covers the passes. Processor time covers everything, including opening the device.
 fn time_gpu(
     volume: &Volume,
     scene: &ResolvedScene,

@@ -1,4 +1,4 @@
-//! What every measurement is handed: how big it may be, where it may write, whom it tells how far it is.
+//! Context of a measurement: scale, folder for its files, and a callback for progress.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
@@ -8,21 +8,21 @@ use supervol_arguments::failure::Failure;
 use supervol_files::OutputError;
 use supervol_format::container::ContainerError;
 use supervol_preprocess::BuildError;
-use supervol_runtime::engines::gpu::caster::GpuError;
+use supervol_runtime::engines::gpu::error::GpuError;
 use supervol_runtime::render::error::RenderError;
 use supervol_scene::scene::SceneError;
 use supervol_sources::SourceError;
 
-/// How much is measured.
+/// Extent of the measurements.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Scale {
-    /// Sizes of the report.
+    /// Sizes for the report.
     Full,
     /// The smallest sizes that still reach the failure: tests, `--quick`.
     Small,
 }
 
-/// Why something could not be measured.
+/// Error of a measurement.
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs, reason = "the messages say it")]
 pub enum ChartError {
@@ -44,7 +44,7 @@ pub enum ChartError {
     Write { path: PathBuf, source: std::io::Error },
     #[error("{0}")]
     Command(String),
-    /// A measurement whose own preconditions do not hold: a mistake of ours.
+    /// A precondition of the measurement does not hold: a programming error.
     #[error("a mistake of supervol: {0}")]
     Broken(String),
 }
@@ -64,18 +64,18 @@ impl From<ChartError> for Failure {
     }
 }
 
-/// What every measurement is handed.
+/// Context of a measurement.
 pub struct Context<'a> {
-    /// How much is measured.
+    /// Extent of the measurements.
     pub scale: Scale,
-    /// Folder for containers; whoever made the context removes it.
+    /// Folder for containers; the creator of the context removes it.
     pub folder: &'a Path,
-    /// Called with one line whenever something that takes time begins.
+    /// Callback for one line of progress, called at the start of each slow operation.
     pub say: &'a (dyn Fn(&str) + Sync),
 }
 
 impl Context<'_> {
-    /// `full` or `small`, whichever the scale asks for.
+    /// `full` or `small`, depending on the scale.
     #[must_use]
     pub fn pick<T>(&self, full: T, small: T) -> T {
         match self.scale {
@@ -85,23 +85,23 @@ impl Context<'_> {
     }
 }
 
-/// Least time between two lines of one [`Pace`].
+/// Shortest time between two lines of one [`Pace`].
 const PACE: Duration = Duration::from_secs(2);
 
-/// Progress of something that may be over at once: says nothing in the beginning, and then a line every now and then.
+/// Rate-limited progress of an operation that may be short: no line in the first two seconds.
 pub struct Pace<'a> {
     say: &'a (dyn Fn(&str) + Sync),
     last: Mutex<Instant>,
 }
 
 impl<'a> Pace<'a> {
-    /// The clock starts now.
+    /// Starts the clock.
     #[must_use]
     pub fn new(say: &'a (dyn Fn(&str) + Sync)) -> Self {
         Self { say, last: Mutex::new(Instant::now()) }
     }
 
-    /// Says a line if nothing was said for two seconds.
+    /// Prints a line if the last one is at least two seconds old.
     pub fn tell(&self, line: impl FnOnce() -> String) {
         let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
         if last.elapsed() >= PACE {

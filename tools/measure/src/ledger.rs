@@ -1,7 +1,7 @@
 //! Records of measurements, kept by machine and date: `benches/record/<machine>/<date>.csv`.
 //!
-//! One line a measurement, with the command that gave it. The first six columns are those that benches of single parts
-//! have, too; what a measurement does not have is empty. Lines are only ever appended, and only to files that have these
+//! Each line is one measurement and the command that made it. The first six columns are the same as in the records of
+//! single-part benches. A missing number is an empty field. Lines are only appended, and only to files with these
 //! columns.
 
 use std::fmt::Write as _;
@@ -18,8 +18,8 @@ use crate::paths::Ride;
 use crate::peers::{Comparison, Levels, environment, report};
 use crate::report::machine;
 
-/// The columns of a record. `fastest`, `slowest` and `p95` (the 95th percentile of a path's frames) have the unit of the
-/// median; errors are grey levels.
+/// The columns of a record. `fastest`, `slowest` and `p95` (95th percentile of a path's frames) have the median's unit.
+/// Errors are in grey levels of 255.
 pub const COLUMNS: [&str; 15] = [
     "command",
     "case",
@@ -37,39 +37,39 @@ pub const COLUMNS: [&str; 15] = [
     "p999_levels",
     "rmse_levels",
 ];
-/// Digits of a number.
+/// Significant digits of a number.
 const DIGITS: i32 = 4;
-/// Time that git may take to answer.
+/// Time limit for git.
 const GIT_LIMIT: Duration = Duration::from_secs(10);
-/// Where, in this project's repository, records are kept.
+/// Folder of the records in the repository of this project.
 const RECORD_FOLDER: &str = "benches/record";
 
 /// One measurement.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Entry {
-    /// What was measured: volume, size, look.
+    /// The measured case: volume, size, look.
     pub case: String,
-    /// The program, and how it samples.
+    /// The program and its sampling method.
     pub program: String,
-    /// Unit of the four numbers.
+    /// Unit of the four numbers below.
     pub unit: &'static str,
     /// Median.
     pub median: f64,
-    /// Least.
+    /// Least value.
     pub fastest: f64,
-    /// Greatest.
+    /// Greatest value.
     pub slowest: f64,
     /// 95th percentile.
     pub p95: Option<f64>,
     /// Threads of the program.
     pub threads: usize,
-    /// Numbers that the median is of.
+    /// Number of measurements behind the median.
     pub repeats: usize,
-    /// Distance from the reference.
+    /// Distance from the reference; `None` where it was not measured.
     pub errors: Option<Levels>,
 }
 
-/// The entries of a comparison: processor time of each row.
+/// Entries of a comparison: processor time of each row.
 #[must_use]
 pub fn of_comparison(comparison: &Comparison) -> Vec<Entry> {
     let [width, height] = comparison.image_size;
@@ -88,7 +88,7 @@ pub fn of_comparison(comparison: &Comparison) -> Vec<Entry> {
     comparison.rows.iter().map(entry).collect()
 }
 
-/// The entries of rides along a path: wall time, processor time and bricks read of each frame.
+/// Entries of rides along a path: wall time, processor time and bricks read of each frame.
 #[must_use]
 pub fn of_rides(path: &str, rides: &[Ride], threads: usize, image: [u32; 2]) -> Vec<Entry> {
     let entries = |ride: &Ride| {
@@ -118,22 +118,22 @@ fn case(scene: &str, [nx, ny, nz]: [u64; 3], shading: &str, [width, height]: [u3
     format!("{scene} {nx}x{ny}x{nz} {shading} at {width}x{height}")
 }
 
-/// A record that lines can be appended to.
+/// An open record; lines are appended to it.
 #[derive(Debug, Clone)]
 pub struct Ledger {
-    /// The file.
+    /// Path of the file.
     pub file: PathBuf,
     version: String,
     machine: String,
 }
 
 impl Ledger {
-    /// The record `record` itself where it ends in `.csv`, else `record/<machine>/<date>.csv`. Folders and columns are made
-    /// where they are missing. To be opened before anything is measured: the version is that of this moment, and what
-    /// cannot be kept need not be measured.
+    /// Opens `record` itself if its name ends in `.csv`, otherwise `record/<machine>/<date>.csv`. Missing folders and
+    /// the column line are created. Open the record before measuring: it takes the version at this moment, and a record
+    /// that cannot be written is found early.
     ///
     /// # Errors
-    /// If the file cannot be written, is one of `inputs` or no file, or has other columns.
+    /// If the file cannot be written, is one of `inputs`, is not a regular file, or has other columns.
     pub fn open(record: &Path, inputs: &[&Path]) -> Result<Self, ChartError> {
         let machine = machine::short_name();
         let file = if record.extension().is_some_and(|e| e == "csv") {
@@ -151,7 +151,7 @@ impl Ledger {
         }
         match first_line(&file).map_err(cannot)?.as_deref() {
             None | Some("") => {
-                // As every output: whole or not at all, and not through a link to nowhere.
+                // Like every output: complete or not at all, and never through a dangling link.
                 let begun = OutputFile::begin(&file, Existing::Replace)?;
                 begun.file().write_all((header + "\n").as_bytes()).map_err(cannot)?;
                 begun.publish()?;
@@ -166,7 +166,7 @@ impl Ledger {
         Ok(Self { file, version, machine })
     }
 
-    /// Appends entries that one command has measured.
+    /// Appends the entries that one command measured.
     ///
     /// # Errors
     /// If the file cannot be written.
@@ -174,12 +174,12 @@ impl Ledger {
         let lines: String = entries.iter().map(|entry| line(entry, command, &self.version, &self.machine)).collect();
         let cannot = |source| ChartError::Write { path: self.file.clone(), source };
         let mut out = OpenOptions::new().append(true).open(&self.file).map_err(cannot)?;
-        // At once, so that lines of two processes do not mingle.
+        // One write call, so that lines of two processes do not mix.
         out.write_all(lines.as_bytes()).and_then(|()| out.sync_all()).map_err(cannot)
     }
 }
 
-/// The first line of a file, without its end, as far as a line of columns could reach; `None` where there is no file.
+/// First line of a file without its line end, cut at the length of a column line; `None` if the file does not exist.
 fn first_line(file: &Path) -> std::io::Result<Option<String>> {
     let file = match File::open(file) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
@@ -212,12 +212,12 @@ fn line(entry: &Entry, command: &str, version: &str, machine: &str) -> String {
     fields.map(|field| quoted(&field)).join(",") + "\n"
 }
 
-/// A field as CSV has it (RFC 4180): in quotation marks where it holds a comma, a quotation mark or a new line.
+/// A CSV field (RFC 4180): quoted if it contains a comma, a quotation mark or a line break.
 fn quoted(field: &str) -> String {
     if field.contains([',', '"', '\n', '\r']) { format!("\"{}\"", field.replace('"', "\"\"")) } else { field.into() }
 }
 
-/// A number with four digits that count, without an exponent.
+/// A number with four significant digits, without an exponent.
 fn significant(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return value.to_string();
@@ -229,8 +229,8 @@ fn significant(value: f64) -> String {
     if is_fraction { text.trim_end_matches('0').trim_end_matches('.').into() } else { text }
 }
 
-/// Version of the program, and the commit of this project's repository where the record is kept among its records: that of
-/// the program, if it was built there since.
+/// Version of the program. For records in this project's record folder, also the commit of the repository: the
+/// program's commit, if the program was built from it.
 fn version(folder: &Path) -> String {
     let version = env!("CARGO_PKG_VERSION").to_string();
     let folder = folder.to_string_lossy();
@@ -240,7 +240,7 @@ fn version(folder: &Path) -> String {
     };
     let is_ours = git(&["rev-parse", "--show-prefix"]).is_some_and(|prefix| prefix.starts_with(RECORD_FOLDER));
     let Some(commit) = git(&["rev-parse", "--short=10", "HEAD"]).filter(|_| is_ours) else { return version };
-    // Records are changed by recording: only other files make a version that no commit has.
+    // Recording changes the record files themselves. Only changes of other files mark the version as modified.
     let others = format!(":(top,exclude){RECORD_FOLDER}");
     let changed = git(&["status", "--porcelain", "--untracked-files=no", "--", ":(top)", &others]);
     let suffix = if changed.is_none_or(|files| files.is_empty()) { "" } else { "-changed" };
@@ -302,7 +302,7 @@ mod tests {
         for machine in std::fs::read_dir(record).expect("the project has records") {
             for file in std::fs::read_dir(machine.expect("an entry").path()).expect("a folder for each machine") {
                 let path = file.expect("an entry").path();
-                // The history of measurements lies beside the tables, as text.
+                // The same folder holds text files with the history of measurements.
                 if path.extension().is_none_or(|ending| ending != "csv") {
                     continue;
                 }

@@ -1,24 +1,25 @@
-//! Measurement: how fast, how far from exact, and where methods fail.
+//! Measurement: render time, distance from the exact picture, and regimes in which methods fail.
 //!
-//! Three commands and one report stand on this crate:
+//! Commands and one report use this crate:
 //! - `supervol chart`: scenes x methods x parameters -> points of (cost, error) ([`chart`]);
-//! - `supervol chart --stability`: every regime in which a method breaks, as a curve with a gate ([`stability`]);
-//! - `supervol bench --peers`: the same pictures by other programs ([`peers`]); `supervol bench --path`: frames along a
-//!   camera path ([`paths`]); `supervol bench --random-scenes`: is the error that is asked for kept ([`random_scenes`])?
-//!   `supervol bench --leaping`: what it costs to know where nothing shows ([`leaping`]).
+//! - `supervol chart --stability`: each regime in which a method breaks, as a curve with a gate ([`stability`]);
+//! - `supervol bench --peers`: the same pictures by other programs ([`peers`]);
+//! - `supervol bench --path`: frames along a camera path ([`paths`]);
+//! - `supervol bench --random-scenes`: errors of random scenes against the requested error ([`random_scenes`]);
+//! - `supervol bench --leaping`: cost of empty-space skipping, and the time that it saves ([`leaping`]).
 //!
-//! In the order of the data path:
-//! - [`fixtures`], [`ricker`], [`virtual_volume`]: volumes computed from coordinates; the last
-//!   kind is never stored anywhere;
-//! - [`resident`]: a container's bricks in memory, and views that no streamer would hand out;
+//! Modules, in the order of the data path:
+//! - [`fixtures`], [`ricker`], [`virtual_volume`]: volumes computed from coordinates; virtual volumes are never stored;
+//! - [`resident`]: a container's bricks in memory, and brick views that the streamer never hands out;
 //! - [`volume`]: a volume built into a container, its scenes and its pictures;
-//! - [`comparison`]: the methods that the renderer's own is compared with; they plug into its scalar caster;
-//! - [`measure`]: the distance between two pictures; [`convergence`]: how fast rules come to the exact one;
-//! - [`chart`], [`storage`], [`reading`], [`stability`], [`peers`], [`paths`], [`leaping`], [`random_scenes`]: what is run;
-//! - [`report`]: what is written; [`ledger`]: records kept by machine and date.
+//! - [`comparison`]: methods of comparison, which plug into the renderer's scalar caster;
+//! - [`measure`]: the distance between two pictures; [`convergence`]: orders of convergence of the integration rules;
+//! - [`chart`], [`storage`], [`reading`], [`stability`], [`peers`], [`paths`], [`leaping`], [`random_scenes`]:
+//!   measurements;
+//! - [`report`]: pages and plots; [`ledger`]: records by machine and date.
 //!
-//! Nothing here is needed to build or to render: it calls the crates as any other program does. Everything random is
-//! seeded ([`supervol_format::random`]).
+//! Neither building nor rendering needs this crate: it calls the other crates as any program does. All random numbers
+//! are seeded ([`supervol_format::random`]).
 
 pub mod chart;
 pub mod comparison;

@@ -1,15 +1,15 @@
-//! The distance between two pictures, on linear premultiplied RGBA before the background; the spread of repeated times.
+//! Distance between two pictures, on linear premultiplied RGBA without background; spread of repeated times.
 //!
-//! All but FLIP are shares of full scale: 1/255 is a grey level. FLIP (Andersson et al. 2020, "FLIP: A Difference
-//! Evaluator for Alternating Images") is for pictures that people look at: over black, 8 bit, 0 (same) to 1.
+//! All distances except FLIP are fractions of full scale: 1/255 is a grey level. FLIP (Andersson et al. 2020, "FLIP: A
+//! Difference Evaluator for Alternating Images") models human vision: pictures over black, 8 bit; 0 (equal) to 1.
 
 use serde::Serialize;
 pub use supervol_scene::image::GREY_LEVELS;
 use supervol_scene::image::Image;
 
-/// What pictures that should be the same may differ by, grey levels.
+/// Tolerance between pictures that should be equal, grey levels of 255.
 pub const HALF_A_LEVEL: f64 = 0.5;
-/// The same as a share of full scale: what cannot be seen in 8-bit pictures.
+/// The same tolerance as a fraction of full scale: invisible in 8-bit pictures.
 pub const INVISIBLE: f64 = HALF_A_LEVEL / GREY_LEVELS;
 
 /// Median and extremes of repeated measurements, milliseconds.
@@ -24,10 +24,10 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// Of at least one measurement.
+    /// Median and extremes of at least one measurement, in the unit of the measurements.
     ///
     /// # Panics
-    /// If there is none.
+    /// If `measured` is empty.
     #[must_use]
     pub fn of(measured: &[f64]) -> Self {
         assert!(!measured.is_empty(), "a median of nothing");
@@ -39,14 +39,14 @@ impl Spread {
     }
 }
 
-/// How far a picture is from the exact one.
+/// Distance of a picture from the exact picture.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Distance {
     /// Greatest difference of any channel of any pixel.
     pub linf: f64,
     /// 99.9th percentile of the differences of all channels of all pixels.
     pub p999: f64,
-    /// Root of the mean square.
+    /// Root mean square difference.
     pub rmse: f64,
     /// `-20 log10(rmse)`; infinite for equal pictures.
     pub psnr_db: f64,
@@ -66,7 +66,7 @@ pub fn distance(picture: &Image, exact: &Image) -> Distance {
     distance_of(picture.pixels.as_flattened(), exact.pixels.as_flattened())
 }
 
-/// The same for any list of channels.
+/// Distance of two lists of channels.
 ///
 /// # Panics
 /// If the lists differ in length or are empty.
@@ -88,7 +88,7 @@ pub fn distance_of(channels: &[f32], exact: &[f32]) -> Distance {
     }
 }
 
-/// FLIP between two pictures over black, mean over all pixels (Andersson et al. 2020); none where this was built without it.
+/// FLIP between two pictures over black, mean over all pixels (Andersson et al. 2020).
 ///
 /// # Panics
 /// If the pictures differ in size.
@@ -102,16 +102,16 @@ pub fn flip(picture: &Image, exact: &Image) -> Option<f64> {
     Some(f64::from(nv_flip::FlipPool::from_image(&map).mean()))
 }
 
-/// The same.
+/// Always `None`: the crate was built without the feature `flip`.
 #[must_use]
 #[cfg(not(feature = "flip"))]
 pub fn flip(_: &Image, _: &Image) -> Option<f64> {
     None
 }
 
-/// Observed order of convergence: minus the slope of the least-squares line through (log cost, log error).
+/// Observed order of convergence: the negative slope of the least-squares line through (log cost, log error).
 ///
-/// `None` with fewer than two points.
+/// `None` for fewer than two points.
 #[must_use]
 pub fn order_of(points: &[(f64, f64)]) -> Option<f64> {
     let logs: Vec<(f64, f64)> =

@@ -1,52 +1,53 @@
-//! The methods of the chart, as data: every choice that the renderer offers, and the methods of comparison.
+//! The methods of the chart, as data: all choices that the renderer offers, and the methods of comparison.
 //!
-//! [`methods`] is the whole list; each entry says on which looks it is measured ([`On`]):
-//! - whatever changes how a ray is integrated is measured everywhere;
-//! - operators for gradients only where there is shading;
-//! - what a ray gathers in, codecs, storage, reconstruction and the GPU backend on one look a scene (with shading where
-//!   shading matters): their effect hardly depends on the transfer function.
+//! [`methods`] is the whole list. Each entry states the looks on which it is measured ([`On`]):
+//! - methods that change the integration of a ray: on all looks;
+//! - gradient operators: only on shaded looks;
+//! - accumulation precision, codecs, storage, reconstruction and the GPU backend: on one look of each scene (shaded
+//!   where shading matters). Their effect hardly depends on the transfer function.
 //!
-//! The default is a curve over the error that is asked for (`--max-error`, [`ERRORS`]), measured everywhere; what users get
-//! without asking is one point of it.
+//! The default is a curve over the requested error (`--max-error`, [`ERRORS`]), measured on all looks. The default
+//! settings are one point of this curve.
 
 use supervol_format::Lod;
 use supervol_format::codec::{Codec, CodecChoice};
 use supervol_preprocess::MaxError;
 use supervol_runtime::engines::cells::{CellRule, Pairs};
-use supervol_runtime::engines::packets::{Caster, Skipping};
+use supervol_runtime::engines::cpu::Caster;
 use supervol_runtime::render::options::{Backend, LevelChoice};
+use supervol_runtime::stream::classify::Skipping;
 use supervol_scene::image::GREY_LEVELS;
 
 use crate::comparison::{Accumulation, Classification, GradientOperator, Offset, Reconstruction, Rule, Sampling};
 use crate::scenes::{Look, Shading, Shape, Storage};
 
-/// On which looks of a scene a method is measured.
+/// Looks of a scene on which a method is measured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum On {
-    /// All.
+    /// All looks.
     Every,
-    /// Those with shading.
+    /// Looks with shading.
     Shaded,
     /// `smooth` and `smooth shaded`.
     Smooth,
 }
 
-/// How rays are integrated.
+/// Method of integration along rays.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Integrated {
-    /// Cell by cell, in packets, aimed at the method's error.
+    /// Cell by cell, in packets, controlled by the method's requested error.
     Default,
-    /// Cell by cell, ray by ray.
+    /// Cell by cell, one ray at a time.
     Cells(CellRule),
-    /// Sample by sample, for comparison.
+    /// Sample by sample, a method of comparison.
     Sampled(Sampling),
 }
 
 impl Integrated {
-    /// What users get.
+    /// The default integration.
     pub const DEFAULT: Self = Self::Default;
 
-    /// Who casts the rays.
+    /// The ray caster of this integration.
     #[must_use]
     pub fn caster(self) -> Caster {
         match self {
@@ -60,34 +61,34 @@ impl Integrated {
 /// One method with its parameters.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MethodSpec {
-    /// The family, as in tables and legends.
+    /// Family, as in tables and legends.
     pub method: &'static str,
-    /// What distinguishes this one within its family.
+    /// Parameters that identify the method within its family.
     pub parameters: String,
-    /// Where it is measured.
+    /// Looks on which the method is measured.
     pub on: On,
-    /// Who casts the rays.
+    /// Backend that casts the rays.
     pub backend: Backend,
-    /// How they are integrated.
+    /// Method of integration.
     pub integration: Integrated,
-    /// `--max-error`, grey levels of 255; only packets are aimed at it.
+    /// `--max-error`, grey levels of 255; only packets use it.
     pub max_error_grey_levels: f64,
-    /// From which level.
+    /// Level of detail.
     pub level: LevelChoice,
-    /// Whether what cannot be seen is left out.
+    /// Empty-space skipping, on or off.
     pub skipping: Skipping,
-    /// How voxels are stored.
+    /// Storage of the voxels.
     pub storage: Storage,
-    /// How bricks are encoded.
+    /// Codec of the bricks.
     pub codec: CodecChoice,
-    /// Most by which a stored voxel may be off.
+    /// Largest allowed error of a stored voxel.
     pub voxel_error: MaxError,
-    /// Whether this is what users get.
+    /// Whether these are the default settings.
     pub is_default: bool,
 }
 
 impl MethodSpec {
-    /// What users get without a GPU.
+    /// The default settings without a GPU.
     #[must_use]
     pub fn default_method() -> Self {
         Self {
@@ -118,14 +119,14 @@ impl MethodSpec {
         Self { on, ..self }
     }
 
-    /// The error that this method is aimed at, a share of full scale; `None` for methods that cannot be aimed.
+    /// The requested error as a fraction of full scale; `None` for methods without error control.
     #[must_use]
     pub fn max_error(&self) -> Option<f64> {
         let is_aimed = self.integration == Integrated::Default && self.backend == Backend::Cpu;
         is_aimed.then_some(self.max_error_grey_levels / GREY_LEVELS)
     }
 
-    /// Whether it is measured on this look.
+    /// Whether the method is measured on this look.
     #[must_use]
     pub fn is_for(&self, look: Look) -> bool {
         match self.on {
@@ -136,27 +137,27 @@ impl MethodSpec {
     }
 }
 
-/// Family of the default, whatever error it is aimed at.
+/// Family of the default, at any requested error.
 pub const DEFAULT: &str = "default";
-/// Family of the default's rule, ray by ray.
+/// Family of the default's rule, one ray at a time.
 pub const CELLS: &str = "cells, adaptive";
-/// Errors that the default is aimed at, grey levels of 255, from cheap to near.
+/// Requested errors of the default, grey levels of 255, from cheap to accurate.
 pub const ERRORS: [f64; 7] = [8.0, 4.0, 2.0, 1.0, DEFAULT_ERROR, 0.25, 0.1];
-/// The one that users get who ask for none.
+/// The default of `--max-error`, grey levels of 255.
 pub const DEFAULT_ERROR: f64 = 0.5;
 /// Sample distances of the methods of comparison, in voxels.
 const STEPS: [(f64, &str); 5] = [(2.0, "2"), (1.0, "1"), (0.5, "1/2"), (0.25, "1/4"), (0.125, "1/8")];
-/// The distance at which operators are compared, in voxels: small enough that its own error does not hide theirs.
+/// Step at which operators are compared, in voxels: so small that its own error does not hide theirs.
 const FINE_STEP: f64 = 0.25;
 
-/// Every method.
+/// All methods.
 #[must_use]
 pub fn methods() -> Vec<MethodSpec> {
     let groups = [defaults(), cells(), sampled(), operators(), termination(), levels(), stores(), skipping_and_gpu()];
     groups.into_iter().flatten().collect()
 }
 
-/// How parameters name an error in grey levels: as `--max-error` takes it.
+/// The parameter text of an error in grey levels, as `--max-error` takes it.
 #[must_use]
 pub fn aimed_at(grey_levels: f64) -> String {
     format!("--max-error {grey_levels}/255")
@@ -184,7 +185,7 @@ fn cells() -> Vec<MethodSpec> {
     adaptive.into_iter().chain(fixed).collect()
 }
 
-/// Equal steps by every rule.
+/// Equal steps, by each rule.
 fn sampled() -> Vec<MethodSpec> {
     let base = Sampling::default();
     let jitter = Offset::Jittered { frame: 0 };
@@ -205,7 +206,7 @@ fn sampled() -> Vec<MethodSpec> {
     families.into_iter().flat_map(at_steps).collect()
 }
 
-/// Reconstruction, gradients, and what a ray gathers in, at one fine step.
+/// Reconstruction, gradients and accumulation precision, at one fine step.
 fn operators() -> Vec<MethodSpec> {
     let base = Sampling { step_voxels: FINE_STEP, ..Sampling::default() };
     let kinds = [
@@ -218,7 +219,7 @@ fn operators() -> Vec<MethodSpec> {
     let reconstructions = kinds.map(|(name, reconstruction)| {
         let sampling = Sampling { reconstruction, ..base };
         let spec = MethodSpec::sampled("reconstruction", format!("{name}, step 1/4 voxel"), sampling).on(On::Smooth);
-        // A spline may leave the range of the voxels under it, by which skipping judges.
+        // A spline may leave the range of its voxels, but skipping relies on that range.
         match reconstruction {
             Reconstruction::CatmullRom => MethodSpec { skipping: Skipping::Off, ..spec },
             Reconstruction::CubicBSpline => {
@@ -268,7 +269,7 @@ fn levels() -> Vec<MethodSpec> {
     (0..3).map(spec).collect()
 }
 
-/// How bricks are encoded and voxels are stored.
+/// Codecs of bricks and storage of voxels.
 fn stores() -> Vec<MethodSpec> {
     let codecs = [
         ("raw", CodecChoice::Only(Codec::Raw)),

@@ -1,11 +1,11 @@
-//! Frames along a path: what a viewer draws while the camera moves, or the transfer function. `supervol bench --path`.
+//! Frames along a path, as in a viewer: the camera moves, or the transfer function changes. `supervol bench --path`.
 //!
-//! Paths are data (`benches/paths/*.json`): one perspective camera a frame, in units of the volume, and what the transfer
-//! function is moved by. One renderer outlives the frames; levels of detail are chosen as in any picture that nobody asks
-//! more of. The first frame begins with an empty cache and pays for reading and decoding what it sees.
+//! Paths are data (`benches/paths/*.json`): one perspective camera per frame, in units of the volume, and a shift of
+//! the transfer function. One renderer draws all frames; levels of detail are automatic. The first frame starts with an
+//! empty cache and includes reading and decoding.
 //!
-//! Without a budget each frame converges. With one it is what there is when the time is up, and its distance from the one
-//! that has converged is measured, by a renderer of its own.
+//! Without a time budget each frame converges. With a budget the frame ends at the deadline. Its distance from the
+//! converged frame is then measured, by a second renderer.
 
 use std::path::Path;
 
@@ -25,19 +25,19 @@ use crate::peers::cases::{Case, Looks, Subject, planned};
 use crate::peers::report::{self, markdown_table};
 use crate::stability::streaming::session::{Session, Settings};
 
-/// Paths that come with the program: name and text.
+/// Built-in paths: name and text.
 pub const BUILT_IN: [(&str, &str); 3] = [
     ("orbit", include_str!("../../../benches/paths/orbit.json")),
     ("dolly", include_str!("../../../benches/paths/dolly.json")),
     ("drag", include_str!("../../../benches/paths/drag.json")),
 ];
-/// Most frames of a path.
+/// Largest number of frames of a path.
 const FRAME_LIMIT: usize = 100_000;
 
-/// The path of this name that comes with the program; `None` where there is none.
+/// The built-in path of this name; `None` if there is none.
 ///
 /// # Errors
-/// If its text is no path.
+/// If its text is not a valid path.
 pub fn built_in(name: &str) -> Option<Result<CameraPath, ChartError>> {
     let found = BUILT_IN.iter().find(|(known, _)| *known == name);
     found.map(|(_, text)| CameraPath::from_json(text))
@@ -47,32 +47,32 @@ pub fn built_in(name: &str) -> Option<Result<CameraPath, ChartError>> {
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraPath {
-    /// Name, for tables and names of files.
+    /// Name, for tables and file names.
     pub name: String,
-    /// What it is, in a sentence.
+    /// Description, one sentence.
     pub what: String,
     /// Vertical angle of view, degrees.
     pub fov_y: f64,
-    /// World vector that points up in the pictures.
+    /// World vector that points up in the picture.
     pub up: [f64; 3],
-    /// One for each frame.
+    /// One station per frame.
     pub frames: Vec<Station>,
 }
 
-/// Where one frame is taken from: world vectors from the middle of the volume, in half diagonals of the volume.
+/// Position of one frame: world vectors from the centre of the volume, in half diagonals of the volume.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Station {
-    /// The eye.
+    /// Position of the eye.
     pub eye: [f64; 3],
-    /// What it looks at.
+    /// Point that the camera looks at.
     pub target: [f64; 3],
-    /// What the control points of the transfer function are moved by, a share of the range of their values.
+    /// Shift of the transfer function's control points, as a fraction of their value range.
     #[serde(default)]
     pub shift: f64,
 }
 
-/// The transfer function with its points moved by a share of the range of their values.
+/// The transfer function with its points shifted by a fraction of their value range.
 fn shifted(function: &TransferFunction, share: f64) -> Result<TransferFunction, ChartError> {
     let mut points = function.points().to_vec();
     let width = points[points.len() - 1].value - points[0].value;
@@ -84,7 +84,7 @@ impl CameraPath {
     /// Reads a path.
     ///
     /// # Errors
-    /// If the text is none. Cameras that are none are found when their frame is drawn.
+    /// If the text is not a valid path. An invalid camera is found only when its frame is drawn.
     pub fn from_json(text: &str) -> Result<Self, ChartError> {
         let path: Self =
             serde_json::from_str(text).map_err(|e| ChartError::Command(format!("not a camera path: {e}")))?;
@@ -105,57 +105,57 @@ impl CameraPath {
     }
 }
 
-/// What moves, and how.
+/// Options of a ride.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// Which volumes.
+    /// Volumes to draw.
     pub subject: Subject,
-    /// Which pictures of each scene.
+    /// Looks of each scene.
     pub looks: Looks,
-    /// Voxels along an edge of the synthetic volumes; `None`: each has its own number.
+    /// Voxels along an edge of the synthetic volumes; `None`: the default of each volume.
     pub edge: Option<u64>,
-    /// A gzipped NIfTI file of the real volume among the scenes (a carp).
+    /// Gzipped NIfTI file of the real volume among the scenes (a carp).
     pub carp_nifti_gz: &'static [u8],
-    /// Threads that cast and decode.
+    /// Threads for casting and decoding.
     pub threads: usize,
-    /// Pixels of each frame.
+    /// Width and height of each frame, pixels.
     pub image: [u32; 2],
-    /// Memory that the frames may use, bytes.
+    /// Memory limit of the frames, bytes.
     pub host_memory_bytes: u64,
-    /// Most bytes of bricks that are kept; `None`: all that is left of the memory.
+    /// Capacity of the brick cache, bytes; `None`: all memory that is left.
     pub cache_bytes: Option<u64>,
-    /// Milliseconds after which a frame is handed over; `None`: when it has converged.
+    /// Time budget of a frame, milliseconds; `None`: each frame converges.
     pub frame_budget_ms: Option<u64>,
-    /// Milliseconds after each frame that go into reading for the next one; `None`: it is read for when it is drawn.
+    /// Time after each frame for reading ahead, milliseconds; `None`: no reading ahead.
     pub ahead_ms: Option<u64>,
-    /// Error that is aimed for, a share of full scale.
+    /// Requested error, as a fraction of full scale.
     pub max_error: f64,
-    /// Who casts the rays, one after the other.
+    /// Backends, measured one after the other.
     pub backends: Vec<Backend>,
 }
 
-/// Cost of one frame, and how good it is.
+/// Cost and quality of one frame.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct FrameCost {
-    /// Wall time.
+    /// Wall time, milliseconds.
     pub ms: f64,
-    /// Processor time of all threads.
+    /// Processor time of all threads, milliseconds.
     pub cpu_ms: f64,
-    /// Bricks that came into the cache.
+    /// Bricks loaded into the cache.
     pub page_ins: u64,
-    /// Of these: bricks that had been there before.
+    /// Loaded bricks that had been in the cache before.
     pub repeated_page_ins: u64,
-    /// Bytes read for them, and for those that came ahead.
+    /// Bytes read, including reading ahead.
     pub bytes_read: u64,
-    /// Bricks that came into the cache after the frame, for the next one.
+    /// Bricks loaded ahead, after the frame, for the next frame.
     pub page_ins_ahead: u64,
-    /// Share of the pixels that are taken from a coarser picture.
+    /// Fraction of the pixels that come from a coarser picture.
     pub unfinished: f64,
-    /// How many pixels along an edge a pixel of that covers; 0 where all are finished.
+    /// Edge of the largest such coarse pixel, in pixels; 0 if all pixels are finished.
     pub coarsest_pixel: u32,
-    /// Distance from the converged frame, root of the mean square over all channels, grey levels of 255.
+    /// Distance from the converged frame: root mean square over all channels, grey levels of 255.
     pub rmse: f64,
-    /// What a graphics device did for it.
+    /// Counters of the graphics device.
     #[serde(flatten)]
     pub device: DeviceCounters,
 }
@@ -163,7 +163,7 @@ pub struct FrameCost {
 /// One volume and look along the path.
 #[derive(Debug, Clone, Serialize)]
 pub struct Ride {
-    /// Name of the scene, or of the file.
+    /// Name of the scene or of the file.
     pub scene: String,
     /// Voxels along x, y, z.
     pub dims: [u64; 3],
@@ -171,24 +171,24 @@ pub struct Ride {
     pub shading: &'static str,
     /// `cpu` or `gpu`.
     pub backend: &'static str,
-    /// In order.
+    /// Frames in the order of the path.
     pub frames: Vec<FrameCost>,
-    /// First, middle and last frame, by the name of their file.
+    /// First, middle and last frame, each with its file name.
     #[serde(skip)]
     pub pictures: Vec<(String, Image)>,
 }
 
-/// Median, extremes and 95th percentile of one number over the frames.
+/// Median, extremes and 95th percentile of a quantity over the frames.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Summary {
-    /// Median, least, greatest.
+    /// Median, least and greatest value.
     pub spread: Spread,
-    /// The least of the frames' numbers that 95 % of them do not exceed.
+    /// 95th percentile: the smallest frame value that 95 % of the values do not exceed.
     pub p95: f64,
 }
 
 impl Ride {
-    /// A number of each frame, summed up.
+    /// Summary of one quantity over all frames.
     ///
     /// # Panics
     /// Never: a ride has frames.
@@ -200,7 +200,7 @@ impl Ride {
         Summary { spread: Spread::of(&numbers), p95: numbers[last] }
     }
 
-    /// Bricks that came into the cache: in the first frame, and in all others together.
+    /// Bricks loaded into the cache: in the first frame, and in all other frames together.
     #[must_use]
     pub fn page_ins(&self) -> [u64; 2] {
         let first = self.frames.first().map_or(0, |frame| frame.page_ins);
@@ -208,7 +208,7 @@ impl Ride {
     }
 }
 
-/// Moves along a path, volume by volume.
+/// Draws the frames of a path, one volume after the other.
 ///
 /// # Errors
 /// If a volume cannot be made, or a frame cannot be drawn.
@@ -279,10 +279,10 @@ fn ride(
     Ok(Ride { scene: case.built.name.clone(), dims, shading: case.look, backend: name_of(backend), frames, pictures })
 }
 
-/// Writes `path-NAME.json` (every frame), `path-NAME.md` and some pictures into a folder; makes it where it is not there.
+/// Writes `path-NAME.json` (every frame), `path-NAME.md` and some pictures into a folder. Creates the folder if needed.
 ///
 /// # Errors
-/// If anything cannot be written.
+/// If a file cannot be written.
 pub fn write(path: &CameraPath, rides: &[Ride], command: &str, folder: &Path) -> Result<(), ChartError> {
     let cannot = |path: &Path, source| ChartError::Write { path: path.into(), source };
     std::fs::create_dir_all(folder).map_err(|e| cannot(folder, e))?;
@@ -298,7 +298,7 @@ pub fn write(path: &CameraPath, rides: &[Ride], command: &str, folder: &Path) ->
     Ok(())
 }
 
-/// A page: what was run, and the table.
+/// A Markdown page: the measured configuration and the table.
 #[must_use]
 pub fn markdown(path: &CameraPath, rides: &[Ride], options: &Options, command: &str) -> String {
     let [width, height] = options.image;
@@ -320,7 +320,7 @@ pub fn markdown(path: &CameraPath, rides: &[Ride], options: &Options, command: &
     )
 }
 
-/// The rides as a table for people.
+/// The rides as a Markdown table.
 #[must_use]
 pub fn table(rides: &[Ride]) -> String {
     let head = [
@@ -416,11 +416,11 @@ mod tests {
         assert!(wrong(&empty.replace("up", "upp")).contains("upp"));
     }
 
-    /// The same frames by both backends, in one table.
+    /// Both backends draw the same frames and share one table.
     #[test]
     #[allow(clippy::print_stderr, reason = "a skipped test must be seen")]
     fn both_backends_ride_the_same_path() {
-        if let Err(error) = supervol_runtime::engines::gpu::caster::GpuDevice::open() {
+        if let Err(error) = supervol_runtime::engines::gpu::device::GpuDevice::open() {
             let is_required = std::env::var_os("SUPERVOL_REQUIRE_GPU").is_some_and(|v| v == "1");
             assert!(!is_required, "SUPERVOL_REQUIRE_GPU=1, but {error}");
             eprintln!("SKIPPED: no GPU adapter ({error})");

@@ -1,7 +1,7 @@
-//! The points of the chart: one method on one scene, its cost and its distance from the exact picture; as JSON and CSV.
+//! Points of the chart: cost and error of one method on one scene; written as JSON and CSV.
 //!
-//! The names of the fields are a contract with whoever reads `points.json`: none is renamed, new ones may come. Numbers
-//! that are not finite (PSNR of equal pictures) are null in JSON and empty in CSV.
+//! The field names are a contract with the readers of `points.json`: names are never changed, new fields may be added.
+//! Numbers that are not finite (PSNR of equal pictures) are null in JSON and empty in CSV.
 
 use serde::{Deserialize, Serialize};
 
@@ -14,49 +14,49 @@ pub struct Point {
     pub transfer_function: String,
     /// Family of the method.
     pub method: String,
-    /// What distinguishes it within its family.
+    /// Parameters that identify the method within its family.
     pub parameters: String,
-    /// Who cast the rays: `cpu`, or the name of the graphics adapter.
+    /// Backend: `cpu`, or the name of the graphics adapter.
     pub backend: String,
-    /// Processor milliseconds of one warm picture: median.
+    /// Processor time of one warm picture, ms: median.
     pub cpu_ms: f64,
-    /// Greatest minus least of the same, ms.
+    /// Spread of the processor time: greatest minus least, ms.
     pub cpu_ms_spread: f64,
-    /// Wall milliseconds of one warm picture: median.
+    /// Wall time of one warm picture, ms: median.
     pub wall_ms: f64,
-    /// Warm pictures that were timed.
+    /// Number of timed warm pictures.
     pub repeats: usize,
-    /// Processor milliseconds of the first picture: opening, reading and decoding of bricks, tables, rays.
+    /// Processor time of the first picture, ms: opening, reading and decoding of bricks, tables, rays.
     pub cold_cpu_ms: f64,
-    /// Values classified, in one picture.
+    /// Classified values in one picture.
     pub samples: u64,
-    /// Trilinear cells crossed, in one picture; 0 for methods that do not go cell by cell.
+    /// Trilinear cells crossed in one picture; 0 for methods that do not work cell by cell.
     pub cells: u64,
-    /// Bytes of bricks that the first picture read.
+    /// Bytes of bricks read by the first picture.
     pub bytes_read: u64,
-    /// Bricks that the first picture read.
+    /// Bricks read by the first picture.
     pub bricks_read: u64,
-    /// Most bytes of bricks in host memory at once.
+    /// Peak bytes of bricks in host memory.
     pub brick_memory_bytes: u64,
-    /// Most memory that the process had resident since it began: all points before this one included.
+    /// Peak resident memory of the process since its start, bytes; includes all earlier points.
     pub peak_rss_bytes: u64,
-    /// Greatest difference of any channel of any pixel, share of full scale.
+    /// Greatest difference of any channel of any pixel, fraction of full scale.
     pub linf: f64,
-    /// 99.9th percentile of the differences.
+    /// 99.9th percentile of the differences, fraction of full scale.
     pub p999: f64,
-    /// Root of the mean square.
+    /// Root mean square difference, fraction of full scale.
     pub rmse: f64,
     /// `-20 log10(rmse)`; null for equal pictures.
     pub psnr_db: Option<f64>,
-    /// Mean signed difference: picture minus exact picture.
+    /// Mean signed difference, picture minus exact picture, fraction of full scale.
     pub bias: f64,
-    /// FLIP, mean over all pixels: 0 (same) to 1; none where the program was built without it.
+    /// FLIP, mean over all pixels: 0 (equal) to 1; `None` without the feature `flip`.
     pub flip: Option<f64>,
-    /// Whether no CPU method of this scene and transfer function is both cheaper (`cpu_ms`) and nearer (`linf`).
+    /// Whether the point is on the Pareto front of its scene and look: no CPU method is both cheaper and more accurate.
     pub pareto: bool,
-    /// Whether this is what users get.
+    /// Whether these are the default settings.
     pub default: bool,
-    /// The error that was asked for, share of full scale; null for methods that cannot be asked.
+    /// Requested error, fraction of full scale; null for methods without error control.
     pub max_error: Option<f64>,
 }
 
@@ -89,14 +89,14 @@ pub const COLUMNS: [&str; 25] = [
     "max_error",
 ];
 
-/// Backend of points whose processor time is comparable.
+/// Backend of the points with comparable processor times.
 pub const CPU: &str = "cpu";
 
 /// Marks the Pareto front of (`cpu_ms`, `linf`) among the CPU points of one scene and transfer function.
 ///
-/// Of points that are equal in both, the first is marked. Never marked: a GPU's points, which have no processor time to
-/// compare, and repetitions of the default (the same picture by the same work, from bricks of another codec, say), whose
-/// warm cost differs by noise alone.
+/// Points that are equal in both count once: the first is marked. Never marked are
+/// - points of a GPU, which have no comparable processor time;
+/// - repetitions of the default (same picture and work, say from another codec): their warm cost differs only by noise.
 pub fn mark_front(points: &mut [Point]) {
     let default = points.iter().find(|p| p.default).cloned();
     let competes = |p: &Point| p.backend == CPU && !default.as_ref().is_some_and(|d| repeats(p, d));
@@ -115,7 +115,7 @@ pub fn mark_front(points: &mut [Point]) {
     }
 }
 
-/// Whether a point that is not the default's does the default's work and makes its picture.
+/// Whether a point other than the default's has the same work and the same picture as the default.
 fn repeats(point: &Point, default: &Point) -> bool {
     let work = |p: &Point| (p.samples, p.cells);
     let errors = |p: &Point| [p.linf, p.p999, p.rmse, p.bias];
@@ -125,13 +125,13 @@ fn repeats(point: &Point, default: &Point) -> bool {
 /// The points as a JSON array, one object a point.
 ///
 /// # Panics
-/// Never: every field is a number, a text or a truth value.
+/// Never: all fields are numbers, texts or truth values.
 #[must_use]
 pub fn to_json(points: &[Point]) -> String {
     serde_json::to_string_pretty(points).expect("points hold nothing that JSON cannot") + "\n"
 }
 
-/// The points as CSV (RFC 4180) with a line of [`COLUMNS`] on top.
+/// The points as CSV (RFC 4180); the first line is [`COLUMNS`].
 ///
 /// # Panics
 /// Never: see [`to_json`].
@@ -151,7 +151,7 @@ pub fn to_csv(points: &[Point]) -> String {
     text
 }
 
-/// A CSV field: in quotes where it holds a separator, a quote or a line end.
+/// A CSV field: quoted if it contains a separator, a quotation mark or a line break.
 fn quoted(field: &str) -> String {
     if field.contains([',', '"', '\n', '\r']) { format!("\"{}\"", field.replace('"', "\"\"")) } else { field.into() }
 }

@@ -1,7 +1,8 @@
-//! What a renderer reads for the error that is asked for: time, bricks and bytes of a converged frame.
+//! Reading cost by requested error: time, bricks and bytes of a converged frame.
 //!
-//! A volume of which nothing is stored is computed when it is read, as large as one likes, in 1 GiB of memory; beside it stands one that
-//! fits. What is asked for is `--max-error`, which chooses levels of bricks by their stored bounds (docs/decisions/005-levels-by-error.md).
+//! One volume is virtual: its voxels are computed on each read, so it may be of any size. The frames use 1 GiB of
+//! memory. A second volume fits into memory. The requested error is `--max-error`. It selects brick levels by their
+//! stored bounds (docs/decisions/005-levels-by-error.md).
 
 use serde::Serialize;
 use supervol_runtime::render::options::Backend;
@@ -12,31 +13,31 @@ use crate::paths::{CameraPath, FrameCost, Options, Ride, built_in, run};
 use crate::peers::cases::{Looks, Subject};
 use crate::virtual_volume::Field;
 
-/// Errors that are asked for, grey levels of 255, the greatest first. By the first of them no brick is finer than pixels ask for.
+/// Requested errors, grey levels of 255, greatest first. The first one never needs bricks finer than a pixel.
 const ERRORS: [f64; 5] = [GREY_LEVELS, 16.0, 8.0, 4.0, 2.0];
-/// Voxels along an edge of the volume of which nothing is stored: waves of 16 bits, a tebibyte.
+/// Voxels along an edge of the virtual volume: 16-bit waves, 1 TiB.
 const EDGE: u64 = 8192;
-/// The same of the survey beside it, which fits.
+/// Voxels along an edge of the survey, which fits into memory.
 const SMALL_EDGE: u64 = 256;
 /// Frames along the path.
 const FRAMES: usize = 2;
-/// Memory that frames may use.
+/// Memory limit of a frame, bytes.
 pub const HOST_MEMORY_BYTES: u64 = 1 << 30;
-/// Threads that cast and decode.
+/// Threads for casting and decoding.
 const THREADS: usize = 2;
 
-/// Frames of one volume by one error that is asked for.
+/// Frames of one volume at one requested error.
 #[derive(Debug, Clone, Serialize)]
 pub struct Read {
     /// Name of the volume.
     pub scene: String,
     /// Voxels along x, y, z.
     pub dims: [u64; 3],
-    /// Error that is asked for, grey levels of 255.
+    /// Requested error, grey levels of 255.
     pub max_error: f64,
     /// Wall time of the first frame, from an empty cache, milliseconds.
     pub first_ms: f64,
-    /// The same of the last frame.
+    /// Wall time of the last frame, milliseconds.
     pub last_ms: f64,
     /// Processor time of the first frame, milliseconds.
     pub cpu_ms: f64,
@@ -48,7 +49,7 @@ pub struct Read {
     pub bytes: u64,
 }
 
-/// Each volume by each error, for the report.
+/// Every volume at every requested error, for the report.
 ///
 /// # Errors
 /// If a volume cannot be made, or a frame cannot be drawn.
@@ -84,7 +85,7 @@ pub fn for_report(context: &Context<'_>) -> Result<Vec<Read>, ChartError> {
     Ok(all)
 }
 
-/// What a ride read; none of one without frames.
+/// First and last frame of a ride; `None` for fewer than two frames.
 fn read(name: &str, ride: &Ride, max_error: f64) -> Option<Read> {
     let [first, .., last] = &ride.frames[..] else { return None };
     let &FrameCost { ms: first_ms, cpu_ms, page_ins: bricks, bytes_read: bytes, .. } = first;

@@ -1,8 +1,8 @@
-//! What `stability.json` holds: the regimes and what was measured in them, one object a regime.
+//! Contents of `stability.json`: one object per regime, with the regime's data and its measurements.
 //!
-//! The names of the fields are a contract: `id`, `title`, `curve` (of `x`, `measured`, `expected`, `series`), `gate`,
-//! `value`, `pass`, `note`; new ones may come. Numbers that are not finite are null. A regime that could not be measured
-//! has failed, with the reason as its note.
+//! The field names are a contract: `id`, `title`, `curve` (of `x`, `measured`, `expected`, `series`), `gate`, `value`,
+//! `pass`, `note`. New fields may be added. Numbers that are not finite are null. A regime that cannot be measured
+//! counts as failed; its note holds the reason.
 
 use std::time::Instant;
 
@@ -14,28 +14,28 @@ use crate::stability::{Gate, Outcome, Regime, Side};
 /// One point of a curve.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RecordedPoint {
-    /// How far into the regime.
+    /// Position along the regime, from harmless to failing.
     pub x: Option<f64>,
-    /// What was measured.
+    /// Measured value.
     pub measured: Option<f64>,
-    /// What must come out, where that is known independently.
+    /// Expected value, if it is known independently.
     pub expected: Option<f64>,
-    /// Which line of the plot: `default`, or a method of comparison.
+    /// Line of the plot: `default`, or the name of a method of comparison.
     pub series: String,
 }
 
 /// One gate.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RecordedGate {
-    /// What the value is, with its unit.
+    /// Meaning of the value, with its unit.
     pub what: String,
-    /// What was measured.
+    /// Measured value.
     pub value: Option<f64>,
-    /// What was promised.
+    /// Promised limit.
     pub limit: Option<f64>,
     /// `at_most` or `at_least`.
     pub side: String,
-    /// Whether it holds.
+    /// Whether the gate holds.
     pub pass: bool,
 }
 
@@ -44,32 +44,32 @@ pub struct RecordedGate {
 pub struct RegimeRecord {
     /// `S01` to `S48`.
     pub id: String,
-    /// What fails, in a few words.
+    /// The failure, in a few words.
     pub title: String,
-    /// What is done.
+    /// Procedure of the measurement.
     pub recipe: String,
-    /// What x is, with its unit.
+    /// Meaning of x, with its unit.
     pub x_label: String,
-    /// What is measured, with its unit.
+    /// Measured quantity, with its unit.
     pub y_label: String,
     /// The curve into the failure.
     pub curve: Vec<RecordedPoint>,
-    /// Limit of the first gate that fails, or of the first one.
+    /// Limit of the first gate that fails; of the first gate if none fails.
     pub gate: Option<f64>,
-    /// Value of that gate.
+    /// Value of the same gate.
     pub value: Option<f64>,
     /// Whether every gate holds.
     pub pass: bool,
-    /// What a reader must know.
+    /// Remarks for the reader.
     pub note: String,
-    /// Every gate.
+    /// All gates.
     pub gates: Vec<RecordedGate>,
-    /// Time it took, seconds.
+    /// Duration of the measurement, seconds.
     pub wall_s: f64,
 }
 
 impl RegimeRecord {
-    /// The record of a regime and what came of it.
+    /// The record of a regime and of its result.
     #[must_use]
     pub fn new(regime: &Regime, result: &Result<Outcome, ChartError>, wall_s: f64) -> Self {
         let nothing = |note: String| Outcome { curve: Vec::new(), gates: Vec::new(), note };
@@ -119,7 +119,7 @@ fn finite(value: f64) -> Option<f64> {
     value.is_finite().then_some(value)
 }
 
-/// Runs regimes one after the other; those that return an error are recorded as failed.
+/// Runs regimes one after the other. A regime that returns an error is recorded as failed.
 #[must_use]
 pub fn run(context: &Context<'_>, regimes: &[&Regime]) -> Vec<RegimeRecord> {
     let run_one = |regime: &&Regime| {
@@ -131,10 +131,10 @@ pub fn run(context: &Context<'_>, regimes: &[&Regime]) -> Vec<RegimeRecord> {
     regimes.iter().map(run_one).collect()
 }
 
-/// The records as a JSON array, one a line.
+/// The records as a JSON array, one record per line.
 ///
 /// # Panics
-/// Never: every field is a number, a text or a truth value.
+/// Never: all fields are numbers, texts or truth values.
 #[must_use]
 pub fn to_json(records: &[RegimeRecord]) -> String {
     let line = |record| serde_json::to_string(record).expect("records hold nothing that JSON cannot");

@@ -1,17 +1,20 @@
-//! A container's bricks, all of them decoded in memory, and views of them that no streamer would hand out.
+//! All bricks of a container, decoded in memory, and brick views that the streamer never hands out.
 //!
-//! The frame decides which level each brick is drawn from, and which bricks are left out. Here a measurement decides:
-//! [`Mixed`] forces two levels into one picture, [`Classified`] leaves out what one transfer function cannot see without
-//! reading anything, so that thousands of pictures take seconds. Cast, gathered and composited as every picture of the
-//! CPU ray caster.
+//! In a frame, the streamer selects the level of each brick and skips bricks. Here the measurement does:
+//! - [`Mixed`] forces two levels into one picture;
+//! - [`Classified`] skips the bricks that a transfer function makes invisible, without reading anything, so that
+//!   thousands of pictures take seconds.
+//!
+//! Casting and compositing are those of the CPU ray caster.
 
 use std::collections::HashMap;
 use std::sync::Arc;
 
 use supervol_format::{BrickKey, Container, Lod};
-use supervol_runtime::engines::packets::{CpuFrame, CpuQuality, Rays, Skipping, cast_pass};
+use supervol_runtime::engines::cpu::{CpuFrame, CpuQuality, CpuRays};
+use supervol_runtime::engines::ray_scene::DrawnVolume;
 use supervol_runtime::lod::LodChoice;
-use supervol_runtime::stream::classify::{Class, Classifier};
+use supervol_runtime::stream::classify::{Class, Classifier, Skipping};
 use supervol_runtime::stream::residency::{BrickView, DecodedBrick, Resident};
 use supervol_scene::facts::value_map;
 use supervol_scene::image::Image;
@@ -21,7 +24,7 @@ use supervol_scene::value_map::ValueMap;
 
 use crate::context::ChartError;
 
-/// All bricks of all levels.
+/// All bricks of all levels, decoded.
 pub struct ResidentBricks {
     container: Arc<Container>,
     map: ValueMap,
@@ -32,7 +35,7 @@ impl ResidentBricks {
     /// Reads and decodes every brick.
     ///
     /// # Errors
-    /// If one cannot be read.
+    /// If a brick cannot be read.
     pub fn load(container: &Arc<Container>) -> Result<Self, ChartError> {
         let map = value_map(container);
         let mut bricks = HashMap::new();
@@ -56,7 +59,7 @@ impl ResidentBricks {
     ) -> Result<Image, ChartError> {
         let frame = self.frame(scene, quality);
         let states = cast(view, &frame)?;
-        let image = frame.image(&states);
+        let image = states.image();
         if !image.is_finite() {
             return Err(ChartError::Broken("a pixel is no number".into()));
         }
@@ -67,13 +70,14 @@ impl ResidentBricks {
     #[must_use]
     pub fn frame(&self, scene: &ResolvedScene, quality: CpuQuality) -> CpuFrame {
         let InUnits { geometry, value_range, .. } = InUnits::of(&self.container);
-        CpuFrame::new(scene, self.container.pyramid(), &geometry, self.map, value_range, quality)
+        let volume = DrawnVolume { pyramid: self.container.pyramid(), geometry: &geometry, map: self.map, value_range };
+        CpuFrame::new(scene, &volume, quality)
     }
 
-    /// The picture of one level.
+    /// The picture of one fixed level.
     ///
     /// # Errors
-    /// Never: every brick is there.
+    /// Never: all bricks are in memory.
     pub fn level(&self, scene: &ResolvedScene, lod: Lod) -> Result<Image, ChartError> {
         self.picture(self, scene, at_level(lod))
     }
@@ -83,16 +87,16 @@ impl ResidentBricks {
 ///
 /// # Errors
 /// If a ray waits.
-pub fn cast<V: BrickView + ?Sized>(view: &V, frame: &CpuFrame) -> Result<Rays, ChartError> {
+pub fn cast<V: BrickView + ?Sized>(view: &V, frame: &CpuFrame) -> Result<CpuRays, ChartError> {
     let mut states = frame.begin();
-    let feedback = cast_pass(view, frame, &mut states);
+    let feedback = states.cast_pass(view);
     match feedback.misses.first() {
         None => Ok(states),
         Some(miss) => Err(ChartError::Broken(format!("a ray waits for {}, but every brick is in memory", miss.key))),
     }
 }
 
-/// One level everywhere, everything else as users get it.
+/// One fixed level everywhere; default settings otherwise.
 #[must_use]
 pub fn at_level(lod: Lod) -> CpuQuality {
     CpuQuality { lod: LodChoice::Fixed(lod), ..CpuQuality::default() }
@@ -104,13 +108,13 @@ impl BrickView for ResidentBricks {
     }
 }
 
-/// Level 0 where `is_coarse` says no, level `coarse` where it says yes: as if the finer bricks there had failed.
+/// Mixed levels: `coarse` for bricks that `is_coarse` selects, as if their finer bricks had failed, else level 0.
 pub struct Mixed<'a> {
-    /// Where the bricks are.
+    /// All bricks of the container.
     pub all: &'a ResidentBricks,
     /// The coarser of the two levels.
     pub coarse: Lod,
-    /// Asked about bricks of level 0.
+    /// Selector, called with brick keys of level 0.
     pub is_coarse: &'a (dyn Fn(BrickKey) -> bool + Sync),
 }
 
@@ -121,21 +125,21 @@ impl BrickView for Mixed<'_> {
     }
 }
 
-/// The bricks as the streamer would hand them out for one scene: what the scene cannot see is left out.
+/// Bricks as the streamer hands them out for one scene: invisible bricks are skipped.
 pub struct Classified<'a> {
     all: &'a ResidentBricks,
     classes: HashMap<BrickKey, Class>,
 }
 
 impl<'a> Classified<'a> {
-    /// Asks the streamer's classifier about every brick.
+    /// Classifies every brick with the streamer's classifier.
     ///
     /// # Errors
     /// If the table of contents cannot be read.
     pub fn new(all: &'a ResidentBricks, scene: &ResolvedScene, skipping: Skipping) -> Result<Self, ChartError> {
         let container = &all.container;
         let classifier = Classifier::new(scene, container.descriptor().voxel_type, all.map, skipping);
-        // These views draw one level, whatever it shows.
+        // These views draw one fixed level, even where it is invisible.
         let class = |&key: &BrickKey| Ok((key, classifier.classify_drawn(&container.entry(key)?)));
         Ok(Self { all, classes: all.bricks.keys().map(class).collect::<Result<_, ChartError>>()? })
     }

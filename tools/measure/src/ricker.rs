@@ -1,8 +1,8 @@
-//! RICKER: a seismic cube whose spectrum is known.
+//! RICKER: a synthetic seismic cube with a known spectrum.
 //!
-//! White random reflectivity, convolved with a Ricker wavelet (Ricker 1953, "The form and laws of propagation of seismic
-//! wavelets") at 4 ms per voxel of z, dipping along x and y and thrown by one fault; f32 amplitudes up to 3e4; on
-//! request spikes of 1e7 and dead traces. x and y are traces, z is the sample axis and points down.
+//! White random reflectivity at 4 ms per voxel of z, convolved with a Ricker wavelet (Ricker 1953, "The form and laws
+//! of propagation of seismic wavelets"). Layers dip along x and y; one fault displaces them. Values are f32 amplitudes
+//! up to 3e4, optionally with spikes of 1e7 and dead traces. x and y number the traces; z (samples) points down.
 
 use std::f64::consts::PI;
 
@@ -10,44 +10,44 @@ use supervol_format::VoxelType;
 use supervol_format::random::{Random, mix};
 use supervol_sources::computed::Computed;
 
-/// Seconds between neighbours along z.
+/// Seconds between neighbouring samples along z.
 pub const SAMPLE_SECONDS: f64 = 0.004;
 /// Greatest amplitude without spikes.
 pub const AMPLITUDE: f64 = 3e4;
-/// Amplitude of a spike, either sign.
+/// Amplitude of a spike, positive or negative.
 pub const SPIKE: f64 = 1e7;
-/// Table entries per sample of depth; linear interpolation between them errs by about 0.2 % of the amplitude.
+/// Table entries per sample of depth. Linear interpolation has an error of about 0.2 % of the amplitude.
 const ENTRIES_PER_SAMPLE: usize = 8;
-/// Depth per trace along x and y, samples.
+/// Increase of depth per trace along x and y, samples.
 const DIP: [f64; 2] = [0.31, 0.17];
-/// Throw of the fault, samples.
+/// Displacement of the fault, samples.
 const THROW: f64 = 6.4;
 /// One trace in this many is dead.
 const DEAD_TRACE_OF: u64 = 41;
 
-/// What the cube is like.
+/// Parameters of the cube.
 #[derive(Debug, Clone, Copy)]
 pub struct Ricker {
     /// Traces along x and y, samples along z.
     pub dims: [u64; 3],
     /// Peak frequency of the wavelet, Hz.
     pub peak_hz: f64,
-    /// Share of voxels that are spikes.
+    /// Fraction of the voxels that are spikes, 0 to 1.
     pub spikes: f64,
-    /// The value of every sample of a dead trace; `None`: all traces are alive.
+    /// Value of all samples of a dead trace; `None`: no trace is dead.
     pub dead: Option<f64>,
-    /// Seed of everything random.
+    /// Seed of all random numbers.
     pub seed: u64,
 }
 
 impl Ricker {
-    /// The cube of the list of fixtures but for its defects: 25 Hz, no spikes, no dead traces.
+    /// The standard cube without defects: 25 Hz, no spikes, no dead traces.
     #[must_use]
     pub fn clean(dims: [u64; 3]) -> Self {
         Self { dims, peak_hz: 25.0, spikes: 0.0, dead: None, seed: 17 }
     }
 
-    /// Amplitude of voxel `[x, y, z]` by trace table.
+    /// Source of the amplitudes of voxels `[x, y, z]`, by trace table.
     #[must_use]
     pub fn source(self) -> Computed {
         let trace = self.trace();
@@ -72,7 +72,7 @@ impl Ricker {
         AMPLITUDE * (f64::from(trace[i]) * (1.0 - share) + f64::from(trace[i + 1]) * share)
     }
 
-    /// Reflectivity times wavelet over every depth that a voxel can have; greatest magnitude 1.
+    /// Reflectivity convolved with the wavelet, for every depth of a voxel; greatest magnitude 1.
     fn trace(&self) -> Vec<f32> {
         let deepest = self.dims[2] as f64 + DIP[0] * self.dims[0] as f64 + DIP[1] * self.dims[1] as f64 + THROW;
         let samples = deepest as usize + 2;

@@ -1,9 +1,9 @@
-//! The scenes of the chart, as data: six volumes, four shapes of transfer function, shaded and not.
+//! Scenes of the chart, as data: six volumes, four shapes of transfer function, with and without shading.
 //!
-//! Every volume is loaded into memory as a [`Grid`] of data values on a unit grid (one world unit a voxel, whatever the
-//! source's own spacing is), so that it can be stored again in every way that the chart compares: see
-//! [`Grid::source`]. Transfer functions are given in shares of the volume's value range; opacities are per voxel length.
-//! A volume whose file is missing is left out, with a sentence: [`Loaded::Missing`].
+//! Each volume is loaded into memory as a [`Grid`] of data values with one world unit per voxel, for any spacing of the
+//! source. The chart stores it again in each compared way: see [`Grid::source`]. Transfer functions use fractions of
+//! the volume's value range; opacities are per voxel length. A volume without its file is left out with a message:
+//! [`Loaded::Missing`].
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -24,7 +24,7 @@ use crate::volume::Point;
 
 /// CT of a carp; scan by M. Scheuring, University of Erlangen; BSD-2-Clause; see `tests/data/README.md`.
 pub(crate) const CARP: &[u8] = include_bytes!("../../../tests/data/carp_ct.nii.gz");
-/// Where the box of the carp begins: at the gills, half of it air.
+/// First voxel of the loaded box of the carp: at the gills, so that half of the box is air.
 const CARP_START: [u64; 3] = [32, 384, 96];
 /// Part of block F3, Dutch North Sea (dGB Earth Sciences, TNO; CC BY-SA), in the developers' data folder.
 const F3: &str = "segy/real/f3_int16_be.sgy";
@@ -43,15 +43,15 @@ pub struct Grid {
     pub values: Arc<Vec<f64>>,
 }
 
-/// What came of loading a scene's volume.
+/// Result of loading a scene's volume.
 pub enum Loaded {
     /// The volume.
     Grid(Grid),
-    /// Why there is none: a sentence.
+    /// Reason why the volume is missing, one sentence.
     Missing(String),
 }
 
-/// How the voxels of a volume are stored.
+/// Storage of the voxels of a volume.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Storage {
     /// 32-bit floating point.
@@ -66,53 +66,53 @@ pub enum Storage {
 
 /// One volume of the chart.
 pub struct SceneSpec {
-    /// For the command line and for tables.
+    /// Name, for the command line and for tables.
     pub name: &'static str,
-    /// What a reader sees: one clause.
+    /// Short description for the reader: one clause.
     pub about: &'static str,
-    /// Loads the volume; `edge` voxels along each axis where it has a choice.
+    /// Loads the volume. `edge`: voxels along each axis, for volumes of selectable size.
     pub load: fn(&Context<'_>, edge: u64) -> Result<Loaded, ChartError>,
-    /// Where the transfer functions lie.
+    /// Positions of the transfer functions.
     pub values: Values,
 }
 
-/// Where the transfer functions lie, in shares of the value range.
+/// Positions of the transfer functions, as fractions of the value range.
 #[derive(Debug, Clone, Copy)]
 pub struct Values {
-    /// `smooth` rises from nothing to full opacity between these.
+    /// `smooth` rises from opacity 0 to full opacity between these values.
     pub ramp: [f64; 2],
-    /// Middle and half width of `hat`.
+    /// Centre and half width of `hat`.
     pub hat: [f64; 2],
-    /// `step` is nothing below and opaque above this.
+    /// `step` is transparent below this value and opaque above it.
     pub step: f64,
-    /// Middle of `spike`.
+    /// Centre of `spike`.
     pub spike: f64,
-    /// Opacity per voxel length that `smooth` reaches; the others follow from it.
+    /// Greatest opacity of `smooth`, per voxel length; the other opacities are derived from it.
     pub alpha: f64,
 }
 
-/// Half width of `spike`, in shares of the value range: one of 256 grey values.
+/// Half width of `spike`, as a fraction of the value range: one of 256 grey values.
 pub const SPIKE_HALF_WIDTH: f64 = 0.5 / 128.0;
 
 /// Shape of a transfer function.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Shape {
-    /// One long ramp: easy for every method.
+    /// One long ramp: easy for all methods.
     Smooth,
-    /// A triangle some tenths of the value range wide.
+    /// A triangle with a width of some tenths of the value range.
     Hat,
-    /// Nothing, then everything: a surface.
+    /// A step from transparent to opaque: a surface.
     Step,
-    /// A triangle two grey values of 256 wide: a thin shell.
+    /// A triangle with a width of two of 256 grey values: a thin shell.
     Spike,
 }
 
-/// Whether surfaces are lit.
+/// Shading on or off.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Shading {
     /// Emission and absorption only.
     Off,
-    /// The model's default light.
+    /// The default light.
     On,
 }
 
@@ -121,12 +121,12 @@ pub enum Shading {
 pub struct Look {
     /// Shape of the transfer function.
     pub shape: Shape,
-    /// Whether surfaces are lit.
+    /// Shading on or off.
     pub shading: Shading,
 }
 
 impl Look {
-    /// All eight.
+    /// All eight looks.
     pub const ALL: [Self; 8] = [
         Self { shape: Shape::Smooth, shading: Shading::Off },
         Self { shape: Shape::Smooth, shading: Shading::On },
@@ -137,7 +137,7 @@ impl Look {
         Self { shape: Shape::Spike, shading: Shading::Off },
         Self { shape: Shape::Spike, shading: Shading::On },
     ];
-    /// Those of `--quick`.
+    /// Looks of `--quick`.
     pub const QUICK: [Self; 3] = [
         Self { shape: Shape::Smooth, shading: Shading::Off },
         Self { shape: Shape::Smooth, shading: Shading::On },
@@ -160,7 +160,7 @@ impl Look {
     }
 }
 
-/// Every scene.
+/// All scenes.
 pub const SCENES: &[SceneSpec] = &[
     SceneSpec {
         name: "marschner-lobb",
@@ -200,7 +200,7 @@ pub const SCENES: &[SceneSpec] = &[
     },
 ];
 
-/// The scene of this name.
+/// The scene with this name.
 #[must_use]
 pub fn scene(name: &str) -> Option<&'static SceneSpec> {
     SCENES.iter().find(|scene| scene.name == name)
@@ -228,7 +228,7 @@ fn f3(_: &Context<'_>, edge: u64) -> Result<Loaded, ChartError> {
     Ok(Loaded::Grid(Grid::of_box(&source, [0; 3], [edge; 3])?))
 }
 
-/// A file of the developers' data folder: `$SUPERVOL_DATA`, or `shared/data` beside the working folder or the workspace.
+/// A file of the developers' data folder: `$SUPERVOL_DATA`, or `shared/data` beside the working folder or workspace.
 pub(crate) fn data_file(name: &str) -> Option<PathBuf> {
     let manifest = Path::new(env!("CARGO_MANIFEST_DIR"));
     let beside = ["../../shared/data", "../../../shared/data", "../../../../shared/data"].map(|p| manifest.join(p));
@@ -237,7 +237,7 @@ pub(crate) fn data_file(name: &str) -> Option<PathBuf> {
     folders.map(|folder| folder.join(name)).find(|path| path.exists())
 }
 
-/// Three oblique and upright sheets, lines along every axis, and scattered points; 1 on 0.
+/// Three oblique and upright sheets, lines along each axis, and scattered points: value 1 in a background of 0.
 fn thin(edge: u64) -> Computed {
     Computed::new([edge; 3], VoxelType::F32, move |[x, y, z]| {
         let third = edge / 3;
@@ -257,7 +257,7 @@ impl Grid {
         Self::of_box(source, [0; 3], source.info().dims.0)
     }
 
-    /// The box of at most `extent` voxels that begins at `start`; absent voxels have the value 0.
+    /// The voxels of a box that begins at `start` and has at most `extent` voxels. Absent voxels have the value 0.
     fn of_box(source: &dyn VolumeSource, start: [u64; 3], extent: [u64; 3]) -> Result<Self, ChartError> {
         let info = source.info();
         let end = std::array::from_fn(|a| (start[a] + extent[a]).min(info.dims.0[a]));
@@ -273,14 +273,14 @@ impl Grid {
         Ok(Self { dims: std::array::from_fn(|a| end[a] - start[a]), values: Arc::new(values) })
     }
 
-    /// Least and greatest value.
+    /// Least and greatest data value.
     #[must_use]
     pub fn range(&self) -> [f64; 2] {
         let fold = |f: fn(f64, f64) -> f64, start| self.values.iter().copied().fold(start, f);
         [fold(f64::min, f64::INFINITY), fold(f64::max, f64::NEG_INFINITY)]
     }
 
-    /// The volume, stored like this: values are the same up to the storage's rounding.
+    /// The volume in this storage. Its values are equal up to the rounding of the storage.
     #[must_use]
     pub fn source(&self, storage: Storage) -> Computed {
         match storage {
@@ -310,7 +310,7 @@ impl Grid {
 }
 
 impl Values {
-    /// The control points of a transfer function over data of this range.
+    /// Control points of a transfer function over data with this value range.
     #[must_use]
     pub fn points(&self, shape: Shape, [min, max]: [f64; 2]) -> Vec<Point> {
         const DARK: [f64; 3] = [0.25, 0.45, 0.8];

@@ -1,4 +1,4 @@
-//! Scenes drawn from coarser levels: does what is stated of each pixel hold, and how much of it is true?
+//! Stated errors of pixels, for scenes drawn from coarser levels: whether they are bounds, and how tight they are.
 
 use serde::Serialize;
 use supervol_format::Lod;
@@ -10,50 +10,50 @@ use supervol_scene::scene::ResolvedScene;
 use crate::context::ChartError;
 use crate::volume::Volume;
 
-/// Pictures of one level against the exact pictures of level 0, pixel by pixel. Errors are in grey levels of 255.
+/// Pictures of one level against the exact pictures of level 0, pixel by pixel. All errors are in grey levels of 255.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct AtLevel {
     /// Level of detail.
     pub level: u8,
-    /// Pixels that differ from the exact one by more than a hundredth of a grey level.
+    /// Pixels with a true error above 0.01 grey levels.
     pub pixels: u64,
-    /// Scenes in which a pixel is farther from the exact one than is stated of it.
+    /// Numbers of the scenes in which the true error of a pixel exceeds its stated error.
     pub scenes_above_stated: Vec<u64>,
-    /// Greatest error of a pixel over what is stated of it.
+    /// Greatest ratio of true to stated error, over all pixels.
     pub largest_share_of_stated: f64,
-    /// Median, over the pixels, of what is stated over what is true.
+    /// Median ratio of stated to true error, over all pixels.
     pub median_stated_over_true: f64,
-    /// Median over the pixels of what is true.
+    /// Median true error.
     pub median_true_grey_levels: f64,
-    /// Median over the pixels of what is stated.
+    /// Median stated error.
     pub median_stated_grey_levels: f64,
-    /// Share of the pixels of which less is stated than the whole range of a channel.
+    /// Fraction of the pixels whose stated error is smaller than the whole range of a channel.
     pub share_with_a_bound: f64,
 }
 
-/// The pixels of one level while scenes are drawn: what is true of each and what is stated, grey levels.
+/// Pixels of one level, collected scene by scene: true and stated error of each, grey levels of 255.
 pub struct Pixels {
     level: u8,
     errors: Vec<[f64; 2]>,
     scenes_above: Vec<u64>,
 }
 
-/// Least error that counts: the reference's own is far below.
+/// Smallest error that counts, grey levels: the reference's own error is far smaller.
 const LEAST: f64 = 0.01;
-/// Of a pixel of which more is stated nothing is known.
+/// A stated error from this on, in grey levels, counts as no bound.
 const NO_BOUND: f64 = 254.0;
 
 impl Pixels {
-    /// None yet.
+    /// Starts with no pixels.
     #[must_use]
     pub fn new(level: u8) -> Self {
         Self { level, errors: Vec::new(), scenes_above: Vec::new() }
     }
 
-    /// Draws scene `number` from this level, or the coarsest, and compares.
+    /// Draws scene `number` from this level (or the coarsest one) and compares it with `exact`.
     ///
     /// # Errors
-    /// If there is no picture, or nothing is stated of it.
+    /// If the picture or its stated errors cannot be computed.
     pub fn draw(
         &mut self,
         number: u64,
@@ -84,7 +84,7 @@ impl Pixels {
         }
     }
 
-    /// What was found.
+    /// Statistics of the collected pixels.
     #[must_use]
     pub fn finish(self) -> AtLevel {
         let median = |of: &dyn Fn(&[f64; 2]) -> f64| {

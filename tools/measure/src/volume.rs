@@ -1,4 +1,4 @@
-//! A volume built into a real container, its scenes, and its pictures.
+//! Volume built into a container file; its scenes and pictures.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -20,28 +20,28 @@ use supervol_sources::VolumeSource;
 
 use crate::context::{ChartError, Context};
 
-/// Bytes of host memory that a measured picture may use unless the measurement is about less.
+/// Memory limit of a measured picture, bytes, unless the measurement sets its own.
 pub const HOST_MEMORY_BYTES: u64 = 2 << 30;
 
-/// One control point: data value, colour, alpha.
+/// Control point of a transfer function: data value, colour, alpha.
 pub type Point = (f64, [f64; 3], f64);
 
 /// A volume built into a container.
 pub struct Volume {
-    /// For tables and messages.
+    /// Name, for tables and messages.
     pub name: String,
-    /// The container, open.
+    /// The open container.
     pub container: Arc<Container>,
-    /// Its file.
+    /// Path of the container file.
     pub path: PathBuf,
-    /// What scenes are resolved for.
+    /// Facts that scenes are resolved against.
     pub facts: VolumeFacts,
 }
 
-/// Options that suit volumes of a measurement: bricks with this core, everything else as users get it.
+/// Build options for measurements: bricks with this core; default settings otherwise.
 ///
 /// # Panics
-/// If `core` is none of the allowed sizes.
+/// If `core` is not an allowed size.
 #[must_use]
 pub fn build_options(core: u32) -> BuildOptions {
     BuildOptions {
@@ -74,50 +74,51 @@ impl Volume {
     /// Opens a container.
     ///
     /// # Errors
-    /// If it is none.
+    /// If the file is not a valid container.
     pub fn open(name: &str, path: &Path) -> Result<Self, ChartError> {
         Ok(Self { path: path.into(), ..Self::of(name, Arc::new(Container::open(path)?)) })
     }
 
-    /// A container that is open already.
+    /// Volume of an open container.
     #[must_use]
     pub fn of(name: &str, container: Arc<Container>) -> Self {
         let facts = VolumeFacts::of(&container);
         Self { name: name.into(), container, path: PathBuf::new(), facts }
     }
 
-    /// The data value at this fraction of the value range.
+    /// Data value at this fraction of the value range.
     #[must_use]
     pub fn value(&self, fraction: f64) -> f64 {
         self.facts.value_range.min + fraction * self.facts.value_range.width()
     }
 
-    /// World position of a point of index space.
+    /// World position of a point given in index coordinates.
     #[must_use]
     pub fn world(&self, index: [f64; 3]) -> DVec3 {
         self.facts.geometry.world_from_index().transform_point3(index.into())
     }
 
-    /// Index coordinates of the domain's middle.
+    /// Index coordinates of the centre of the domain.
     #[must_use]
     pub fn middle(&self) -> [f64; 3] {
         self.facts.dims.0.map(|n| (n as f64 - 1.0) / 2.0)
     }
 
-    /// Half of the world diagonal.
+    /// Half of the world diagonal of the domain.
     #[must_use]
     pub fn radius(&self) -> f64 {
         let extent = DVec3::from_array(self.facts.dims.0.map(|n| n as f64));
         0.5 * (self.facts.geometry.linear() * extent).length()
     }
 
-    /// `"camera"`: perspective, from outside, slightly askew; sees the whole volume.
+    /// `"camera"`: perspective, from outside, slightly oblique; sees the whole volume.
     #[must_use]
     pub fn outside(&self) -> String {
         self.looking_from(DVec3::new(0.57, -0.71, 0.41), 2.7)
     }
 
-    /// `"camera"`: perspective, from `direction` seen from the middle, at `radii` times the volume's radius.
+    /// `"camera"`: perspective, looking at the centre. `direction` points from the centre to the eye; the distance is
+    /// `radii` times the radius.
     #[must_use]
     pub fn looking_from(&self, direction: DVec3, radii: f64) -> String {
         let target = self.world(self.middle());
@@ -126,22 +127,22 @@ impl Volume {
         format!(r#""camera": {{"eye": {eye:?}, "target": {target:?}, "up": [0.02, 0.013, 1], "fov_y": 38}}"#)
     }
 
-    /// The scene of these JSON members.
+    /// The scene with these JSON members.
     ///
     /// # Errors
-    /// If they make none.
+    /// If the members are not a valid scene.
     pub fn scene(&self, members: &[&str]) -> Result<ResolvedScene, ChartError> {
         let scene = Scene::from_json(&format!("{{{}}}", members.join(", ")))?;
         Ok(scene.resolve(&self.facts)?)
     }
 
-    /// The picture and what it cost; it must have converged without a failed brick.
+    /// The picture and its cost. It must have converged without a failed brick.
     ///
     /// # Errors
-    /// If it cannot be made, did not converge, or holds what is no number.
+    /// If the picture cannot be drawn, did not converge, or holds values that are not finite.
     pub fn render(&self, scene: &ResolvedScene, options: &RenderOptions) -> Result<(Image, FrameStats), ChartError> {
         let (image, stats) = render(&self.container, scene, options)?;
-        // A NaN in a picture would pass for no difference in many a measure.
+        // Several distance measures treat NaN as no difference, so check here.
         let is_whole = stats.converged && stats.bricks_failed == 0 && stats.device.anomalies == 0 && image.is_finite();
         if !is_whole || stats.reference_capped_pieces > 0 {
             return Err(ChartError::Broken(format!(
@@ -161,7 +162,7 @@ impl Volume {
     }
 }
 
-/// Options for level 0 by one backend.
+/// Options for level 0 on one backend.
 #[must_use]
 pub fn finest(backend: Backend) -> RenderOptions {
     RenderOptions {

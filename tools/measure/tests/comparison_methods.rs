@@ -1,5 +1,5 @@
-//! Methods of comparison: each converges to what it should, at the order it is known for, and none of them sees how a
-//! volume is bricked, skipped or accumulated unless it is asked to.
+//! Methods of comparison: each converges to the right value at its known order. Brick size, skipping and accumulation
+//! do not change the result unless the method asks for it.
 
 // The volumes are bricked in memory as in the renderer's own tests.
 #[path = "../../../crates/runtime/tests/pictures/support/mod.rs"]
@@ -10,8 +10,9 @@ use supervol_measure::comparison::{
     Accumulation, Classification, GradientOperator, Offset, Reconstruction, Rule, Sampling,
 };
 use supervol_runtime::engines::cells::{CellRule, Pairs};
-use supervol_runtime::engines::packets::{Caster, CpuQuality, Skipping, cast_pass};
+use supervol_runtime::engines::cpu::{Caster, CpuQuality};
 use supervol_runtime::lod::LodChoice;
+use supervol_runtime::stream::classify::Skipping;
 use supervol_scene::image::Image;
 use supervol_scene::scene::ResolvedScene;
 
@@ -19,15 +20,15 @@ use support::{Bricked, Volume, difference, marschner_lobb, points, reference, sc
 
 const CAMERA: &str = r#""camera": {"eye": [95, -70, 62], "target": [20, 20, 20], "up": [0, 0, 1], "fov_y": 30}"#;
 const SMALL: &str = r#""image": {"width": 26, "height": 22}"#;
-/// Nothing is ended early: orders are looked for far below what that costs.
+/// No early termination: it would cost far more than the errors whose order is measured.
 const NEVER: f64 = 2.0;
 
-/// No bend at all inside the range.
+/// A transfer function without a bend inside the value range.
 fn smooth() -> String {
     points(1.0, &[(0.0, [0.1, 0.2, 0.9], 0.0), (1.0, [0.9, 0.7, 0.1], 0.2)])
 }
 
-/// One step inside the range, between colours and opacities that do not change otherwise.
+/// A transfer function with one step inside the value range; colour and opacity are constant on both sides.
 fn step() -> String {
     let (low, high) = ([0.2, 0.4, 0.9], [1.0, 0.8, 0.3]);
     points(1.0, &[(0.0, low, 0.01), (0.5, low, 0.01), (0.5, high, 0.3), (1.0, high, 0.3)])
@@ -45,9 +46,9 @@ fn picture(bricks: &Bricked, scene: &ResolvedScene, caster: Caster, skipping: Sk
     let quality = CpuQuality { lod: LodChoice::Fixed(Lod(0)), skipping, caster, ..CpuQuality::default() };
     let frame = bricks.frame_of(scene, quality);
     let mut states = frame.begin();
-    let feedback = cast_pass(bricks, &frame, &mut states);
+    let feedback = states.cast_pass(bricks);
     assert!(feedback.is_converged());
-    (frame.image(&states), feedback.counters.samples)
+    (states.image(), feedback.counters.samples)
 }
 
 fn sampled(step_voxels: f64, rule: Rule) -> Sampling {
@@ -60,7 +61,7 @@ fn root_mean_square(a: &Image, b: &Image) -> f64 {
     (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
 }
 
-/// Order between two steps, from the root mean square of all channels.
+/// Order between two step lengths, from the root mean square over all channels.
 fn order(bricks: &Bricked, scene: &ResolvedScene, exact: &Image, casters: [Caster; 2], ratio: f64) -> f64 {
     let [coarse, fine] = casters.map(|caster| root_mean_square(&picture(bricks, scene, caster, Skipping::On).0, exact));
     (coarse / fine).ln() / ratio.ln()
@@ -82,7 +83,7 @@ fn methods_have_their_orders() {
     near(on_smooth(at(Rule::PreIntegratedNeglecting)), 0.9, 1.1);
     near(on_step(at(Rule::Midpoint)), 0.6, 1.2);
     near(on_step(at(Rule::PreIntegrated)), 1.7, 2.3);
-    // The default: of fourth order, and cut at the step, between which nothing changes here: one pair is exact.
+    // The default has fourth order. It cuts at the step and is constant between cuts, so one pair is exact.
     let cells = |n| Caster::Cells(CellRule { pairs: Pairs::Fixed(n), termination_opacity: NEVER });
     near(order(&bricks, &smooth, &exact_smooth, [cells(1), cells(2)], 2.0), 3.5, 4.5);
     assert!(root_mean_square(&picture(&bricks, &step, cells(1), Skipping::On).0, &exact_step) < 1e-6);
@@ -132,7 +133,7 @@ fn gradients_and_filters_stay_near_the_model() {
     }
 }
 
-/// The first of 1, 2, 4, ... frames of jittered starts is noisy; their mean is not.
+/// One frame of jittered sampling is noisy; the mean of many frames is not.
 #[test]
 fn jitter_averages_out_and_is_reproducible() {
     let volume = ml();
@@ -182,7 +183,7 @@ fn sums_are_rounded_to_what_was_asked_for() {
     }
 }
 
-/// S01: on a ramp with a step, pre-classification smears the step over a whole voxel.
+/// S01: on a ramp with a step, pre-classification blurs the step over a whole voxel.
 #[test]
 fn classification_before_interpolation_smears_edges() {
     let volume = Volume::new([8, 8, 8], VoxelType::F32, |p| p[0]);

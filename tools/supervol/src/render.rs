@@ -18,10 +18,12 @@ use supervol_arguments::source::SourceArguments;
 use supervol_arguments::terminal;
 use supervol_format::readable::counted;
 use supervol_format::{Container, Lod};
-use supervol_runtime::engines::gpu::device::GpuError;
+use supervol_runtime::engines::cpu::Caster;
+use supervol_runtime::engines::error::EngineError;
+use supervol_runtime::engines::gpu::error::GpuError;
 use supervol_runtime::engines::maps::work_in_colors;
+use supervol_runtime::engines::packets::PacketRule;
 use supervol_runtime::engines::packets::simd::InstructionSet;
-use supervol_runtime::engines::packets::{Caster, PacketRule, Skipping};
 use supervol_runtime::render::error::RenderError;
 use supervol_runtime::render::frame::check;
 use supervol_runtime::render::frame::check::CheckProgress;
@@ -30,6 +32,7 @@ use supervol_runtime::render::options::{Backend, LevelChoice, RenderOptions};
 use supervol_runtime::render::process;
 use supervol_runtime::render::renderer::{NO_DEVICE, render_with_maps};
 use supervol_runtime::render::stats::FrameStats;
+use supervol_runtime::stream::classify::Skipping;
 use supervol_runtime::stream::loader::READERS;
 use supervol_scene::camera_path;
 use supervol_scene::camera_path::CameraPath;
@@ -605,9 +608,9 @@ pub fn with_render(error: RenderError) -> Failure {
                 needed_bytes.div_ceil(1 << 20),
             ))
         }
-        RenderError::Budget(_) | RenderError::ReferenceTooLarge { .. } | RenderError::Gpu(GpuError::Budget { .. }) => {
-            Failure::Command(message)
-        }
+        RenderError::Budget(_)
+        | RenderError::ReferenceTooLarge { .. }
+        | RenderError::Engine(EngineError::Gpu(GpuError::Budget { .. })) => Failure::Command(message),
         RenderError::NoPlace | RenderError::NoSuchPixel { .. } => Failure::Command(format!("--pick: {message}")),
         RenderError::SlicesOnGpu => Failure::Command(format!("--backend: {message}")),
         RenderError::Container(_) => Failure::Data(message),

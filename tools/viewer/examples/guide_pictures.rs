@@ -20,7 +20,7 @@ use supervol_viewer::viewer::Viewer;
 use supervol_viewer::worker::Settings;
 
 const SIZE: [f32; 2] = [1280.0, 800.0];
-/// Of a picture that is mostly noise, which does not compress.
+/// Smaller size for a picture that is mostly noise, which does not compress.
 const SMALLER: [f32; 2] = [1000.0, 640.0];
 const PATIENCE: Duration = Duration::from_secs(300);
 
@@ -63,14 +63,14 @@ impl Artist {
         Ok(())
     }
 
-    /// What is called so and can be used.
+    /// The usable widget with this label.
     fn usable<'a>(&'a self, label: &'a str) -> Result<Node<'a>, String> {
         let is_word = |node: &Node<'_>| matches!(node.accesskit_node().role(), Role::Label | Role::TextRun);
         let found = self.harness.query_all_by_label(label).find(|node| !is_word(node));
         found.ok_or_else(|| format!("nothing is called '{label}'"))
     }
 
-    /// Clicks it; a panel is scrolled there first.
+    /// Clicks the widget with this label; scrolls its panel first if needed.
     fn click(&mut self, label: &str) -> Result<(), String> {
         let window = self.harness.ctx.content_rect().shrink(40.0);
         if !window.contains_rect(self.usable(label)?.rect()) {
@@ -81,7 +81,7 @@ impl Artist {
         self.rest()
     }
 
-    /// Rests the mouse on the middle of something until it is told what is there.
+    /// Holds the mouse over the middle of a widget until the value under it is shown.
     fn point_at(&mut self, label: &str) -> Result<(), String> {
         let at = self.harness.get_by_label(label).rect().center();
         self.harness.hover_at(at + eframe::egui::vec2(40.0, 25.0));

@@ -1,11 +1,17 @@
-//! How long the viewer takes from an input to the first picture that shows it: its worker and a scripted hand, no window.
+//! Latency of the viewer from an input to the first picture that shows it. A script drives the worker, without a
+//! window.
 //!
 //!     cargo run --release -p supervol-viewer --example latency -- VOLUME.svol [WIDTHxHEIGHT] [HOST_MEMORY_MIB] [THREADS] [gpu]
 //!
-//! A drag turns the volume by two degrees as soon as a picture has come; then, from pictures at rest, single steps do. Then a section across
-//! the grid's last axis, in a panel of half the size, goes through the volume as soon as a picture of it has come, while the picture of the
-//! volume rests. Beside wall times stand the processor times of a step, since other programs may run. The time that putting a picture on the
-//! screen takes comes on top.
+//! Three series are measured:
+//!
+//! 1. A drag that turns the volume by two degrees whenever a picture has come.
+//! 2. The same steps one by one, each from a converged picture.
+//! 3. A section across the grid's last axis, in a panel of half the size, that moves through the volume whenever its
+//!    picture has come. The picture of the volume is converged.
+//!
+//! Both wall time and processor time of a step are printed, because other programs may run. The time to put a picture
+//! on the screen is not included.
 
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
@@ -23,7 +29,7 @@ use supervol_viewer::{edit, navigate};
 const DRAG_STEPS: usize = 180;
 const SINGLE_STEPS: usize = 10;
 const SECTION_STEPS: usize = 60;
-/// The axis that sections go along.
+/// The axis along which sections move.
 const AXIS: usize = 2;
 const PATIENCE: Duration = Duration::from_secs(600);
 
@@ -31,16 +37,17 @@ struct Hand {
     worker: Worker,
     rung: crossbeam_channel::Receiver<()>,
     number: u64,
-    /// The last picture that was taken.
+    /// The last received picture.
     last: Option<Frame>,
 }
 
 impl Hand {
-    /// Waits for news that hold something.
+    /// Waits for messages that contain a wanted item.
     fn wait<T>(&self, mut take: impl FnMut(News) -> Option<T>) -> Result<T, String> {
         let start = Instant::now();
         loop {
-            // The bell may have rung for older news: nothing is missed, since it is rung after they are told.
+            // The channel may hold a signal of older messages. Nothing is missed, because the signal is sent after the
+            // messages are stored.
             let _ = self.rung.recv_timeout(Duration::from_secs(1));
             let mut news = self.worker.news();
             if let Some(Message::Failure(message)) = news.message.take() {
@@ -55,7 +62,7 @@ impl Hand {
         }
     }
 
-    /// Wishes for a scene; milliseconds to the first picture of it.
+    /// Requests a scene; returns the milliseconds to its first picture.
     fn wish(&mut self, opened: &Opened, scene: &Scene) -> Result<f64, String> {
         self.number += 1;
         let (start, number) = (Instant::now(), self.number);
@@ -64,7 +71,7 @@ impl Hand {
         Ok(start.elapsed().as_secs_f64() * 1e3)
     }
 
-    /// Wishes for a section; milliseconds to the first picture of it, and to the one that has converged.
+    /// Requests a section; returns the milliseconds to its first picture and to the converged one.
     fn wish_section(&mut self, opened: &Opened, scene: &Scene) -> Result<[f64; 2], String> {
         self.number += 1;
         let (start, number) = (Instant::now(), self.number);
@@ -78,7 +85,7 @@ impl Hand {
         Ok([first, start.elapsed().as_secs_f64() * 1e3])
     }
 
-    /// Waits until the picture has converged; milliseconds that it took.
+    /// Waits until the picture has converged; returns the milliseconds.
     fn rest(&mut self) -> Result<f64, String> {
         let last = match self.last.take() {
             Some(frame) if frame.is_converged => frame,
@@ -93,7 +100,7 @@ fn quantile(times: &mut [f64], share: f64) -> f64 {
     times[((times.len() - 1) as f64 * share).round() as usize]
 }
 
-/// At once: pictures of large volumes may take minutes to converge.
+/// Printed at once, because pictures of large volumes may take minutes to converge.
 #[allow(clippy::print_stdout, reason = "it is what this program is for")]
 fn tell(name: &str, times: &mut [f64]) {
     let [median, p95] = [0.5, 0.95].map(|share| quantile(times, share));
@@ -104,7 +111,7 @@ fn milliseconds(time: Duration) -> f64 {
     time.as_secs_f64() * 1e3
 }
 
-/// Sections from end to end of the volume: times to their first pictures, and to those that have converged.
+/// Moves a section through the volume; prints the times to the first and to the converged pictures.
 #[allow(clippy::print_stdout, reason = "it is what this program is for")]
 fn sections(
     hand: &mut Hand,
@@ -148,7 +155,7 @@ fn run() -> Result<(), String> {
     let start = Instant::now();
     let (ring, rung) = crossbeam_channel::bounded(1);
     let worker = Worker::start(settings, Folders::default(), move || {
-        // A bell that rings already need not ring twice.
+        // One pending signal suffices.
         let _ = ring.try_send(());
     })
     .map_err(|e| e.to_string())?;

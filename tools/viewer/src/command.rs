@@ -1,58 +1,58 @@
-//! What a key does: the one list that keys are read from and that the window of keys shows.
+//! Commands and their key bindings: one list, which keys are matched against and which the help window shows.
 
 use eframe::egui::{self, Key, KeyboardShortcut, Modifiers};
 use supervol_scene::preset::view::Direction;
 
-/// Something that a key, a button or both do.
+/// A command that a key, a button or both trigger.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Command {
-    /// The window of keys.
+    /// Show the help window of keys.
     Help,
-    /// The window to open a file.
+    /// Show the dialog to open a file.
     Open,
-    /// The window to save the scene.
+    /// Show the dialog to save the scene.
     SaveScene,
-    /// The window to export a picture.
+    /// Show the dialog to export a picture.
     Export,
-    /// The window to make an animation.
+    /// Show the dialog to make an animation.
     Animate,
-    /// The command line of this picture, to the clipboard.
+    /// Copy the command line of this picture to the clipboard.
     CopyCommand,
-    /// Back by one edit.
+    /// Undo the last edit.
     Undo,
-    /// Forward again.
+    /// Redo the last undone edit.
     Redo,
-    /// A camera that frames what can be seen, from the side that suits the data.
+    /// Set a camera that frames the visible region from the default direction.
     DefaultView,
-    /// The same, from this side.
+    /// Set a camera that frames the visible region from this direction.
     ViewFrom(Direction),
-    /// Perspective or parallel rays.
+    /// Switch between perspective and orthographic projection.
     Projection,
-    /// Turn by so many steps: to the right, up.
+    /// Turn the camera by steps: to the right, up.
     Turn([i8; 2]),
-    /// Move the picture by so many steps: to the right, up.
+    /// Move the picture by steps: to the right, up.
     Move([i8; 2]),
-    /// So many steps nearer, negative away.
+    /// Move the camera nearer by steps; negative: away.
     Nearer(i8),
-    /// So many steps forward, negative back, with the target.
+    /// Move camera and target forward by steps; negative: back.
     Fly(i8),
-    /// Panels beside the picture: controls.
+    /// Show or hide the panels with controls.
     Panels,
-    /// Panels beside the picture: sections.
+    /// Show or hide the panels with sections.
     Sections,
-    /// Handles in the picture.
+    /// Show or hide the handles in the picture.
     Handles,
-    /// Full screen.
+    /// Switch full screen on or off.
     FullScreen,
 }
 
-/// A command with its keys and its words.
+/// A command with its keys and its description.
 pub struct Binding {
-    /// What is done.
+    /// The command.
     pub command: Command,
-    /// By which keys; the first is the one that is shown on buttons.
+    /// Keys; buttons show the first one.
     pub keys: &'static [KeyboardShortcut],
-    /// In words.
+    /// Description for the user.
     pub words: &'static str,
 }
 
@@ -76,7 +76,8 @@ const fn binding(command: Command, keys: &'static [KeyboardShortcut], words: &'s
     Binding { command, keys, words }
 }
 
-/// All of them. Those with more modifiers come first: a shortcut is matched by the least that it asks for.
+/// All bindings. Those with more modifiers come first, because a shortcut matches whenever its own modifiers are
+/// pressed.
 pub const BINDINGS: &[Binding] = &[
     binding(Command::Redo, &[with_command_and_shift(Key::Z), with_command(Key::Y)], "Redo"),
     binding(Command::CopyCommand, &[with_command_and_shift(Key::C)], "Copy the command that draws this picture"),
@@ -112,7 +113,7 @@ pub const BINDINGS: &[Binding] = &[
     binding(Command::Help, &[plain(Key::Questionmark), plain(Key::F1), with_shift(Key::Slash)], "Keys and mouse"),
 ];
 
-/// What the mouse does, in words.
+/// Mouse actions and their descriptions.
 pub const MOUSE: &[(&str, &str)] = &[
     ("Drag", "Turn"),
     ("Right or middle drag, or Shift and drag", "Move the picture"),
@@ -128,14 +129,14 @@ pub const MOUSE: &[(&str, &str)] = &[
     ("Drop a file on the window", "Open it"),
 ];
 
-/// The first keys of a command, for people.
+/// The first key of a command as text.
 #[must_use]
 pub fn keys_of(ctx: &egui::Context, command: Command) -> String {
     let binding = BINDINGS.iter().find(|b| b.command == command);
     binding.and_then(|b| b.keys.first()).map_or(String::new(), |key| words_of(ctx, key))
 }
 
-/// Keys as they are written on keyboards.
+/// A key combination as text, with the signs on keyboards.
 #[must_use]
 pub fn words_of(ctx: &egui::Context, keys: &KeyboardShortcut) -> String {
     let sign = match keys.logical_key {
@@ -150,7 +151,7 @@ pub fn words_of(ctx: &egui::Context, keys: &KeyboardShortcut) -> String {
     named.strip_suffix(keys.logical_key.name()).map_or_else(|| named.clone(), |before| format!("{before}{sign}"))
 }
 
-/// The commands whose keys have been pressed since the last frame. None while somebody types.
+/// Commands whose keys have been pressed since the last frame. Empty while a text field has the focus.
 pub fn pressed(ctx: &egui::Context) -> Vec<Command> {
     if ctx.egui_wants_keyboard_input() {
         return Vec::new();
@@ -178,7 +179,7 @@ mod tests {
         assert!(named(with_shift(Key::Slash)).ends_with('/') && named(with_shift(Key::Slash)).len() > 1);
     }
 
-    /// A shortcut with fewer modifiers would swallow the keys of a later one with more.
+    /// A shortcut with fewer modifiers would take the keys of a later one with more.
     #[test]
     fn no_binding_hides_another() {
         let all: Vec<_> = BINDINGS.iter().flat_map(|b| b.keys.iter().map(move |key| (b.words, key))).collect();

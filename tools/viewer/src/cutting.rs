@@ -1,5 +1,5 @@
-//! What cuts the volume as a hand moves it: the crop box by its faces, clip planes and slices along and about their normals, solids by
-//! their middle and their size. World space; each result is the `clip` and the `slices` of a scene.
+//! Interactive clipping: faces of the crop box, clip planes and slices with their normals, solids with centre and size.
+//! World space; each result is the `clip` and the `slices` of a scene.
 
 use glam::DVec3;
 use supervol_scene::camera::unit_vector;
@@ -13,54 +13,54 @@ use supervol_scene::slices::SliceSpec;
 
 use crate::{edit, navigate, planes};
 
-/// Length of the arrow by which a plane is turned, and first radius of a solid, in diagonals of the volume.
+/// Length of the arrow that turns a plane, and initial radius of a solid, in diagonals of the volume.
 const ARROW: f64 = 0.15;
 const RADIUS: f64 = 0.2;
-/// Distance between the handles of planes that go through one point, in diagonals of the volume.
+/// Distance between the handles of planes through one point, in diagonals of the volume.
 const BESIDE: f64 = 0.05;
-/// Least size that a solid is made by hand, in diagonals of the volume.
+/// Least size of a solid set by hand, in diagonals of the volume.
 const LEAST_RADIUS: f64 = 1e-4;
-/// Least share of a direction that must lie across the view for something to be moved along it.
+/// Least share of a direction that must be perpendicular to the view for a drag along it.
 const LEAST_ACROSS: f64 = 0.1;
 
-/// Something that a hand can take hold of.
+/// A quantity that a handle changes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Grip {
-    /// A face of the crop box: axis of the grid, first (0) or last (1).
+    /// A face of the crop box: axis of the grid; lower (0) or upper (1) face.
     Face(usize, usize),
-    /// A clip plane, along its normal.
+    /// Offset of a clip plane, by its index.
     Plane(usize),
-    /// The arrow of a clip plane: its normal.
+    /// Normal of a clip plane.
     Arrow(usize),
-    /// A slice in the volume, along its normal.
+    /// Offset of a slice in the volume, by its index.
     Slice(usize),
-    /// The arrow of an oblique slice.
+    /// Normal of an oblique slice.
     SliceArrow(usize),
-    /// The middle of a solid.
+    /// Centre of a solid, by its index.
     Middle(usize),
-    /// The size of a solid.
+    /// Size of a solid.
     Size(usize),
 }
 
-/// A place at which a hand takes hold.
+/// A handle in the picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Handle {
-    /// Of what.
+    /// The quantity that it changes.
     pub grip: Grip,
     /// World position.
     pub at: DVec3,
-    /// Where it belongs to, for a line between them.
+    /// World position of the point that a line connects with the handle, if there is one.
     pub root: Option<DVec3>,
 }
 
-/// A kind of solid to add.
+/// Kind of a solid to add.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum NewSolid {
     /// A sphere.
     Sphere,
-    /// A box along the world's axes.
+    /// A box with edges along the world's axes.
     Cuboid,
-    /// A cylinder along the world's z.
+    /// A cylinder along the world's z axis.
     Cylinder,
 }
 
@@ -73,7 +73,7 @@ fn diagonal(facts: &VolumeFacts) -> f64 {
     edit::stage(facts).diagonal
 }
 
-/// Adds a plane through the middle of the volume that takes away the half before the camera, so that the cut is seen.
+/// Adds a clip plane through the volume's middle that removes the half towards the camera, so that the cut is visible.
 pub fn add_plane(scene: &mut Scene, facts: &VolumeFacts) -> Result<(), String> {
     if scene.clip.planes.len() >= PLANE_LIMIT {
         return Err(format!("at most {PLANE_LIMIT} clip planes"));
@@ -84,7 +84,7 @@ pub fn add_plane(scene: &mut Scene, facts: &VolumeFacts) -> Result<(), String> {
     Ok(())
 }
 
-/// Adds a solid in the middle of the volume, of which the outside is kept, so that it shows what lies within.
+/// Adds a solid in the volume's middle that removes its inside, so that the cut is visible.
 pub fn add_solid(scene: &mut Scene, facts: &VolumeFacts, kind: NewSolid) -> Result<(), String> {
     let (center, radius) = (middle(facts), RADIUS * diagonal(facts));
     let mut solid = SolidSpec { keep: Keep::Outside, ..SolidSpec::default() };
@@ -103,7 +103,7 @@ pub fn add_solid(scene: &mut Scene, facts: &VolumeFacts, kind: NewSolid) -> Resu
     push_solid(scene, solid)
 }
 
-/// Adds a solid that is known.
+/// Adds a given solid.
 pub fn push_solid(scene: &mut Scene, solid: SolidSpec) -> Result<(), String> {
     if scene.clip.solids.len() >= SOLID_LIMIT {
         return Err(format!("at most {SOLID_LIMIT} solids"));
@@ -112,12 +112,12 @@ pub fn push_solid(scene: &mut Scene, solid: SolidSpec) -> Result<(), String> {
     Ok(())
 }
 
-/// The corners of the crop box in index coordinates.
+/// The corners of the crop box in index coordinates: least, greatest.
 fn crop(clip: &ClipSpec, facts: &VolumeFacts) -> [[f64; 3]; 2] {
     clip.index_box.unwrap_or_else(|| domain(facts))
 }
 
-/// The eight world corners of the crop box; bit `a` of a corner's number is its end along axis `a`.
+/// The eight world corners of the crop box. Bit `a` of a corner's index tells its end along axis `a`.
 #[must_use]
 pub fn crop_corners(clip: &ClipSpec, facts: &VolumeFacts) -> [DVec3; 8] {
     let (ends, world) = (crop(clip, facts), facts.geometry.world_from_index());
@@ -132,7 +132,7 @@ fn plane_of(slice: &SliceSpec) -> PlaneSpec {
     PlaneSpec { normal: slice.normal, offset: slice.offset }
 }
 
-/// The point of a plane that is nearest to the middle of the volume.
+/// The point of a plane that is nearest to the volume's middle, and the unit normal.
 fn foot(plane: &PlaneSpec, facts: &VolumeFacts) -> Option<(DVec3, DVec3)> {
     let normal = unit_vector(plane.normal.into())?;
     let offset = plane.offset / DVec3::from_array(plane.normal).length();
@@ -140,7 +140,7 @@ fn foot(plane: &PlaneSpec, facts: &VolumeFacts) -> Option<(DVec3, DVec3)> {
     Some((middle + (offset - normal.dot(middle)) * normal, normal))
 }
 
-/// Middle of a solid, and the world length that its size handle stands away; `None` of a mesh.
+/// Centre of a solid, and world distance of its size handle; `None` for a mesh.
 fn extent(solid: &SolidSpec) -> Option<(DVec3, f64)> {
     if let Some(sphere) = &solid.sphere {
         return Some((sphere.center.into(), sphere.radius));
@@ -152,7 +152,7 @@ fn extent(solid: &SolidSpec) -> Option<(DVec3, f64)> {
     Some((0.5 * (DVec3::from_array(cylinder.from) + DVec3::from_array(cylinder.to)), cylinder.radius))
 }
 
-/// Where a hand can take hold of what cuts the volume, as it is seen by a camera.
+/// Handles of crop box, planes, slices and solids, as seen by a camera.
 #[must_use]
 pub fn handles(scene: &Scene, facts: &VolumeFacts, camera: &CameraSpec) -> Vec<Handle> {
     let clip = &scene.clip;
@@ -166,7 +166,7 @@ pub fn handles(scene: &Scene, facts: &VolumeFacts, camera: &CameraSpec) -> Vec<H
         }
     }
     let (arrow, right) = (ARROW * diagonal(facts), navigate::right_of(camera));
-    // All planes go through the middle at first: their handles stand beside each other.
+    // Planes initially pass through the volume's middle: their handles are placed beside each other.
     let mut beside = (1..).map(|n| BESIDE * f64::from(n) * diagonal(facts));
     let mut grasp = |plane: &PlaneSpec| {
         let (foot, normal) = foot(plane, facts)?;
@@ -193,12 +193,13 @@ pub fn handles(scene: &Scene, facts: &VolumeFacts, camera: &CameraSpec) -> Vec<H
     found
 }
 
-/// The scene after a handle has been moved by a world vector across the view of a camera, from what it was before.
+/// The scene after a handle was dragged. `by` is a world vector perpendicular to the camera's view direction, from the
+/// start of the drag.
 #[must_use]
 pub fn moved(scene: &Scene, facts: &VolumeFacts, camera: &CameraSpec, handle: &Handle, by: DVec3) -> Scene {
     let mut after = scene.clone();
     let forward = navigate::forward_of(camera);
-    // How far along a direction a hand has gone that moves across the view.
+    // Distance along a direction that corresponds to the drag across the view.
     let along = |direction: DVec3| {
         let across = direction - direction.dot(forward) * forward;
         if across.length() < LEAST_ACROSS { 0.0 } else { by.dot(across) / across.length_squared() }
@@ -210,7 +211,7 @@ pub fn moved(scene: &Scene, facts: &VolumeFacts, camera: &CameraSpec, handle: &H
             let mut kept = edit::kept_voxels(scene, facts);
             let last = (facts.dims.0[axis] - 1) as f64;
             let place = (kept[axis][end] as f64 + voxels).round().clamp(0.0, last) as u64;
-            // A face stops at the other one.
+            // A face cannot pass the opposite face.
             kept[axis][end] = if end == 0 { place.min(kept[axis][1]) } else { place.max(kept[axis][0]) };
             edit::keep_voxels(&mut after, facts, kept);
         }
@@ -230,7 +231,7 @@ pub fn moved(scene: &Scene, facts: &VolumeFacts, camera: &CameraSpec, handle: &H
                 let place = planes::place_of(slice, facts);
                 let way = along(DVec3::from_array(slice.normal).normalize_or_zero());
                 match place.axis {
-                    // From voxel to voxel.
+                    // A slice across an axis moves from voxel to voxel.
                     Some(axis) => {
                         let index = facts.geometry.linear().inverse()
                             * (way * DVec3::from_array(slice.normal).normalize_or_zero());
@@ -256,7 +257,7 @@ pub fn moved(scene: &Scene, facts: &VolumeFacts, camera: &CameraSpec, handle: &H
     after
 }
 
-/// A plane through the root of its arrow, after the arrow's tip has been moved.
+/// The plane through the root of its arrow after the tip was moved.
 fn turned(handle: &Handle, by: DVec3) -> Option<PlaneSpec> {
     let foot = handle.root?;
     let normal = unit_vector(handle.at + by - foot)?;
@@ -296,7 +297,7 @@ mod tests {
         )
     }
 
-    /// Looks along y: x is to the right, z up.
+    /// Looks along y: x to the right, z up.
     fn camera() -> CameraSpec {
         CameraSpec {
             eye: [9.0, -50.0, 10.0],
@@ -341,7 +342,7 @@ mod tests {
         assert_eq!(scene.clip.planes[0], PlaneSpec { normal: [0.0, 1.0, 0.0], offset: 9.5 });
         drag(&mut scene, Grip::Plane(0), [5.0, 0.0, 5.0]);
         assert_eq!(scene.clip.planes[0].offset, 9.5, "along the view nothing can be moved");
-        // Half a turn to the right: the arrow's tip moves as far as it is long.
+        // Turns the plane by moving the arrow's tip as far as it is long.
         let tip = handle(&scene, Grip::Arrow(0));
         let length = (tip.at - tip.root.unwrap()).length();
         drag(&mut scene, Grip::Arrow(0), [length, 0.0, 0.0]);
@@ -349,7 +350,7 @@ mod tests {
         let half = 0.5f64.sqrt();
         assert!((DVec3::from_array(normal) - DVec3::new(half, half, 0.0)).length() < 1e-12);
         assert!((offset - DVec3::from_array(normal).dot(tip.root.unwrap())).abs() < 1e-12, "its root stays");
-        // Of a plane seen at an angle, the hand's way is that of what it holds.
+        // For a plane seen at an angle, the handle stays under the mouse.
         let before = handle(&scene, Grip::Plane(0)).at;
         drag(&mut scene, Grip::Plane(0), [3.0, 0.0, 0.0]);
         assert!((handle(&scene, Grip::Plane(0)).at.x - before.x - 3.0).abs() < 1e-9);
@@ -363,7 +364,7 @@ mod tests {
         planes::add(&mut scene, &facts(), Some(2)).unwrap();
         planes::add(&mut scene, &facts(), None).unwrap();
         drag(&mut scene, Grip::Slice(0), [9.0, 0.0, 1.2]);
-        // Voxels are half as high as long; the slice began at voxel 20.
+        // Voxels are half as high as long; the slice was at voxel 20.
         assert_eq!(planes::place_of(&scene.slices[0], &facts()).at, 22.0);
         drag(&mut scene, Grip::Slice(0), [0.0, 0.0, 1e6]);
         assert_eq!(planes::place_of(&scene.slices[0], &facts()).at, 39.0, "no farther than the volume");

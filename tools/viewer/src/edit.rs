@@ -1,4 +1,4 @@
-//! What the panels do to a scene: each edit is one that a person could write into the scene file.
+//! Edits of a scene by the panels. Each result is a scene that could also be written by hand.
 
 use glam::DVec3;
 use supervol_scene::facts::{DataKind, VolumeFacts};
@@ -10,10 +10,10 @@ use supervol_scene::scene::{CameraSpec, Mode, PointSpec, PointsSpec, Scene, Shad
 use crate::navigate::Stage;
 use crate::worker::Opened;
 
-/// Most control points that can be dragged: a function of more is a table.
+/// Most control points that can be edited individually; a function with more is a table.
 pub const POINT_LIMIT: usize = 256;
 
-/// What cameras move around.
+/// The stage of a volume for camera motion.
 #[must_use]
 pub fn stage(facts: &VolumeFacts) -> Stage {
     let [first, .., last] = domain_corners(facts);
@@ -21,8 +21,8 @@ pub fn stage(facts: &VolumeFacts) -> Stage {
     Stage { up, diagonal: (last - first).length().max(f64::MIN_POSITIVE) }
 }
 
-/// The camera that frames what can be seen from a side, or from the one that suits the data. `None` where the world is too coarse for
-/// cameras: such a scene leaves its camera open.
+/// The camera that frames the visible region from a direction, or from the default direction. `None` if world
+/// coordinates are too coarse for cameras; such a scene leaves its camera open.
 #[must_use]
 pub fn camera_from(scene: &Scene, opened: &Opened, direction: Option<Direction>) -> Option<CameraSpec> {
     scene.camera.as_ref()?;
@@ -32,7 +32,7 @@ pub fn camera_from(scene: &Scene, opened: &Opened, direction: Option<Direction>)
     Some(view.camera(&scene.framed(facts, opened.overview.as_ref()), size))
 }
 
-/// Control points of the scene that is drawn, and the world length over which they hold.
+/// Control points of the scene's transfer function, with their unit distance (a world length).
 #[must_use]
 pub fn points(scene: &Scene) -> Option<&PointsSpec> {
     match &scene.transfer_function {
@@ -41,7 +41,7 @@ pub fn points(scene: &Scene) -> Option<&PointsSpec> {
     }
 }
 
-/// The same, to be changed.
+/// Mutable access to the control points.
 pub fn points_mut(scene: &mut Scene) -> Option<&mut PointsSpec> {
     match &mut scene.transfer_function {
         Some(TransferFunctionSpec::Points(spec)) => Some(spec),
@@ -49,7 +49,7 @@ pub fn points_mut(scene: &mut Scene) -> Option<&mut PointsSpec> {
     }
 }
 
-/// Writes the points of a named preset out, so that they can be edited.
+/// Replaces a preset's name by its control points, so that they can be edited.
 pub fn write_out(scene: &mut Scene, facts: &VolumeFacts) {
     if let Some(TransferFunctionSpec::Preset(name)) = &scene.transfer_function
         && let Ok(function) = supervol_scene::preset::transfer_function(name, facts)
@@ -59,7 +59,7 @@ pub fn write_out(scene: &mut Scene, facts: &VolumeFacts) {
     }
 }
 
-/// The picture of a kind of data, from where the camera stands.
+/// The default picture of a kind of data, with the present camera.
 #[must_use]
 pub fn with_kind(scene: &Scene, opened: &Opened, kind: DataKind) -> Scene {
     let facts = VolumeFacts { kind, ..opened.facts.clone() };
@@ -72,7 +72,7 @@ pub fn with_kind(scene: &Scene, opened: &Opened, kind: DataKind) -> Scene {
     open.complete(&facts, opened.overview.as_ref())
 }
 
-/// The usual picture of a mode, as `render --mode` makes it: light for what is solid, a surface for `iso`.
+/// The default picture of a mode, as `render --mode` draws it: with shading for solid data, with a surface for `iso`.
 #[must_use]
 pub fn with_mode(scene: &Scene, opened: &Opened, mode: Mode) -> Scene {
     let (facts, overview) = (&opened.facts, opened.overview.as_ref());
@@ -91,8 +91,9 @@ pub fn with_mode(scene: &Scene, opened: &Opened, mode: Mode) -> Scene {
     open.complete(facts, overview)
 }
 
-/// One more surface inside the semi-transparent volume, as `render --surface` draws it: lit, since nobody sees the shape of one that is
-/// not. The first lies where surfaces of such data usually do, the next ones halfway to the greatest value.
+/// Adds an iso surface inside the semi-transparent volume, as `render --surface` does. It is shaded, because the shape
+/// of an unshaded surface is invisible. The first surface gets the default value for the data; each further one lies
+/// halfway to the greatest value.
 pub fn add_inner_surface(scene: &mut Scene, facts: &VolumeFacts) {
     let mut surface = looks::default_surface(facts);
     if let Some(last) = scene.iso.last() {
@@ -103,33 +104,33 @@ pub fn add_inner_surface(scene: &mut Scene, facts: &VolumeFacts) {
     scene.iso.push(surface);
 }
 
-/// Least and greatest value that colours and opacities span.
+/// Least and greatest value of the control points.
 #[must_use]
 pub fn window(scene: &Scene) -> Option<[f64; 2]> {
     let points = &points(scene)?.points;
     Some([points.first()?.value, points.last()?.value])
 }
 
-/// Moves colours and opacities to another window.
+/// Moves all control points to another window.
 pub fn set_window(scene: &mut Scene, [low, high]: [f64; 2]) {
     if low.is_finite() && high.is_finite() && low < high {
         repaint(scene, Some([low, high]), None);
     }
 }
 
-/// The window that leaves out this percentage of the voxels at each end.
+/// Sets the window that excludes this percentage of the voxels at each end.
 pub fn clip_percent(scene: &mut Scene, facts: &VolumeFacts, percent: f64) {
     repaint(scene, Some(ramps::clipped_window(facts, percent)), None);
 }
 
-/// Paints with a colour map by its name.
+/// Sets the colours of a colour map by name.
 pub fn set_colors(scene: &mut Scene, name: &str) {
     if let Some(colors) = colormap::by_name(name) {
         paint(scene, &colors);
     }
 }
 
-/// Paints with colours at places from 0 to 1 of the window.
+/// Sets colours at positions from 0 to 1 of the window.
 pub fn paint(scene: &mut Scene, colors: &[(f64, [f64; 3])]) {
     repaint(scene, None, Some(colors));
 }
@@ -141,7 +142,7 @@ fn repaint(scene: &mut Scene, window: Option<[f64; 2]>, colors: Option<&[(f64, [
     }
 }
 
-/// Moves a control point, between its neighbours.
+/// Moves a control point, at most up to its neighbours.
 pub fn move_point(points: &mut [PointSpec], i: usize, value: f64, alpha: f64) {
     let low = i.checked_sub(1).map_or(f64::NEG_INFINITY, |before| points[before].value);
     let high = points.get(i + 1).map_or(f64::INFINITY, |after| after.value);
@@ -150,7 +151,7 @@ pub fn move_point(points: &mut [PointSpec], i: usize, value: f64, alpha: f64) {
     }
 }
 
-/// A new control point, of the colour that is there; its place in the list. `None` where there are too many.
+/// Adds a control point with the present colour and returns its index. `None` if there are too many.
 pub fn add_point(points: &mut Vec<PointSpec>, value: f64, alpha: f64) -> Option<usize> {
     if points.len() >= POINT_LIMIT || !value.is_finite() {
         return None;
@@ -168,14 +169,14 @@ pub fn add_point(points: &mut Vec<PointSpec>, value: f64, alpha: f64) -> Option<
     Some(place)
 }
 
-/// Takes a control point away; the last one stays.
+/// Removes a control point; the last one stays.
 pub fn remove_point(points: &mut Vec<PointSpec>, i: usize) {
     if points.len() > 1 && i < points.len() {
         points.remove(i);
     }
 }
 
-/// One slice of what the scene's clip box leaves, face on, as `render --slice` shows it. `None` where nothing is left of it.
+/// One slice inside the scene's clip box, face on, as `render --slice` shows it. `None` if nothing of it is left.
 #[must_use]
 pub fn sliced(scene: &Scene, opened: &Opened, axis: usize, at: u64) -> Option<Scene> {
     let facts = &opened.facts;
@@ -184,25 +185,26 @@ pub fn sliced(scene: &Scene, opened: &Opened, axis: usize, at: u64) -> Option<Sc
     slice.of(&open, facts, &ramps::of_slice(facts))
 }
 
-/// The clip box in voxels: first and last voxel that are kept, along each axis.
+/// The clip box in voxels: first and last kept voxel along each axis.
 #[must_use]
 pub fn kept_voxels(scene: &Scene, facts: &VolumeFacts) -> [[u64; 2]; 3] {
     let [low, high] = scene.clip.index_box.unwrap_or_else(|| domain(facts));
     std::array::from_fn(|a| {
         let most = facts.dims.0[a] - 1;
-        // A face at i - 1/2 begins voxel i.
+        // Voxel i begins at the face i - 1/2.
         [(low[a] + 0.5).round().clamp(0.0, most as f64) as u64, (high[a] - 0.5).round().clamp(0.0, most as f64) as u64]
     })
 }
 
-/// Keeps these voxels; no box where these are all.
+/// Keeps these voxels; sets no clip box if they are all.
 pub fn keep_voxels(scene: &mut Scene, facts: &VolumeFacts, kept: [[u64; 2]; 3]) {
     let whole = kept.iter().zip(facts.dims.0).all(|(&[first, last], n)| first == 0 && last == n - 1);
     let ends = |end: usize, half: f64| kept.map(|ends| ends[end] as f64 + half);
     scene.clip.index_box = (!whole).then(|| [ends(0, -0.5), ends(1, 0.5)]);
 }
 
-/// The direction in which light travels, from where it comes: degrees to the right of and above the viewer, as the camera stands.
+/// World direction in which the light travels. The light's position is given in degrees to the right of and above the
+/// viewer.
 #[must_use]
 pub fn light_from(camera: &CameraSpec, [right, above]: [f64; 2]) -> [f64; 3] {
     let forward = (DVec3::from_array(camera.target) - DVec3::from_array(camera.eye)).normalize_or(DVec3::X);

@@ -1,15 +1,15 @@
-//! Something short that is done in a thread of its own, so that the window does not wait for a disk or a network: a folder is listed,
-//! a small file is read or written.
+//! Background task: a short job on a thread of its own, so that the window does not wait for a disk or a network. Used
+//! to list folders and to read or write small files.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
 use eframe::egui;
 
-/// See the module. One that is dropped goes on, and nobody hears of it.
+/// A background task with its result. If it is dropped, the job still runs to its end, and the result is lost.
 pub struct Errand<T>(Arc<Mutex<Option<T>>>);
 
 impl<T: Send + 'static> Errand<T> {
-    /// Begins; the window is woken when it is done. Where no thread can be started, it is done at once.
+    /// Starts the job; the window is repainted when it is done. If no thread can be started, the job runs at once.
     pub fn start(ctx: &egui::Context, work: impl FnOnce() -> T + Send + 'static) -> Self {
         let place = Arc::new(Mutex::new(None));
         let work = Arc::new(Mutex::new(Some(work)));
@@ -31,7 +31,7 @@ impl<T: Send + 'static> Errand<T> {
         Self(place)
     }
 
-    /// What came of it, once.
+    /// The result, once; `None` until the job is done.
     pub fn take(&self) -> Option<T> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).take()
     }

@@ -1,5 +1,5 @@
-//! Where the viewer keeps what it makes for itself: containers of source files ([`kept`]) and scenes in the cache folder, what it
-//! remembers in the settings folder. Both are the system's usual ones, unless somebody says otherwise.
+//! Folders of the viewer. The cache folder holds containers built from source files ([`kept`]) and scenes; the settings
+//! folder holds the settings of the last session. Defaults are the system's usual folders.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -7,14 +7,14 @@ use std::time::SystemTime;
 
 use supervol_preprocess::kept;
 
-/// Where the viewer keeps things; `None` where the system does not say where that may be.
+/// Folders of the viewer; `None` if the system names no such folder.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Folders {
-    /// For what can be made again.
+    /// For files that can be made again.
     pub cache: Option<PathBuf>,
-    /// Most bytes of containers in it.
+    /// Most bytes of containers in the cache folder.
     pub cache_limit_bytes: u64,
-    /// For what is remembered.
+    /// For settings that persist between sessions.
     pub settings: Option<PathBuf>,
 }
 
@@ -25,7 +25,7 @@ impl Default for Folders {
 }
 
 impl Folders {
-    /// The system's usual ones.
+    /// The system's usual folders.
     #[must_use]
     pub fn of_system() -> Self {
         let settings = kept::first_of(if cfg!(target_os = "macos") {
@@ -39,7 +39,7 @@ impl Folders {
     }
 }
 
-/// Removes the oldest files of a folder until so many are left.
+/// Removes the oldest files of a folder until at most `limit` are left.
 ///
 /// # Errors
 /// If the folder cannot be read.
@@ -49,7 +49,7 @@ pub fn keep_newest(folder: &Path, limit: usize) -> io::Result<()> {
     let mut files: Vec<(SystemTime, PathBuf)> = listed.filter_map(with_time).collect();
     files.sort();
     for (_, path) in &files[..files.len().saturating_sub(limit)] {
-        // What somebody else has removed meanwhile is gone, too.
+        // A failure means that another process has removed the file already.
         let _ = std::fs::remove_file(path);
     }
     Ok(())

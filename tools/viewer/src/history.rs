@@ -1,5 +1,5 @@
-//! Undo and redo: what the scene was after each edit. The camera is no part of it: who undoes an edit wants to go on looking from
-//! where he is.
+//! Undo and redo: the scenes after each edit. The camera is not part of the history, so that undoing an edit keeps the
+//! present view.
 
 use std::collections::VecDeque;
 
@@ -8,7 +8,7 @@ use supervol_scene::scene::Scene;
 /// Most edits that can be undone.
 const LIMIT: usize = 200;
 
-/// See the module.
+/// The history of edits; see the module.
 #[derive(Debug, Clone, Default)]
 pub struct History {
     past: VecDeque<Scene>,
@@ -16,7 +16,7 @@ pub struct History {
     future: Vec<Scene>,
 }
 
-/// The scene without what edits do not change.
+/// The scene without the parts that are not edits: camera and image size.
 fn edited(scene: &Scene) -> Scene {
     let mut edited = Scene { camera: None, ..scene.clone() };
     let background = edited.image.background;
@@ -25,7 +25,7 @@ fn edited(scene: &Scene) -> Scene {
     edited
 }
 
-/// The scene as it was after an edit, seen as it is seen now.
+/// An earlier scene with the present camera and image size.
 fn seen_as(edited: &Scene, scene: &Scene) -> Scene {
     let mut out = Scene { camera: scene.camera.clone(), ..edited.clone() };
     (out.image.width, out.image.height) = (scene.image.width, scene.image.height);
@@ -33,13 +33,13 @@ fn seen_as(edited: &Scene, scene: &Scene) -> Scene {
 }
 
 impl History {
-    /// Nothing to undo.
+    /// An empty history.
     #[must_use]
     pub fn new(scene: &Scene) -> Self {
         Self { now: edited(scene), ..Self::default() }
     }
 
-    /// An edit has ended, if there was one: from now on it can be undone.
+    /// Records an edit if the scene has changed.
     pub fn commit(&mut self, scene: &Scene) {
         let new = edited(scene);
         if new == self.now {
@@ -52,13 +52,13 @@ impl History {
         self.future.clear();
     }
 
-    /// Whether there is something to undo, and to redo.
+    /// Whether undo and redo are possible.
     #[must_use]
     pub fn can(&self) -> [bool; 2] {
         [!self.past.is_empty(), !self.future.is_empty()]
     }
 
-    /// The scene before the last edit.
+    /// Undo: the scene before the last edit.
     pub fn undo(&mut self, scene: &Scene) -> Option<Scene> {
         self.commit(scene);
         let before = self.past.pop_back()?;
@@ -66,7 +66,7 @@ impl History {
         Some(seen_as(&self.now, scene))
     }
 
-    /// The scene after the edit that was undone last.
+    /// Redo: the scene after the edit that was undone last.
     pub fn redo(&mut self, scene: &Scene) -> Option<Scene> {
         self.commit(scene);
         let after = self.future.pop()?;

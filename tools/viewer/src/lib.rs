@@ -1,19 +1,22 @@
-//! The desktop application behind `supervol view`: a volume is turned, cut, coloured and exported by hand.
+//! The desktop application behind `supervol view`: views, cuts, colours and exports a volume interactively.
 //!
-//! It owns no algorithm. What it shows is a [`Scene`] that it edits, drawn by the runtime's
-//! [`Renderer`](supervol_runtime::render::renderer::Renderer); a scene file and `supervol render` can do all that it can do.
+//! The viewer contains no rendering algorithm. It edits a [`Scene`], which the runtime's
+//! [`Renderer`](supervol_runtime::render::renderer::Renderer) draws. Everything it can do is also possible with a scene
+//! file and `supervol render`.
 //!
 //! ```text
 //! mouse, keys, panels --> scene --> worker: Renderer --> picture, statistics --> window
 //! ```
 //!
-//! - [`viewer`]: one frame of the window: news of the worker, keys, panels, the picture; knows nothing of windows;
-//! - `panels/`: what stands around the picture; `navigate`, `edit`, `planes`, `cutting`: what mouse, keys and panels do to the
-//!   scene; `sections`:
-//!   what panels beside the picture show; `history`: undo;
-//!   `command`: the list of keys;
-//! - [`worker`]: the thread that opens, builds, draws and exports;
-//! - `errand`: what is read and written beside it; `folders`, `remembered`: the cache folder, and what is remembered from one time to the next;
+//! - [`viewer`]: one frame of the user interface: messages of the worker, keys, panels, the picture. Independent of a
+//!   window.
+//! - `panels/`: the panels around the picture.
+//! - `navigate`, `edit`, `planes`, `cutting`: effects of mouse, keys and panels on the scene.
+//! - `sections`: content of the panels beside the picture.
+//! - `history`: undo. `command`: the list of keys. `preview`: from a preview to the volume.
+//! - [`worker`]: the thread that opens, builds, draws and exports.
+//! - `errand`: short tasks on a thread of their own (listing folders, small files).
+//! - `folders`, `remembered`: cache folder and settings that persist between sessions.
 //! - this file: the window.
 
 pub mod command;
@@ -43,27 +46,27 @@ use crate::remembered::Remembered;
 use crate::viewer::Viewer;
 use crate::worker::Settings;
 
-/// Points of a window that is opened for the first time.
+/// Initial size of the window, in points.
 const WINDOW: [f32; 2] = [1280.0, 800.0];
-/// Least points of a window in which all panels can be used.
+/// Least size of the window at which all panels are usable, in points.
 const LEAST_WINDOW: [f32; 2] = [800.0, 500.0];
 
-/// What is shown first.
+/// Options with which the viewer starts.
 #[derive(Debug, Clone, Default)]
 pub struct Launch {
     /// Container or source file; `None`: the window asks for one.
     pub file: Option<PathBuf>,
-    /// What this file does not say about itself, where it is no container.
+    /// Options for a source file that does not describe itself, for example its dimensions.
     pub reading: Reading,
-    /// What the scene says; the rest is chosen to suit the data.
+    /// Scene; missing keys get defaults that suit the data.
     pub scene: Scene,
-    /// With what pictures are made.
+    /// Render settings.
     pub settings: Settings,
-    /// Where things are kept.
+    /// Folders for the cache and for settings.
     pub folders: Folders,
 }
 
-/// Why there is no window.
+/// Reason why there is no window.
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs, reason = "the messages say it")]
 pub enum ViewerError {
@@ -91,10 +94,10 @@ impl From<eframe::Error> for ViewerError {
     }
 }
 
-/// Opens the window, and returns when it is closed.
+/// Opens the window and returns when it is closed.
 ///
 /// # Errors
-/// If there is no desktop, or nothing to draw with.
+/// If there is no desktop or no graphics device.
 pub fn run(launch: Launch) -> Result<(), ViewerError> {
     let remembered = Remembered::read(&launch.folders);
     let viewport = egui::ViewportBuilder::default()
@@ -104,12 +107,12 @@ pub fn run(launch: Launch) -> Result<(), ViewerError> {
         .with_min_inner_size(LEAST_WINDOW);
     let options = eframe::NativeOptions {
         viewport,
-        // Pictures are shown as they are.
+        // Pictures are shown without changes.
         dithering: false,
         wgpu_options: wgpu_options(),
         ..eframe::NativeOptions::default()
     };
-    // winit panics where a library is missing that it loads at run time: X11's keyboard, for one.
+    // winit panics if a library that it loads at run time is missing, for example X11's keyboard library.
     let opened = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
         eframe::run_native("supervol", options, Box::new(|_| Ok(Box::new(Window(Viewer::new(launch, remembered))))))
     }));
@@ -123,14 +126,14 @@ pub fn run(launch: Launch) -> Result<(), ViewerError> {
     }
 }
 
-/// Vulkan alone, as in the runtime; any adapter will do, since it only puts finished pictures on the screen.
+/// Vulkan only, as in the runtime. Any adapter suffices, because it only shows finished pictures.
 fn wgpu_options() -> WgpuConfiguration {
     let mut setup = WgpuSetupCreateNew::without_display_handle();
     setup.instance_descriptor.backends = eframe::wgpu::Backends::PRIMARY;
     WgpuConfiguration { wgpu_setup: WgpuSetup::CreateNew(setup), ..WgpuConfiguration::default() }
 }
 
-/// The viewer in a window of its own.
+/// The viewer as an eframe application.
 struct Window(Viewer);
 
 impl eframe::App for Window {

@@ -1,28 +1,29 @@
-//! How a camera is moved by hand: orbit, pan, dolly, projection. World space throughout; places in the picture are normalised
-//! device coordinates, x to the right and y up, both from -1 to 1.
+//! Camera motion by hand: orbit, pan, dolly, projection. World space throughout. Positions in the picture are
+//! normalised device coordinates: x to the right and y up, both from -1 to 1.
 //!
-//! Orbits keep the horizon: the camera turns about the volume's up direction and lifts between straight above and straight below.
+//! Orbits keep the horizon: the camera turns about the volume's up direction, and its elevation stays between the
+//! poles.
 
 use glam::{DQuat, DVec3};
 use supervol_scene::scene::CameraSpec;
 
-/// Vertical angle of view of a camera that becomes perspective, degrees.
+/// Vertical angle of view after a switch to perspective, in degrees.
 const FOV_Y: f64 = 30.0;
-/// Greatest elevation, degrees: at 90 nothing would tell right from left.
+/// Greatest elevation in degrees; at 90, right and left are undefined.
 const STEEPEST: f64 = 89.9;
-/// Least and greatest distance from the target, and height of an orthographic picture, in diagonals of the volume.
+/// Least and greatest distance from the target, or height of an orthographic picture, in diagonals of the volume.
 const DISTANCES: [f64; 2] = [1e-4, 1e3];
 
-/// What a camera moves around.
+/// Facts of the volume that camera motion needs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stage {
-    /// World direction that is up; a unit vector.
+    /// World direction that points up; a unit vector.
     pub up: DVec3,
     /// World length of the volume's diagonal.
     pub diagonal: f64,
 }
 
-/// The camera's own axes, unit vectors, and how far its target is.
+/// The camera's axes (unit vectors in world space) and the distance of its target.
 struct Axes {
     forward: DVec3,
     right: DVec3,
@@ -38,7 +39,7 @@ impl Axes {
         Self { forward, right, up: right.cross(forward), distance: (target - eye).length() }
     }
 
-    /// World height of the picture at the target.
+    /// World height of the picture at the distance of the target.
     fn height(&self, camera: &CameraSpec) -> f64 {
         match (camera.height, camera.fov_y) {
             (Some(height), _) => height,
@@ -47,7 +48,7 @@ impl Axes {
     }
 }
 
-/// Turns the camera around its target: to the viewer's right by `yaw`, upwards by `pitch`, degrees.
+/// Turns the camera around its target: by `yaw` to the viewer's right and by `pitch` upwards, in degrees.
 #[must_use]
 pub fn orbit(camera: &CameraSpec, stage: &Stage, [yaw, pitch]: [f64; 2]) -> CameraSpec {
     let axes = Axes::of(camera);
@@ -60,7 +61,7 @@ pub fn orbit(camera: &CameraSpec, stage: &Stage, [yaw, pitch]: [f64; 2]) -> Came
     CameraSpec { eye: eye.to_array(), up: stage.up.to_array(), ..camera.clone() }
 }
 
-/// Moves the camera so that what lies at the target moves by shares of the picture's height, to the right and up.
+/// Moves the camera so that the target moves in the picture, to the right and up. Unit: heights of the picture.
 #[must_use]
 pub fn pan(camera: &CameraSpec, [right, up]: [f64; 2]) -> CameraSpec {
     let axes = Axes::of(camera);
@@ -68,8 +69,8 @@ pub fn pan(camera: &CameraSpec, [right, up]: [f64; 2]) -> CameraSpec {
     moved(camera, shift)
 }
 
-/// Brings the target nearer by a factor (below 1) or away (above), while the point at the target's depth under `cursor` stays where
-/// it is in a picture of this aspect (width over height).
+/// Multiplies the distance to the target by a factor: nearer below 1, away above 1. The point under `cursor`, at the
+/// target's depth, stays where it is in a picture with this aspect ratio (width over height).
 #[must_use]
 pub fn dolly(camera: &CameraSpec, stage: &Stage, factor: f64, cursor: [f64; 2], aspect: f64) -> CameraSpec {
     let axes = Axes::of(camera);
@@ -78,7 +79,7 @@ pub fn dolly(camera: &CameraSpec, stage: &Stage, factor: f64, cursor: [f64; 2], 
     let size = if camera.height.is_some() { height } else { axes.distance };
     let [least, most] = DISTANCES.map(|share| share * stage.diagonal);
     let factor = (size * factor).clamp(least.min(size), most.max(size)) / size;
-    // The point under the cursor is `target + at`; everything else comes nearer to it by the factor.
+    // The point under the cursor is `target + at`; distances to it are multiplied by the factor.
     let target = DVec3::from_array(camera.target) + at * (1.0 - factor);
     let distance = if camera.height.is_some() { axes.distance } else { axes.distance * factor };
     CameraSpec {
@@ -89,7 +90,7 @@ pub fn dolly(camera: &CameraSpec, stage: &Stage, factor: f64, cursor: [f64; 2], 
     }
 }
 
-/// Perspective becomes orthographic and the other way round; the target keeps its size.
+/// Switches between perspective and orthographic projection. The target keeps its size in the picture.
 #[must_use]
 pub fn other_projection(camera: &CameraSpec) -> CameraSpec {
     let axes = Axes::of(camera);
@@ -102,26 +103,27 @@ pub fn other_projection(camera: &CameraSpec) -> CameraSpec {
     CameraSpec { eye: eye.to_array(), fov_y: Some(FOV_Y), height: None, ..camera.clone() }
 }
 
-/// Moves the camera forward by a share of the distance to its target, with the target: flying.
+/// Flies: moves camera and target forward by a share of their distance.
 #[must_use]
 pub fn fly(camera: &CameraSpec, share: f64) -> CameraSpec {
     let axes = Axes::of(camera);
     moved(camera, share * axes.distance * axes.forward)
 }
 
-/// The world direction in which a camera looks, and the one to its right: unit vectors.
+/// World direction in which a camera looks, a unit vector.
 #[must_use]
 pub fn forward_of(camera: &CameraSpec) -> DVec3 {
     Axes::of(camera).forward
 }
 
-/// See [`forward_of`].
+/// World direction to a camera's right, a unit vector.
 #[must_use]
 pub fn right_of(camera: &CameraSpec) -> DVec3 {
     Axes::of(camera).right
 }
 
-/// The world vector across the view by which a world point moves that is dragged by shares of the picture's height, to the right and up.
+/// World vector, perpendicular to the view direction, for a drag of a world point. The drag is in heights of the
+/// picture, to the right and up.
 #[must_use]
 pub fn drag_at(camera: &CameraSpec, point: DVec3, [right, up]: [f64; 2]) -> DVec3 {
     let axes = Axes::of(camera);
@@ -130,7 +132,7 @@ pub fn drag_at(camera: &CameraSpec, point: DVec3, [right, up]: [f64; 2]) -> DVec
     scale * axes.height(camera) * (right * axes.right + up * axes.up)
 }
 
-/// The world point at the target's depth that is seen at a place of a picture of this aspect (width over height).
+/// The world point at the target's depth under a position of the picture; `aspect` is width over height.
 #[must_use]
 pub fn point_at(camera: &CameraSpec, at: [f64; 2], aspect: f64) -> DVec3 {
     let axes = Axes::of(camera);
@@ -138,7 +140,7 @@ pub fn point_at(camera: &CameraSpec, at: [f64; 2], aspect: f64) -> DVec3 {
     DVec3::from_array(camera.target) + half * (at[0] * aspect * axes.right + at[1] * axes.up)
 }
 
-/// Where a world point is seen in a picture of this aspect; `None` beside or behind a perspective camera.
+/// Position of a world point in the picture; `None` if it lies beside or behind a perspective camera.
 #[must_use]
 pub fn place_of(camera: &CameraSpec, point: DVec3, aspect: f64) -> Option<[f64; 2]> {
     let axes = Axes::of(camera);
@@ -150,7 +152,8 @@ pub fn place_of(camera: &CameraSpec, point: DVec3, aspect: f64) -> Option<[f64; 
     (scale > 0.0 && place.iter().all(|p| p.is_finite())).then_some(place)
 }
 
-/// The camera as it stands, moved along its own view direction to the depth of another one's target: from slice to slice.
+/// The camera, moved along its view direction to the depth of another camera's target. Used when the user switches
+/// slices.
 #[must_use]
 pub fn shifted_to(camera: &CameraSpec, other: &CameraSpec) -> CameraSpec {
     let axes = Axes::of(camera);
@@ -179,7 +182,7 @@ mod tests {
         [camera(Some(30.0), None), camera(None, Some(8.0))]
     }
 
-    /// Where a world point lies in a picture of 200 x 100 pixels, normalised.
+    /// Position of a world point in a picture of 200 x 100 pixels, normalised.
     fn place(camera: &CameraSpec, point: DVec3) -> [f64; 2] {
         let projection = match camera.height {
             Some(height) => Projection::Orthographic { height },
@@ -244,7 +247,7 @@ mod tests {
             let found = place_of(&start, point, 2.0).expect("it is before the camera");
             let expected = place(&start, point);
             assert!((0..2).all(|a| (found[a] - expected[a]).abs() < 1e-12), "{found:?} {expected:?}");
-            // What is dragged is where the mouse is: a height is 2 of y and, at this aspect, 1 of x.
+            // A dragged point stays under the mouse. One height is 2 in y and, at this aspect ratio, 1 in x.
             let dragged = point + drag_at(&start, point, [0.1, -0.05]);
             let moved = place_of(&start, dragged, 2.0).expect("it is before the camera");
             assert!(
@@ -263,7 +266,7 @@ mod tests {
         for start in both() {
             let target = DVec3::from_array(start.target);
             let [x, y] = place(&pan(&start, [0.25, 0.1]), target);
-            // A height is 2 of y and, at this aspect, 1 of x.
+            // One height is 2 in y and, at this aspect ratio, 1 in x.
             assert!((x - 0.25).abs() < 1e-9 && (y - 0.2).abs() < 1e-9, "{x} {y}");
         }
     }

@@ -1,6 +1,7 @@
-//! Slices within the picture as a hand moves them: each is a plane of the scene, across an axis of the grid or oblique.
+//! Slices in the volume and their motion by hand: each is a plane of the scene, across an axis of the grid or oblique.
 //!
-//! World space, data units; places are voxels along the axis that a slice lies across, or else world lengths from the volume's middle.
+//! World space, data units. The position of a slice across an axis is a voxel coordinate; that of an oblique slice is a
+//! world length from the volume's middle.
 
 use glam::DVec3;
 use supervol_format::Geometry;
@@ -13,21 +14,21 @@ use supervol_scene::slices::{ColorSpec, Interpolation, SLICE_LIMIT, SliceSpec};
 
 use crate::worker::Opened;
 
-/// Greatest distance between the unit normal of a slice and that of one across an axis: numbers of scene files are rounded.
+/// Greatest distance between unit normals that count as equal: numbers in scene files are rounded.
 const SAME_NORMAL: f64 = 1e-9;
-/// Steps of the wheel from end to end of an oblique slice's way.
+/// Wheel steps over the whole range of an oblique slice.
 const OBLIQUE_STEPS: f64 = 200.0;
 
-/// Where a slice lies.
+/// Position of a slice.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Place {
-    /// The grid's axis that it lies across; `None`: it is oblique.
+    /// The grid's axis across the slice; `None` for an oblique slice.
     pub axis: Option<usize>,
-    /// Voxels along the axis; world length along the normal from the volume's middle.
+    /// Voxel coordinate along the axis, or world length along the normal from the volume's middle.
     pub at: f64,
-    /// Least and greatest place where it meets the volume, of voxels their centres.
+    /// Least and greatest position at which the slice meets the volume; for voxel coordinates, their centres.
     pub range: [f64; 2],
-    /// What a step of the wheel moves it by.
+    /// Change of `at` per step of the wheel.
     pub step: f64,
 }
 
@@ -37,7 +38,7 @@ pub fn has_depth(mode: Mode) -> bool {
     matches!(mode, Mode::Dvr | Mode::Iso)
 }
 
-/// What an axis of the grid is called: of a patient, the section across it.
+/// Name of an axis of the grid. For patients, the name of the section across it.
 #[must_use]
 pub fn axis_name(opened: &Opened, axis: usize) -> String {
     let name = &opened.container.manifest().axes[axis].name;
@@ -50,7 +51,8 @@ pub fn axis_name(opened: &Opened, axis: usize) -> String {
     format!("{section} ({name})")
 }
 
-/// Adds a slice through the volume's middle: across an axis of the grid, or along no axis. Says why not where it cannot.
+/// Adds a slice through the volume's middle, across an axis of the grid or oblique (`None`). Returns the reason if it
+/// cannot.
 pub fn add(scene: &mut Scene, facts: &VolumeFacts, axis: Option<usize>) -> Result<(), String> {
     if !has_depth(scene.mode.unwrap_or_default()) {
         return Err("projections know no depth: choose Volume or Iso first".into());
@@ -77,7 +79,7 @@ fn middle(facts: &VolumeFacts) -> DVec3 {
     0.5 * (first + last)
 }
 
-/// The grid's axis that a slice lies across, with the sign of its normal.
+/// The grid's axis across a slice, and the sign of its normal.
 fn across(slice: &SliceSpec, facts: &VolumeFacts) -> Option<(usize, f64)> {
     let normal = unit_vector(slice.normal.into())?;
     (0..3).find_map(|axis| {
@@ -87,12 +89,12 @@ fn across(slice: &SliceSpec, facts: &VolumeFacts) -> Option<(usize, f64)> {
     })
 }
 
-/// World length from the origin to a slice along its unit normal.
+/// World distance from the origin to a slice along its unit normal.
 fn distance(slice: &SliceSpec) -> f64 {
     slice.offset / DVec3::from_array(slice.normal).length()
 }
 
-/// Where a slice lies.
+/// Position of a slice.
 #[must_use]
 pub fn place_of(slice: &SliceSpec, facts: &VolumeFacts) -> Place {
     if let Some((axis, sign)) = across(slice, facts) {
@@ -107,7 +109,7 @@ pub fn place_of(slice: &SliceSpec, facts: &VolumeFacts) -> Place {
     Place { axis: None, at, range, step: (range[1] - range[0]) / OBLIQUE_STEPS }
 }
 
-/// Moves a slice to another place of its own kind, as [`place_of`] tells it.
+/// Moves a slice to another position, in the coordinates of [`place_of`].
 pub fn move_to(slice: &mut SliceSpec, facts: &VolumeFacts, at: f64) {
     if !at.is_finite() {
         return;
@@ -121,23 +123,23 @@ pub fn move_to(slice: &mut SliceSpec, facts: &VolumeFacts, at: f64) {
     }
 }
 
-/// Moves a slice by steps of the wheel, as far as the volume reaches.
+/// Moves a slice by wheel steps, limited to the volume.
 pub fn step(slice: &mut SliceSpec, facts: &VolumeFacts, steps: f64) {
     let Place { at, range: [least, most], step, axis } = place_of(slice, facts);
-    // From between voxels the first step goes to one.
+    // From a position between voxels, the first step goes to a voxel.
     let at = if axis.is_some() { (at + steps).round() } else { at + steps * step };
     move_to(slice, facts, at.clamp(least, most));
 }
 
-/// Turns a slice about its point that is nearest to the volume's middle. A direction of no length turns nothing.
+/// Turns a slice about its point nearest to the volume's middle. A zero normal changes nothing.
 pub fn turn(slice: &mut SliceSpec, facts: &VolumeFacts, normal: [f64; 3]) {
     let (Some(before), Some(after)) = (unit_vector(slice.normal.into()), unit_vector(normal.into())) else { return };
     let foot = middle(facts) + before * (distance(slice) - before.dot(middle(facts)));
     (slice.normal, slice.offset) = (after.to_array(), after.dot(foot));
 }
 
-/// Paints a slice with a colour map by its name, over the values that slices of this volume span. What a filter makes of values has
-/// colours that suit it: those stay.
+/// Sets the colours of a slice from a colour map by name, over the default value range of slices of this volume. Slices
+/// with a filter that changes the meaning of values keep the filter's colours.
 pub fn paint(slice: &mut SliceSpec, facts: &VolumeFacts, name: &str) {
     let Some(colors) = colormap::by_name(name) else { return };
     let points = ramps::repainted(&ramps::plain_slice(facts), None, Some(&colors));
@@ -145,7 +147,8 @@ pub fn paint(slice: &mut SliceSpec, facts: &VolumeFacts, name: &str) {
     slice.colors = PointsSpec::of(&points, 1.0).points.iter().map(color).collect();
 }
 
-/// Slices and clip planes of a scene where the volume has been placed anew: they go through the same voxels.
+/// Converts slices and clip planes of a scene to another geometry of the volume, so that they pass through the same
+/// voxels.
 pub fn carry(scene: &mut Scene, from: &Geometry, to: &Geometry) {
     let carried = |normal: [f64; 3], offset: f64| {
         let normal = DVec3::from_array(normal);
@@ -189,7 +192,7 @@ mod tests {
             assert!((place.at - (facts.dims.0[axis] / 2) as f64).abs() < 1e-9);
             move_to(slice, &facts, 3.0);
             assert_eq!((slice.normal, slice.offset), plane_across(&facts, axis, 3.0));
-            // The other side of the same plane is the same slice.
+            // The same plane with the opposite normal is the same slice.
             (slice.normal, slice.offset) = (slice.normal.map(|n| -2.0 * n), -2.0 * slice.offset);
             assert!((place_of(slice, &facts).at - 3.0).abs() < 1e-9);
             step(slice, &facts, 2.0);

@@ -1,12 +1,13 @@
-//! From a preview to the volume itself: what somebody has changed meanwhile is kept.
+//! Transition from a preview to the volume itself: keeps the user's changes.
 
 use supervol_scene::scene::{ImageSpec, Scene};
 
 use crate::worker::Opened;
 
-/// What is shown of a volume whose preview was shown before as `now`, and at first as `begun`.
+/// The scene of a volume that replaces its preview. `now` is the preview's present scene, `begun` its first one.
 ///
-/// Cameras, planes, solids and colours are where they were. The look is the volume's own, unless somebody has changed it.
+/// Camera, planes, solids and colours keep their positions. The look is the volume's own unless the user has changed
+/// it. `preview_of` is the distance of the preview's voxels along each axis, in voxels of the volume.
 pub(crate) fn carried(now: &Scene, begun: &Scene, preview_of: [u64; 3], opened: &Opened) -> Scene {
     let look = |scene: &Scene| Scene { camera: None, image: ImageSpec::default(), ..scene.clone() };
     if look(now) == look(begun) {
@@ -22,7 +23,8 @@ pub(crate) fn carried(now: &Scene, begun: &Scene, preview_of: [u64; 3], opened: 
     scene
 }
 
-/// The face of the volume's voxel that the face of a preview's voxel stands for: both hold the same voxels of the preview.
+/// Index coordinate in the volume of a face between voxels of the preview, so that the same preview voxels are
+/// enclosed.
 fn volume_index(face: f64, stride: u64) -> f64 {
     (face + 0.5) * stride as f64 - 0.5
 }
@@ -33,7 +35,7 @@ mod tests {
 
     #[test]
     fn faces_hold_the_voxels_of_the_preview() {
-        // Voxels 2 and 3 of one in four are the volume's 8 to 15.
+        // Every fourth voxel: voxels 2 and 3 of the preview are voxels 8 to 15 of the volume.
         assert_eq!([volume_index(1.5, 4), volume_index(3.5, 4), volume_index(-0.5, 4)], [7.5, 15.5, -0.5]);
         assert_eq!(volume_index(6.5, 1), 6.5);
     }

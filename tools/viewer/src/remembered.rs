@@ -1,5 +1,5 @@
-//! What is remembered from one time to the next: files that were opened, the window, the theme. One small JSON file; one that
-//! cannot be read or written is as good as none.
+//! Settings that persist between sessions: recent files, window size, theme. One small JSON file; if it cannot be read
+//! or written, defaults apply.
 
 use std::path::{Path, PathBuf};
 
@@ -9,39 +9,39 @@ use crate::folders::Folders;
 use crate::sections::Layout;
 use crate::worker::Decorations;
 
-/// Most files that are remembered.
+/// Most recent files.
 const RECENT_LIMIT: usize = 12;
 /// Most bytes of the file.
 const BYTES_LIMIT: u64 = 1 << 20;
 
-/// Light or dark.
+/// Colour theme of the window.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Default)]
 #[serde(rename_all = "lowercase")]
 pub enum Theme {
-    /// As the desktop is.
+    /// The desktop's theme.
     #[default]
     System,
-    /// Dark on light.
+    /// Dark text on a light background.
     Light,
-    /// Light on dark.
+    /// Light text on a dark background.
     Dark,
 }
 
-/// See the module.
+/// The persistent settings; see the module.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Default)]
 #[serde(default)]
 pub struct Remembered {
-    /// Files that were opened, the last one first.
+    /// Recently opened files, the last one first.
     pub recent: Vec<PathBuf>,
-    /// Light or dark.
+    /// Colour theme.
     pub theme: Theme,
-    /// Points of the window, across and high.
+    /// Size of the window in points: width, height.
     pub window: Option<[f32; 2]>,
-    /// What stands beside the volume.
+    /// Whether decorations are drawn around the volume.
     pub decorations: Decorations,
-    /// Panels are hidden.
+    /// Whether the panels are hidden.
     pub panels_hidden: bool,
-    /// What stands beside the picture of the volume.
+    /// Panels beside the picture of the volume.
     pub layout: Layout,
 }
 
@@ -50,7 +50,7 @@ fn file(folders: &Folders) -> Option<PathBuf> {
 }
 
 impl Remembered {
-    /// What was remembered.
+    /// Reads the settings; defaults if there are none.
     #[must_use]
     pub fn read(folders: &Folders) -> Self {
         let read = |file: PathBuf| {
@@ -61,22 +61,22 @@ impl Remembered {
         file(folders).and_then(read).unwrap_or_default()
     }
 
-    /// Remembers it.
+    /// Writes the settings.
     pub fn write(&self, folders: &Folders) {
         let Some(file) = file(folders) else { return };
         let write = || {
             let folder = file.parent().unwrap_or(Path::new("."));
             std::fs::create_dir_all(folder)?;
-            // Under another name first: a file that is read meanwhile is whole.
+            // Written under another name first, so that a concurrent reader sees a complete file.
             let unfinished = folder.join(format!(".viewer-{}.json", std::process::id()));
             std::fs::write(&unfinished, serde_json::to_string_pretty(self)?)?;
             std::fs::rename(unfinished, &file)
         };
-        // A viewer that remembers nothing still works.
+        // Errors are ignored: the viewer works without persistent settings.
         let _: std::io::Result<()> = write();
     }
 
-    /// A file has been opened.
+    /// Adds an opened file to the recent files.
     pub fn add(&mut self, path: &Path) {
         let path = std::path::absolute(path).unwrap_or_else(|_| path.into());
         self.recent.retain(|known| *known != path);

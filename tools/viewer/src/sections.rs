@@ -1,8 +1,8 @@
-//! Sections in panels beside the picture: one, or three that are linked by a cursor.
+//! Sections in panels beside the picture: one, or three that share a cursor.
 //!
-//! Each is a scene of its own in mode `slice`, face on, of the plane across an axis of the grid through the cursor. The cursor is a
-//! voxel of level 0. Sections show the whole volume, whatever the picture's scene cuts away; places in panels are normalised device
-//! coordinates, as in [`navigate`].
+//! Each section is a scene of its own in mode `slice`, face on, on the plane across an axis of the grid through the
+//! cursor. The cursor is a voxel of level 0. Sections show the whole volume, without the clipping of the picture's
+//! scene. Positions in panels are normalised device coordinates, as in [`navigate`].
 
 use eframe::egui::TextureHandle;
 use glam::DVec3;
@@ -17,17 +17,17 @@ use supervol_scene::slices::{Interpolation, SliceSpec};
 use crate::worker::{Opened, PANELS, Probe, Probed};
 use crate::{navigate, planes};
 
-/// Greatest distance between the place of a slice in the picture and the cursor that it moves with, voxels.
+/// Greatest distance, in voxels, between the cursor and a slice in the picture that moves with it.
 const SAME_PLACE: f64 = 1e-6;
-/// Places beyond this, and of more digits behind the point, are told by powers of ten.
+/// Coordinates above this magnitude, or with more digits behind the point, are shown with powers of ten.
 const LARGEST_PLACE: f64 = 1e12;
 const MOST_DIGITS: f64 = 9.0;
 
-/// What stands beside the picture of the volume.
+/// Layout of the panels beside the picture of the volume.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Default)]
 #[serde(rename_all = "lowercase")]
 pub enum Layout {
-    /// Nothing.
+    /// No panel.
     #[default]
     Alone,
     /// The section across this axis of the grid.
@@ -44,49 +44,49 @@ impl Layout {
     }
 }
 
-/// A picture of a panel on the screen.
+/// A section on the screen.
 pub struct Shown {
     /// Its pixels.
     pub image: std::sync::Arc<eframe::egui::ColorImage>,
-    /// The same, where the window draws from.
+    /// Texture with the pixels.
     pub texture: TextureHandle,
-    /// The wish that it answers.
+    /// Number of the request.
     pub number: u64,
-    /// What it cost.
+    /// Statistics of the picture.
     pub stats: FrameStats,
-    /// Nothing is left to do.
+    /// Whether the picture is final.
     pub is_converged: bool,
 }
 
-/// One panel.
+/// One panel, across one axis.
 #[derive(Default)]
 pub struct Panel {
-    /// Where it is looked at from, if somebody has moved it: the depth is the plane's.
+    /// The camera, if the user has moved it. Its depth is that of the plane.
     pub(crate) camera: Option<CameraSpec>,
-    /// What is to be drawn; `None`: nothing, or the panel has no room.
+    /// Scene to draw; `None` if there is nothing to draw or no room.
     pub(crate) scene: Option<Scene>,
-    /// What was asked for last, of which volume, and its number.
+    /// Last request: number of the volume, scene, number of the request.
     pub(crate) sent: Option<(u64, Scene, u64)>,
-    /// What is on the screen.
+    /// The picture on the screen.
     pub(crate) shown: Option<Shown>,
-    /// Points of the wheel that have moved nothing yet.
+    /// Scrolled points that have not yet moved the section by a step.
     pub(crate) wheel_points: f64,
 }
 
 impl Panel {
-    /// What is to be drawn.
+    /// The scene to draw.
     #[must_use]
     pub fn scene(&self) -> Option<&Scene> {
         self.scene.as_ref()
     }
 
-    /// What is on the screen.
+    /// The picture on the screen.
     #[must_use]
     pub fn shown(&self) -> Option<&Shown> {
         self.shown.as_ref()
     }
 
-    /// Whether what is on the screen is what is to be drawn.
+    /// Whether the picture on the screen is that of `scene`.
     fn is_at_rest(&self) -> bool {
         match (&self.scene, &self.sent, &self.shown) {
             (None, ..) => true,
@@ -98,22 +98,22 @@ impl Panel {
     }
 }
 
-/// See the module.
+/// All panels with their cursor; see the module.
 pub struct Sections {
-    /// What is shown.
+    /// Layout of the panels.
     pub(crate) layout: Layout,
-    /// The voxel that all sections go through, index coordinates.
+    /// Voxel in index coordinates through which all sections pass.
     pub(crate) cursor: [f64; 3],
-    /// How values are found, filtered and coloured; the plane is none.
+    /// Interpolation, filter and colours of the sections. Its plane is not used.
     pub(crate) look: SliceSpec,
-    /// By axis.
+    /// Panels by axis.
     pub(crate) panels: [Panel; PANELS],
-    /// Wishes that were made.
+    /// Number of requests made so far.
     pub(crate) wishes: u64,
-    /// What was asked last about a pixel, and the last answer.
+    /// Last probe of a pixel, and the last answer.
     pub(crate) asked: Option<Probe>,
     pub(crate) answered: Option<Probed>,
-    /// The question whose answer moves the cursor.
+    /// Number of the probe whose answer moves the cursor.
     pub(crate) moving: Option<u64>,
 }
 
@@ -141,18 +141,18 @@ impl Default for Sections {
 }
 
 impl Sections {
-    /// For a volume that is opened: the cursor is in its middle.
+    /// Sections for an opened volume; the cursor is in its middle.
     pub(crate) fn of(facts: &VolumeFacts, layout: Layout) -> Self {
         Self { layout, cursor: facts.dims.0.map(|n| (n / 2) as f64), ..Self::default() }
     }
 
-    /// What is shown.
+    /// Layout of the panels.
     #[must_use]
     pub fn layout(&self) -> Layout {
         self.layout
     }
 
-    /// The voxel that all sections go through, index coordinates.
+    /// Voxel in index coordinates through which all sections pass.
     #[must_use]
     pub fn cursor(&self) -> [f64; 3] {
         self.cursor
@@ -164,20 +164,20 @@ impl Sections {
         self.panels.get(axis).filter(|_| self.layout.shows(axis))
     }
 
-    /// The last answer to what is under the mouse.
+    /// Answer to the last probe; `None` until it is known.
     #[must_use]
     pub fn probed(&self) -> Option<&Probed> {
         let asked = self.asked.map(|probe| probe.number);
         self.answered.as_ref().filter(|probed| Some(probed.probe.number) == asked)
     }
 
-    /// Whether all panels show what they are to show.
+    /// Whether all panels show their final pictures.
     #[must_use]
     pub fn are_at_rest(&self) -> bool {
         (0..PANELS).all(|axis| self.panel(axis).is_none_or(Panel::is_at_rest))
     }
 
-    /// The scene of a panel in a picture of this size; `None` where nothing can be shown.
+    /// Scene of a panel in a picture of this size; `None` if nothing can be shown.
     #[must_use]
     pub fn scene_of(&self, axis: usize, opened: &Opened, image: &ImageSpec) -> Option<Scene> {
         let facts = &opened.facts;
@@ -194,7 +194,7 @@ impl Sections {
         Some(scene.complete(facts, None))
     }
 
-    /// Moves the cursor, as far as the volume reaches, and with it the slices of the picture that lie at it.
+    /// Moves the cursor, limited to the volume. Slices of the picture at the old cursor move with it.
     pub(crate) fn move_to(&mut self, cursor: [f64; 3], facts: &VolumeFacts, scene: &mut Scene) {
         let last = facts.dims.0.map(|n| (n - 1) as f64);
         let next: [f64; 3] = std::array::from_fn(|a| match cursor[a].round() {
@@ -213,7 +213,7 @@ impl Sections {
         self.cursor = next;
     }
 
-    /// Moves the cursor within a section to a point of its panel.
+    /// Moves the cursor within a section to a position of its panel.
     pub(crate) fn point_at(&mut self, axis: usize, at: [f64; 2], facts: &VolumeFacts, scene: &mut Scene) {
         let Some(index) = self.index_at(axis, at, facts) else { return };
         let mut cursor = index;
@@ -221,7 +221,7 @@ impl Sections {
         self.move_to(cursor, facts, scene);
     }
 
-    /// The point of a section, index coordinates, that lies at a place of its panel.
+    /// Index coordinates of the point at a position of a section's panel.
     #[must_use]
     pub fn index_at(&self, axis: usize, at: [f64; 2], facts: &VolumeFacts) -> Option<[f64; 3]> {
         let scene = self.panels[axis].scene.as_ref()?;
@@ -233,7 +233,7 @@ impl Sections {
         Some(facts.geometry.world_from_index().inverse().transform_point3(on_plane).to_array())
     }
 
-    /// Where an index point is in the panel of a section.
+    /// Position of an index point in the panel of a section.
     #[must_use]
     pub fn place_of(&self, axis: usize, index: [f64; 3], facts: &VolumeFacts) -> Option<[f64; 2]> {
         let scene = self.panels[axis].scene.as_ref()?;
@@ -243,7 +243,7 @@ impl Sections {
     }
 }
 
-/// What is told of a point: value with its unit, voxel, world position, and of a survey its lines and its time or depth.
+/// Description of a point: value with unit, voxel, world position; for a survey also its lines and its time or depth.
 #[must_use]
 pub fn told_of(picked: &Picked, opened: &Opened) -> String {
     let manifest = opened.container.manifest();
@@ -266,7 +266,7 @@ pub fn told_of(picked: &Picked, opened: &Opened) -> String {
     words
 }
 
-/// A place along an axis, in digits that tell a hundredth of a step from voxel to voxel apart.
+/// A coordinate as text, with enough digits for a hundredth of the voxel distance `step`.
 #[must_use]
 pub fn place(value: f64, step: f64) -> String {
     let digits = (2.0 - step.abs().log10()).ceil().max(0.0);
@@ -274,11 +274,11 @@ pub fn place(value: f64, step: f64) -> String {
         return short(value);
     }
     let power = 10f64.powf(digits);
-    // No zero has a sign.
+    // Avoids a negative zero.
     format!("{:.*}", digits as usize, (value * power).round() / power + 0.0)
 }
 
-/// A number in few digits.
+/// A number as short text.
 #[must_use]
 pub fn short(value: f64) -> String {
     if value != 0.0 && !(1e-3..1e6).contains(&value.abs()) {
@@ -288,8 +288,8 @@ pub fn short(value: f64) -> String {
     }
 }
 
-/// Rays of each pixel: more where a pixel covers several voxels. Else the values between voxels are smooth already, and the section
-/// follows the hand four times as fast.
+/// Rays per pixel: several if a pixel covers several voxels. Otherwise interpolated values are smooth already, and one
+/// ray per pixel makes the section follow the mouse four times as fast.
 fn samples(camera: Option<&CameraSpec>, image: &ImageSpec, facts: &VolumeFacts) -> u32 {
     const FINE: u32 = 4;
     let pixel = camera.and_then(|camera| camera.height).unwrap_or(0.0) / f64::from(image.height.max(1));

@@ -1,6 +1,7 @@
-//! One frame of the window: news of the worker, keys, panels, the picture, and at its end what has changed goes to the worker.
+//! One frame of the user interface: messages of the worker, keys, panels, the picture. At its end, changes go to the
+//! worker.
 //!
-//! Nothing here waits, opens a volume or casts a ray. There need be no window: tests drive the same frames.
+//! Nothing here waits, opens a volume or casts a ray. No window is needed: tests run the same frames.
 
 use std::collections::VecDeque;
 use std::path::Path;
@@ -27,41 +28,41 @@ use crate::worker::{
 };
 use crate::{Launch, edit, navigate, planes, preview};
 
-/// Degrees of one step of turning, share of the picture's height of one of moving, factor of one nearer, share of the way to the
-/// target of one of flying: by keys.
+/// Step sizes of keys. `TURN`: degrees. `MOVE`: share of the picture's height. `NEARER`: factor of the distance to the
+/// target. `FLY`: share of that distance.
 const TURN: f64 = 5.0;
 const MOVE: f64 = 0.05;
 const NEARER: f64 = 0.85;
 const FLY: f64 = 0.1;
 
-/// Most latencies that are kept.
+/// Most stored latencies.
 const LATENCY_LIMIT: usize = 512;
 
 /// The picture on the screen.
 pub struct Picture {
     /// Its pixels.
     pub image: Arc<ColorImage>,
-    /// The same, where the window draws from.
+    /// Texture with the pixels.
     pub texture: TextureHandle,
-    /// The wish that it answers.
+    /// Number of the request.
     pub number: u64,
-    /// What it cost, and how far it has come.
+    /// Statistics of the picture.
     pub stats: FrameStats,
-    /// Nothing is left to do.
+    /// Whether the picture is final.
     pub is_converged: bool,
-    /// Wall time of drawing it so far, milliseconds.
+    /// Wall time of drawing it so far, in milliseconds.
     pub spent_ms: f64,
-    /// Bricks to mark in it.
+    /// Bricks to outline in it.
     pub marks: Vec<Mark>,
 }
 
-/// A slice that is shown instead of the volume.
+/// State of the slice that is shown instead of the volume.
 pub(crate) struct Sliced {
-    /// The grid's axis across it.
+    /// The grid's axis across the slice.
     pub(crate) axis: usize,
-    /// Which voxel on it.
+    /// Voxel along the axis.
     pub(crate) at: u64,
-    /// What was shown before, and is again.
+    /// The scene before the slice, which is restored afterwards.
     before: Scene,
 }
 
@@ -83,24 +84,24 @@ pub struct Viewer {
     pub(crate) sections: Sections,
     pub(crate) transfer: Transfer,
     pub(crate) status_room: Room,
-    /// Views of an animation.
+    /// Key frames of an animation.
     pub(crate) keys: Keys,
     pub(crate) remembered: Remembered,
     pub(crate) folders: Folders,
-    /// Milliseconds from wishes to the first pictures that answered them, the last ones last.
+    /// Latencies in milliseconds from requests to their first pictures; the last one is the newest.
     pub(crate) latencies_ms: VecDeque<f64>,
     launch: Option<Launch>,
-    /// The scene that the volume, or its preview, was first shown with.
+    /// First scene of the volume, or of its preview.
     begun: Scene,
     sent: Option<(u64, Scene)>,
     sent_settings: Settings,
     wishes: u64,
-    /// Wishes that nothing has answered yet, and when they were made.
+    /// Requests without an answer, and their times.
     unanswered: VecDeque<(u64, Instant)>,
 }
 
 impl Viewer {
-    /// A viewer that will open what is said; the worker starts with the first frame.
+    /// A viewer that will open the volume of `launch`. The worker starts with the first frame.
     #[must_use]
     pub fn new(launch: Launch, remembered: Remembered) -> Self {
         let beside = beside(remembered.layout);
@@ -135,13 +136,13 @@ impl Viewer {
         }
     }
 
-    /// The scene that is shown.
+    /// The present scene.
     #[must_use]
     pub fn scene(&self) -> &Scene {
         &self.scene
     }
 
-    /// Shows another scene of the present volume.
+    /// Replaces the scene of the present volume.
     pub fn set_scene(&mut self, scene: Scene) {
         self.scene = scene;
     }
@@ -153,7 +154,7 @@ impl Viewer {
         }
     }
 
-    /// The volume that is open.
+    /// The open volume.
     #[must_use]
     pub fn opened(&self) -> Option<&Arc<Opened>> {
         self.opened.as_ref()
@@ -171,38 +172,38 @@ impl Viewer {
         &self.sections
     }
 
-    /// What is in memory for the next picture, if the one on the screen has converged and the camera came from somewhere.
+    /// Result of looking ahead; `None` if the present picture has not converged or the camera has not moved.
     #[must_use]
     pub fn looked_ahead(&self) -> Option<LookedAhead> {
         self.ahead.filter(|ahead| ahead.number == self.wishes)
     }
 
-    /// What went wrong or well last.
+    /// The last failure or success.
     #[must_use]
     pub fn message(&self) -> Option<&Message> {
         self.message.as_ref()
     }
 
-    /// With what pictures are made.
+    /// Render settings.
     #[must_use]
     pub fn settings(&self) -> &Settings {
         &self.settings
     }
 
-    /// Whether nothing is to be expected: the picture on the screen is the one that is wanted, and it has converged.
+    /// Whether all work is done: the picture on the screen is that of the present scene, and it has converged.
     #[must_use]
     pub fn is_at_rest(&self) -> bool {
         let is_drawn = self.picture.as_ref().is_some_and(|p| p.is_converged) && self.is_up_to_date();
         self.busy.is_none() && (self.opened.is_none() || is_drawn && self.sections.are_at_rest())
     }
 
-    /// Whether the picture on the screen shows what is wanted, finished or not.
+    /// Whether the picture on the screen shows the present scene, converged or not.
     pub(crate) fn is_up_to_date(&self) -> bool {
         let is_sent = self.sent.as_ref().is_some_and(|(_, scene)| *scene == self.scene);
         is_sent && self.picture.as_ref().is_some_and(|picture| picture.number == self.wishes)
     }
 
-    /// One frame.
+    /// Runs one frame.
     pub fn ui(&mut self, ui: &mut egui::Ui) {
         let ctx = ui.ctx().clone();
         self.start(&ctx);
@@ -225,7 +226,7 @@ impl Viewer {
         self.send(&ctx);
     }
 
-    /// The window's size, to be remembered.
+    /// Stores the window's size in the persistent settings.
     fn note_window(&mut self, ctx: &egui::Context) {
         let (rect, is_full) = ctx.input(|i| (i.viewport().inner_rect, i.viewport().fullscreen.unwrap_or(false)));
         if let Some(rect) = rect.filter(|rect| !is_full && rect.is_finite()) {
@@ -247,7 +248,7 @@ impl Viewer {
         }
     }
 
-    /// Opens a file, in the picture that suits it.
+    /// Opens a file with its default picture.
     pub fn open(&mut self, path: &Path) {
         self.exaggeration = 1.0;
         self.open_with(path, Reading::default(), Scene::default());
@@ -260,7 +261,8 @@ impl Viewer {
         }
     }
 
-    /// Opens the present volume again with heights or depths so many times as large. The look stays, the camera frames it anew.
+    /// Opens the present volume again with this vertical exaggeration. The look stays; the camera frames the volume
+    /// again.
     pub fn exaggerate(&mut self, factor: f64) {
         let Some(opened) = self.opened.clone() else { return };
         self.set_slice(None);
@@ -268,8 +270,8 @@ impl Viewer {
         self.open_with(&opened.source, opened.reading.clone(), Scene { camera: None, ..self.scene.clone() });
     }
 
-    /// Opens another channel or time point of the present file, in the picture that suits it, from the same side. What the file does
-    /// not have is refused, and the present one stays.
+    /// Opens another channel or time point of the present file, with the default picture and the same view direction.
+    /// If the file has no such part, a message says so, and the present part stays.
     pub(crate) fn open_part(&mut self, channel: Option<u64>, frame: Option<u64>) {
         let Some(opened) = self.opened.clone() else { return };
         let mut reading = opened.reading.clone();
@@ -308,7 +310,7 @@ impl Viewer {
         }
     }
 
-    /// What is under a pixel is known.
+    /// Receives the answer to a probe.
     pub(crate) fn hear(&mut self, probed: Probed) {
         let Some(opened) = self.opened.clone().filter(|opened| opened.number == probed.probe.volume) else { return };
         if self.sections.moving == Some(probed.probe.number) {
@@ -320,7 +322,7 @@ impl Viewer {
         self.sections.answered = Some(probed);
     }
 
-    /// A volume has been opened: its scene is shown.
+    /// Shows the scene of an opened volume.
     fn take_up(&mut self, ctx: &egui::Context, opened: Arc<Opened>) {
         let is_same = self.opened.as_ref().is_some_and(|before| before.source == opened.source);
         let preview = self.opened.as_ref().filter(|before| is_same && before.exaggeration == opened.exaggeration);
@@ -334,7 +336,7 @@ impl Viewer {
             planes::carry(&mut scene, &before.facts.geometry, &opened.facts.geometry);
             self.sections.panels.iter_mut().for_each(|panel| panel.camera = None);
         }
-        // The window decides how large the picture is, and with that what a camera frames that nobody has asked for.
+        // The window determines the picture's size, and with it the default camera.
         (scene.image.width, scene.image.height) = (self.scene.image.width, self.scene.image.height);
         if !opened.is_camera_asked {
             scene.camera = edit::camera_from(&scene, &opened, None);
@@ -359,7 +361,7 @@ impl Viewer {
         self.opened = Some(opened);
     }
 
-    /// The volume of which a preview was shown is there.
+    /// Replaces a preview by its volume.
     fn take_over(&mut self, strides: [u64; 3], opened: Arc<Opened>) {
         let slice = self.slice.take().map(|slice| {
             self.scene = Scene { image: self.scene.image.clone(), ..slice.before };
@@ -411,20 +413,21 @@ impl Viewer {
         panel.shown = Some(Shown { image, texture, number, stats, is_converged });
     }
 
-    /// Sections beside the picture, or none.
+    /// Sets the layout of sections beside the picture.
     pub(crate) fn set_layout(&mut self, layout: Layout) {
         if layout == self.sections.layout {
             return;
         }
         (self.sections.layout, self.remembered.layout) = (layout, layout);
         self.settings.beside = beside(layout);
-        // Panels that are gone keep no picture; those that stay are asked for again, since the memory is divided anew.
+        // Removed panels drop their picture. The others are requested again, because the division of the memory
+        // changes.
         for panel in &mut self.sections.panels {
             (panel.shown, panel.sent) = (None, None);
         }
     }
 
-    /// Does what a key or a button says.
+    /// Executes a command.
     pub fn run(&mut self, ctx: &egui::Context, command: Command) {
         match command {
             Command::Help => self.dialogs.keys = !self.dialogs.keys,
@@ -459,7 +462,7 @@ impl Viewer {
         }
     }
 
-    /// Whether what is shown is no volume, but a preview of one.
+    /// Whether a preview is shown instead of the volume.
     #[must_use]
     pub fn is_preview(&self) -> bool {
         self.opened.as_ref().is_some_and(|opened| opened.preview_of.is_some())
@@ -471,10 +474,10 @@ impl Viewer {
         opened.preview_of.map(refused)
     }
 
-    /// Goes to another place in the history.
+    /// Restores a scene of the history.
     fn go_to(&mut self, scene: Option<Scene>) {
         if let Some(scene) = scene {
-            // What the history holds says itself what it shows.
+            // A scene of the history is complete, including slices.
             (self.scene, self.slice) = (scene, None);
         }
     }
@@ -508,15 +511,15 @@ impl Viewer {
         });
     }
 
-    /// Switches to another mode; one that was left before is as it was left.
+    /// Switches to another mode, with the look that it last had.
     pub(crate) fn set_mode(&mut self, mode: Mode) {
         if let Some(opened) = &self.opened {
             self.scene = self.looks.switched(&self.scene, opened, mode);
         }
     }
 
-    /// Shows a slice, by its axis and its voxel on that, or again what was shown before. Of one slice after the other camera and
-    /// colours stay.
+    /// Shows a slice (axis, voxel), or with `None` the previous scene again. Consecutive slices keep camera and
+    /// colours.
     pub(crate) fn set_slice(&mut self, wanted: Option<(usize, u64)>) {
         let Some(opened) = self.opened.clone() else { return };
         let last = self.slice.take();
@@ -546,7 +549,7 @@ impl Viewer {
         self.slice = Some(Sliced { axis, at, before });
     }
 
-    /// Moves the slice that is shown, or the one of those in the volume that is held, by steps, as far as the volume reaches.
+    /// Moves the shown slice, or the selected slice in the volume, by steps, limited to the volume.
     pub(crate) fn step_slice(&mut self, steps: f64) {
         let Some(opened) = self.opened.clone() else { return };
         if let Some((axis, at)) = self.slice.as_ref().map(|slice| (slice.axis, slice.at)) {
@@ -560,10 +563,10 @@ impl Viewer {
         }
     }
 
-    /// Tells the worker what has changed in this frame.
+    /// Sends the changes of this frame to the worker.
     fn send(&mut self, ctx: &egui::Context) {
         let Some(worker) = &self.worker else { return };
-        // What is dragged is one edit.
+        // A drag is one edit: it ends when the button is released.
         if !ctx.input(|input| input.pointer.any_down()) {
             self.history.commit(&self.scene);
         }
@@ -583,7 +586,7 @@ impl Viewer {
         self.send_sections(!are_set);
     }
 
-    /// Tells the worker which sections have changed, or are wanted again.
+    /// Requests sections that have changed, or all of them.
     fn send_sections(&mut self, again: bool) {
         let (Some(worker), Some(opened)) = (&self.worker, &self.opened) else { return };
         for axis in 0..PANELS {
@@ -599,7 +602,7 @@ impl Viewer {
         }
     }
 
-    /// A picture answers this wish; older wishes will have none.
+    /// Records the latency of a picture; older requests remain without an answer.
     fn note_latency(&mut self, number: u64) {
         while let Some(&(wish, since)) = self.unanswered.front().filter(|(wish, _)| *wish <= number) {
             self.unanswered.pop_front();
@@ -609,19 +612,19 @@ impl Viewer {
         }
     }
 
-    /// Milliseconds from wishes to the first pictures that answered them, of the last few hundred.
+    /// The last few hundred latencies in milliseconds, from requests to their first pictures.
     #[must_use]
     pub fn latencies_ms(&self) -> &VecDeque<f64> {
         &self.latencies_ms
     }
 
-    /// Keeps what is to be remembered.
+    /// Writes the persistent settings.
     pub fn remember(&self) {
         self.remembered.write(&self.folders);
     }
 }
 
-/// Adds to a list that keeps the last few hundred.
+/// Appends to a list of bounded length.
 fn push_bounded<T>(list: &mut VecDeque<T>, value: T) {
     if list.len() == LATENCY_LIMIT {
         list.pop_front();
@@ -634,7 +637,7 @@ fn beside(layout: Layout) -> Beside {
     if layout == Layout::Alone { Beside::Nothing } else { Beside::Panels }
 }
 
-/// Light, dark, or as the desktop is.
+/// Sets the colour theme.
 pub(crate) fn set_theme(ctx: &egui::Context, theme: Theme) {
     ctx.set_theme(match theme {
         Theme::System => egui::ThemePreference::System,

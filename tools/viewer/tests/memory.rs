@@ -1,5 +1,5 @@
-//! A long session holds no more memory than its budget allows, and nothing leaks from volume to volume: counted by an allocator, since
-//! what the system says of a process depends on what else it does.
+//! Memory test: a long session stays within its budget, and nothing leaks from volume to volume. An allocator counts
+//! the bytes, because the system's numbers of a process depend on other activity.
 
 mod support;
 
@@ -12,14 +12,14 @@ use support::Session;
 static COUNTING: Counting = Counting;
 
 const BUDGET: usize = 64 << 20;
-/// Pictures on their way to the screen and on it, the window, its fonts.
+/// Pictures in transfer and on the screen, the window, its fonts.
 const WINDOW: usize = 48 << 20;
-/// What volumes may leave behind one after the other: history, what is remembered, tables that have grown.
+/// Permitted growth over several volumes: history, persistent settings, tables.
 const SLACK: usize = 2 << 20;
 const ROUNDS: u32 = 10;
 
-/// Views, edits, modes and volumes in turn, in a budget that holds few bricks: memory stays within it, nothing leaks, no brick fails,
-/// and what is shown in the end is right.
+/// Views, edits, modes and volumes in turn, with a budget for few bricks. Memory stays within it, nothing leaks, no
+/// brick fails, and the final picture is right.
 #[test]
 fn a_long_session_stays_within_its_budget() {
     let mut session = Session::with_budget("vessels", BUDGET as u64);
@@ -47,13 +47,13 @@ fn a_long_session_stays_within_its_budget() {
             stats.host_cache_peak_bytes <= stats.host_cache_budget_bytes && stats.host_budget_bytes == BUDGET as u64
         );
         assert_eq!(stats.bricks_failed, 0);
-        // The harness keeps what it has not drawn.
+        // The test harness keeps undrawn frames.
         session.screenshot("session");
         at_rest.push(counting::now());
     }
     let peak = counting::peak();
     assert!(peak <= BUDGET + WINDOW, "{peak} bytes at the peak; at rest {at_rest:?}");
-    // The same volume, four times later.
+    // The same volume after eight further openings.
     let growth = at_rest[9].saturating_sub(at_rest[1]);
     assert!(growth <= SLACK, "{growth} bytes more after eight volumes: {at_rest:?}");
     session.assert_is_as_rendered();

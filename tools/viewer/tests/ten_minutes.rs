@@ -1,7 +1,8 @@
-//! Ten minutes at the viewer, scripted: turned, edited, cut, sliced, with panels, one volume after the other, while bricks cannot be
-//! read and can be read again. Memory stays within its budget, nothing leaks, no brick is lost, and the picture is right.
+//! Long scripted session: turning, editing, cutting, slicing, panels, one volume after the other, with bricks that are
+//! unreadable for a time. Memory stays within its budget, nothing leaks, no brick is lost, and the picture is right.
 //!
-//! `cargo test -p supervol-viewer --test ten_minutes -- --ignored` takes ten minutes; else a few rounds are gone through.
+//! `cargo test -p supervol-viewer --test ten_minutes -- --ignored` runs for ten minutes; without `--ignored`, a few
+//! rounds.
 
 mod support;
 
@@ -21,14 +22,14 @@ use support::{Fault, Session};
 static COUNTING: Counting = Counting;
 
 const BUDGET: usize = 64 << 20;
-/// Pictures on their way to the screen and on it, those of the panels, the window, its fonts.
+/// Pictures in transfer and on the screen, those of the panels, the window, its fonts.
 const WINDOW: usize = 72 << 20;
-/// What the same volume may hold more, rounds later: history, what is remembered, tables that have grown.
+/// Permitted growth for the same volume, rounds later: history, persistent settings, tables.
 const SLACK: usize = 4 << 20;
 const ROUNDS: usize = 6;
 const SEED: u64 = 20_261_123;
 
-/// One thing that somebody does.
+/// One random action of a user.
 fn act(session: &mut Session, dice: &mut Random) {
     const KEYS: [Key; 10] =
         [Key::ArrowRight, Key::ArrowUp, Key::Plus, Key::Minus, Key::P, Key::Num4, Key::Num0, Key::T, Key::B, Key::W];
@@ -50,7 +51,7 @@ fn act(session: &mut Session, dice: &mut Random) {
             session.edit(|scene| scene.image.background = [level; 3]);
         }
         _ => {
-            // Slices in the volume, where the mode has a depth: one at most, as many pictures as the budget holds.
+            // Slices in the volume, if the mode has depth. At most one: the budget holds few pictures.
             session.click("Volume");
             if session.viewer().scene().slices.is_empty() {
                 session.click("+ z");
@@ -62,7 +63,7 @@ fn act(session: &mut Session, dice: &mut Random) {
     session.frames(dice.index(6));
 }
 
-/// Begins again: the picture that suits the volume, everything read.
+/// Returns to the volume's default picture and waits until everything is read.
 fn clean(session: &mut Session) {
     session.click("Picture alone");
     session.click("Show all");
@@ -103,7 +104,7 @@ fn use_it(is_over: impl Fn(usize) -> bool) {
             act(&mut session, &mut dice);
         }
         if let Some(fault) = fault {
-            // All of it is looked at.
+            // Every brick is looked at.
             session.click("Mean");
             session.rest();
             met += session.viewer().picture().expect("a picture").stats.bricks_failed;
@@ -113,7 +114,7 @@ fn use_it(is_over: impl Fn(usize) -> bool) {
             act(&mut session, &mut dice);
         }
         clean(&mut session);
-        // What could not be read is tried again as time goes by.
+        // Failed bricks are retried after some time.
         let failed = |session: &Session| session.viewer().picture().expect("a picture").stats.bricks_failed;
         for _ in 0..60 {
             if failed(&session) == 0 {
@@ -126,7 +127,7 @@ fn use_it(is_over: impl Fn(usize) -> bool) {
         session.assert_is_as_rendered();
         let stats = &session.viewer().picture().expect("a picture").stats;
         assert!(stats.host_cache_peak_bytes <= stats.host_cache_budget_bytes, "round {round}");
-        // The harness keeps what it has not drawn.
+        // The test harness keeps undrawn frames.
         session.screenshot("ten-minutes");
         at_rest[number].push(counting::now());
     }

@@ -114,7 +114,8 @@ impl Place<'_> {
         dictionary.push_str(&" ".repeat(padding % 64));
         dictionary.push('\n');
         let mut header = b"\x93NUMPY\x01\x00".to_vec();
-        header.extend((dictionary.len() as u16).to_le_bytes());
+        let dictionary_bytes = u16::try_from(dictionary.len()).expect("a dictionary with three sizes is short");
+        header.extend(dictionary_bytes.to_le_bytes());
         header.extend(dictionary.into_bytes());
         header
     }
@@ -165,7 +166,7 @@ impl Place<'_> {
             VoxelType::U16 => 512,
             VoxelType::U32 => 768,
         };
-        let bits = 8 * self.voxel_type.bytes() as i16;
+        let bits = i16::try_from(8 * self.voxel_type.bytes()).expect("a voxel has at most 64 bits");
         let units: u8 = match self.unit {
             "m" => 1,
             "mm" => 2,
@@ -173,7 +174,7 @@ impl Place<'_> {
             _ => 0,
         };
         // 1: scanner coordinates; 2: aligned to another data set.
-        let sform_code: i32 = if self.space == WorldSpace::Unknown { 2 } else { 1 };
+        let sform_code: i16 = if self.space == WorldSpace::Unknown { 2 } else { 1 };
         let geometry = self.geometry_in(WorldSpace::RightAnteriorSuperior);
         let linear = geometry.linear().transpose().to_cols_array();
         let row = |row: usize, i: usize| if i < 3 { linear[3 * row + i] } else { geometry.origin[row] };
@@ -192,20 +193,21 @@ impl Place<'_> {
             geometry.spacing.iter().enumerate().for_each(|(i, s)| put(112 + 8 * i, &s.to_le_bytes()));
             put(168, &(offset as i64).to_le_bytes());
             put(176, &1f64.to_le_bytes());
-            put(348, &sform_code.to_le_bytes());
+            put(348, &i32::from(sform_code).to_le_bytes());
             (0..12).for_each(|i| put(400 + 8 * i, &row(i / 4, i % 4).to_le_bytes()));
             put(500, &i32::from(units).to_le_bytes());
         } else {
             put(0, &348i32.to_le_bytes());
-            dims.iter().enumerate().for_each(|(i, n)| put(40 + 2 * i, &(*n as i16).to_le_bytes()));
+            let dims = dims.map(|n| i16::try_from(n).expect("no axis is longer than NIfTI-1 allows"));
+            dims.iter().enumerate().for_each(|(i, n)| put(40 + 2 * i, &n.to_le_bytes()));
             put(70, &code.to_le_bytes());
             put(72, &bits.to_le_bytes());
-            geometry.spacing.iter().enumerate().for_each(|(i, s)| put(80 + 4 * i, &(*s as f32).to_le_bytes()));
+            geometry.spacing.iter().enumerate().for_each(|(i, s)| put(80 + 4 * i, &single(*s)));
             put(108, &(offset as f32).to_le_bytes());
             put(112, &1f32.to_le_bytes());
             put(123, &[units]);
-            put(254, &(sform_code as i16).to_le_bytes());
-            (0..12).for_each(|i| put(280 + 4 * i, &(row(i / 4, i % 4) as f32).to_le_bytes()));
+            put(254, &sform_code.to_le_bytes());
+            (0..12).for_each(|i| put(280 + 4 * i, &single(row(i / 4, i % 4))));
             put(344, b"n+1\0");
         }
         header
@@ -388,4 +390,10 @@ pub(super) fn numpy_name(voxel_type: VoxelType) -> &'static str {
         VoxelType::F32 => "<f4",
         VoxelType::F64 => "<f8",
     }
+}
+
+/// Bytes of a number in single precision, in which NIfTI-1 states the placement.
+#[expect(clippy::cast_possible_truncation, reason = "rounding to single precision is wanted")]
+fn single(number: f64) -> [u8; 4] {
+    (number as f32).to_le_bytes()
 }

@@ -21,7 +21,7 @@ use supervol_format::file_order::boxes;
 use supervol_format::level_reader::LevelReader;
 use supervol_format::space::WorldSpace;
 use supervol_format::voxel_type::{Voxel, voxels_as_f64};
-use supervol_format::{Container, Geometry, Lod, VoxelBox, VoxelType};
+use supervol_format::{Container, Geometry, Lod, VoxelBox, VoxelType, cast};
 use supervol_preprocess::error::BuildError;
 use supervol_preprocess::level_reader::by_all_threads;
 use supervol_preprocess::memory::{ALLOW_MORE, left_for_data};
@@ -166,7 +166,7 @@ impl Plan {
                 + threads as u64 * voxels * voxel
         };
         let (threads, rest) = Self::share_out(memory_bytes, LEAST_BOX_BYTES, fixed)?;
-        Ok(Self { threads, cache_bytes: (rest / 2) as usize, box_voxels: voxels.max(rest / 2 / voxel) })
+        Ok(Self { threads, cache_bytes: cast::index(rest / 2), box_voxels: voxels.max(rest / 2 / voxel) })
     }
 
     fn new(descriptor: &Descriptor, written_type: VoxelType, memory_bytes: u64) -> Result<Self, BuildError> {
@@ -174,7 +174,7 @@ impl Plan {
         let (threads, rest) = Self::share_out(memory_bytes, 2 * LEAST_BOX_BYTES, fixed)?;
         // Scaled voxels exist as stored, as doubles and as written.
         let voxel = descriptor.voxel_type.bytes() + size_of::<f64>() + written_type.bytes();
-        Ok(Self { threads, cache_bytes: (rest / 2) as usize, box_voxels: rest / 2 / voxel as u64 })
+        Ok(Self { threads, cache_bytes: cast::index(rest / 2), box_voxels: rest / 2 / voxel as u64 })
     }
 
     /// Number of threads that fit into the memory, and the bytes left for the cache and for voxels in flight, at least
@@ -216,6 +216,7 @@ fn write_voxels(
     })
 }
 
+#[expect(clippy::cast_possible_truncation, reason = "rounding to the written type is wanted")]
 fn scaled(descriptor: &Descriptor, stored: &[u8], written_type: VoxelType) -> Vec<u8> {
     let mut out = vec![0; stored.len() / descriptor.voxel_type.bytes() * written_type.bytes()];
     let values = voxels_as_f64(descriptor.voxel_type, stored)

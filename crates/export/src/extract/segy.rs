@@ -10,7 +10,7 @@ use std::path::Path;
 
 use supervol_files::OutputFile;
 use supervol_format::voxel_type::{Absence, voxels_as_f64};
-use supervol_format::{Container, Geometry, VoxelBox, VoxelType};
+use supervol_format::{Container, Geometry, VoxelBox, VoxelType, cast};
 use supervol_preprocess::error::BuildError;
 use supervol_preprocess::level_reader::by_all_threads;
 use supervol_sources::formats::segy::{TEXT_BYTES, encode_text};
@@ -37,8 +37,8 @@ struct Headers {
     /// First sample: value and scalar.
     delay: (i16, i16),
     lines: Lines,
-    /// Divisor of the stored coordinates.
-    divisor: f64,
+    /// Divisor of the stored coordinates: a power of ten, at most 1000.
+    divisor: i16,
     is_feet: bool,
     is_depth: bool,
 }
@@ -127,8 +127,8 @@ impl Headers {
         let lines = Lines::of(container, what, voxels, &place.geometry);
         let corners = [[0, 0], [nx - 1, 0], [0, ny - 1], [nx - 1, ny - 1]].map(|at| lines.point(at));
         let largest = corners.as_flattened().iter().fold(0f64, |most, v| most.max(v.abs()));
-        let fits = |divisor: &f64| largest * divisor < f64::from(i32::MAX);
-        let divisor = [1000.0, 100.0, 10.0, 1.0].into_iter().find(fits);
+        let fits = |divisor: &i16| largest * f64::from(*divisor) < f64::from(i32::MAX);
+        let divisor = [1000, 100, 10, 1].into_iter().find(fits);
         let divisor = divisor.ok_or_else(|| refused(format!("SEG-Y has no place for coordinates of {largest}")))?;
         let last = |[first, step]: [i64; 2], count: usize| first + step * (count as i64 - 1);
         let numbers = [lines.inline[0], last(lines.inline, ny), lines.crossline[0], last(lines.crossline, nx)];
@@ -177,6 +177,7 @@ impl Headers {
         let mut binary = [0; BINARY_BYTES];
         let mut put = |byte: usize, value: &[u8]| binary[byte - 3201..][..value.len()].copy_from_slice(value);
         // Values that do not fit are in revision 2's own fields.
+        #[expect(clippy::cast_possible_truncation, reason = "saturating: longer intervals are cut to the limit below")]
         let interval = if self.interval.fract() == 0.0 { self.interval as u16 } else { 0 };
         put(3217, &interval.min(i16::MAX as u16).to_be_bytes());
         put(3221, &u16::try_from(self.samples).unwrap_or(0).to_be_bytes());
@@ -185,7 +186,8 @@ impl Headers {
         put(3501, &[if self.is_second { 2 } else { 1 }, 0]);
         put(3503, &1u16.to_be_bytes());
         if self.is_second {
-            put(3269, &(self.samples as u32).to_be_bytes());
+            let samples = u32::try_from(self.samples).expect("`new` refuses more samples than fit 31 bits");
+            put(3269, &samples.to_be_bytes());
             put(3273, &self.interval.to_be_bytes());
             put(3297, &[1, 2, 3, 4]);
         }
@@ -196,19 +198,31 @@ impl Headers {
     fn trace_header(&self, number: u64, at: [usize; 2], is_dead: bool) -> [u8; TRACE_BYTES] {
         let mut header = [0; TRACE_BYTES];
         let mut put = |byte: usize, value: &[u8]| header[byte - 1..][..value.len()].copy_from_slice(value);
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "the low 32 bits are wanted: the numbers of more traces wrap around"
+        )]
         let number = (number as u32).wrapping_add(1).to_be_bytes();
-        let line = |[first, step]: [i64; 2], at: usize| ((first + step * at as i64) as i32).to_be_bytes();
-        let [x, y] = self.lines.point(at).map(|v| ((v * self.divisor).round() as i32).to_be_bytes());
+        let line = |[first, step]: [i64; 2], at: usize| {
+            let number = i32::try_from(first + step * at as i64);
+            number.expect("`new` has checked the first and the last line number").to_be_bytes()
+        };
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "saturating, and `new` has chosen a divisor with which the corners fit"
+        )]
+        let [x, y] = self.lines.point(at).map(|v| ((v * f64::from(self.divisor)).round() as i32).to_be_bytes());
         put(1, &number);
         put(5, &number);
         put(29, &(if is_dead { 2i16 } else { 1 }).to_be_bytes());
-        put(71, &(if self.divisor > 1.0 { -(self.divisor as i16) } else { 1 }).to_be_bytes());
+        put(71, &(if self.divisor > 1 { -self.divisor } else { 1 }).to_be_bytes());
         put(89, &1i16.to_be_bytes());
         put(109, &self.delay.0.to_be_bytes());
         put(115, &u16::try_from(self.samples).unwrap_or(0).to_be_bytes());
-        let interval =
-            if self.interval.fract() == 0.0 && self.interval <= f64::from(i16::MAX) { self.interval } else { 0.0 };
-        put(117, &(interval as i16).to_be_bytes());
+        let is_plain = self.interval.fract() == 0.0 && self.interval <= f64::from(i16::MAX);
+        #[expect(clippy::cast_possible_truncation, reason = "a plain interval is a positive whole number that fits")]
+        let interval = if is_plain { self.interval as i16 } else { 0 };
+        put(117, &interval.to_be_bytes());
         put(181, &x);
         put(185, &y);
         put(189, &line(self.lines.inline, at[1]));
@@ -219,6 +233,10 @@ impl Headers {
 }
 
 /// The first sample as a number and a scalar: the closest pair, if it is within a thousandth of a sample.
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "the candidates are whole numbers, and those beyond the limit are filtered out"
+)]
 fn delay(first: f64, interval: f64) -> Option<(i16, i16)> {
     let limit = f64::from(i16::MAX);
     let candidates = [1i16, -10, -100, -1000, -10000, 10, 100, 1000, 10000].map(|scalar| {
@@ -270,7 +288,7 @@ fn trace_boxes(voxels: VoxelBox, most_voxels: u64, core: u64) -> impl Iterator<I
     let [nx, _, nz] = voxels.extent().map(|n| n as u64);
     let rows = (most_voxels / (nx * nz)).min(core).max(1);
     let columns = if most_voxels >= nx * nz { nx } else { (most_voxels / nz).max(1) };
-    let starts = move |axis: usize, step: u64| (voxels.start[axis]..voxels.end[axis]).step_by(step as usize);
+    let starts = move |axis: usize, step: u64| (voxels.start[axis]..voxels.end[axis]).step_by(cast::index(step));
     starts(1, rows).flat_map(move |y| {
         starts(0, columns).map(move |x| VoxelBox {
             start: [x, y, voxels.start[2]],
@@ -290,6 +308,7 @@ fn write_traces(
     let size = headers.voxel_type.bytes();
     let [nx, ny, nz] = part.extent();
     let width = whole.extent()[0];
+    let start = [0, 1].map(|axis| cast::index(part.start[axis] - whole.start[axis]));
     let mut trace = vec![0; nz * size];
     for y in 0..ny {
         for x in 0..nx {
@@ -297,7 +316,7 @@ fn write_traces(
                 sample.copy_from_slice(&bytes[(x + nx * (y + ny * z)) * size..][..size]);
             }
             let is_dead = voxels_as_f64(headers.voxel_type, &trace).into_iter().all(|v| absence.is_absent(v));
-            let at = [(part.start[0] - whole.start[0]) as usize + x, (part.start[1] - whole.start[1]) as usize + y];
+            let at = [start[0] + x, start[1] + y];
             out.write_all(&headers.trace_header((at[1] * width + at[0]) as u64, at, is_dead))?;
             trace.chunks_exact_mut(size).for_each(<[u8]>::reverse);
             out.write_all(&trace)?;

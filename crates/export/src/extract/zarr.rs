@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use supervol_files::unfinished::UnfinishedFolder;
 use supervol_files::{Existing, OutputError, folder_of};
 use supervol_format::level_reader::LevelReader;
-use supervol_format::{Container, VoxelBox, VoxelType};
+use supervol_format::{Container, VoxelBox, VoxelType, cast};
 use supervol_preprocess::error::BuildError;
 use supervol_sources::formats::zarr::is_zarr;
 
@@ -85,7 +85,7 @@ fn check_free(output: &Path, existing: Existing) -> Result<(), BuildError> {
 
 /// Voxels of a chunk at the end of the volume, padded with zeros.
 fn filled_up(bytes: Vec<u8>, extent: [usize; 3], chunk: [u64; 3], voxel: usize) -> Vec<u8> {
-    let chunk = chunk.map(|n| n as usize);
+    let chunk = chunk.map(cast::index);
     if extent == chunk {
         return bytes;
     }

@@ -74,8 +74,7 @@ impl Values {
                 let share = (iso - values[a]) / (values[b] - values[a]);
                 let mut point: [f64; 3] = std::array::from_fn(|k| (self.start[k] + [x, y, z][k] as u64) as f64);
                 point[axis] += share.clamp(0.0, 1.0);
-                // A box has fewer than 2^32 edges.
-                *number = surface.vertices.len() as u32;
+                *number = u32::try_from(surface.vertices.len()).expect("a box has fewer than 2^32 edges");
                 surface.vertices.push(point);
             }
             *number

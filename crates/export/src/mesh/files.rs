@@ -80,7 +80,7 @@ impl<'a> MeshFile<'a> {
                     let [a, b, c] = triangle.map(|number| vertices[number as usize]);
                     let normal = (b - a).cross(c - a).normalize_or_zero();
                     let numbers = [normal, a, b, c].into_iter().flat_map(|point| point.to_array());
-                    bytes.extend(numbers.flat_map(|number| (number as f32).to_le_bytes()));
+                    bytes.extend(numbers.flat_map(single));
                     bytes.extend([0; 2]);
                 }
                 self.triangles.append(&bytes)?;
@@ -89,14 +89,15 @@ impl<'a> MeshFile<'a> {
                 for value in vertices.iter().flat_map(|point| point.to_array()) {
                     match self.is_double {
                         true => bytes.extend(value.to_le_bytes()),
-                        false => bytes.extend((value as f32).to_le_bytes()),
+                        false => bytes.extend(single(value)),
                     }
                 }
                 self.vertices.append(&bytes)?;
                 bytes.clear();
+                let before = u32::try_from(self.vertex_count).expect("the check above refuses more vertices");
                 for triangle in triangles {
                     bytes.push(3);
-                    bytes.extend(triangle.iter().flat_map(|number| (number + self.vertex_count as u32).to_le_bytes()));
+                    bytes.extend(triangle.iter().flat_map(|number| (number + before).to_le_bytes()));
                 }
                 self.triangles.append(&bytes)?;
             }
@@ -120,7 +121,10 @@ impl<'a> MeshFile<'a> {
     pub(super) fn finish(self, out: &mut impl Write) -> Result<(), BuildError> {
         let header = match self.format {
             Format::Obj => Vec::new(),
-            Format::Stl => [vec![0; STL_TITLE_BYTES], (self.triangle_count as u32).to_le_bytes().to_vec()].concat(),
+            Format::Stl => {
+                let count = u32::try_from(self.triangle_count).expect("`add` refuses more triangles than fit 32 bits");
+                [vec![0; STL_TITLE_BYTES], count.to_le_bytes().to_vec()].concat()
+            }
             Format::Ply => {
                 let (vertices, triangles) = (self.vertex_count, self.triangle_count);
                 let number = if self.is_double { "double" } else { "float" };
@@ -139,6 +143,12 @@ impl<'a> MeshFile<'a> {
         };
         write(out).map_err(|e| BuildError::write(self.output, e))
     }
+}
+
+/// Bytes of a number in single precision.
+#[expect(clippy::cast_possible_truncation, reason = "rounding to single precision is wanted")]
+fn single(number: f64) -> [u8; 4] {
+    (number as f32).to_le_bytes()
 }
 
 fn copy(mut file: File, out: &mut dyn Write) -> io::Result<()> {

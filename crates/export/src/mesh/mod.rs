@@ -15,7 +15,7 @@ use glam::DVec3;
 use supervol_files::{Existing, OutputFile, folder_of};
 use supervol_format::level_reader::LevelReader;
 use supervol_format::voxel_type::voxels_as_f64;
-use supervol_format::{BrickIndex, BrickKey, Container, Lod, VoxelBox};
+use supervol_format::{BrickIndex, BrickKey, Container, Lod, VoxelBox, cast};
 use supervol_preprocess::error::BuildError;
 use supervol_preprocess::memory::{ALLOW_MORE, left_for_data};
 
@@ -126,7 +126,7 @@ impl Plan {
         // A quarter of the memory is left for the brick cache.
         let fits = |cells: &u64| *cells == LEAST_CELLS || needed(*cells) <= memory_bytes / 4 * 3;
         let cells = std::iter::successors(Some(core), |n| Some(n / 2)).find(fits).unwrap_or(LEAST_CELLS);
-        Ok(Self { cells, cache_bytes: (memory_bytes - needed(cells)) as usize })
+        Ok(Self { cells, cache_bytes: cast::index(memory_bytes - needed(cells)) })
     }
 }
 
@@ -150,7 +150,7 @@ fn boxes_of_cells(voxels: VoxelBox, cells: u64) -> impl Iterator<Item = VoxelBox
 /// brick.
 fn is_crossed(container: &Container, options: &MeshOptions, part: VoxelBox) -> Result<bool, BuildError> {
     let core = container.pyramid().layout().core() as u64;
-    let brick = part.start.map(|at| (at / core) as u32);
+    let brick = part.start.map(|at| u32::try_from(at / core).expect("brick keys hold every brick of a level"));
     let entry = container.entry(BrickKey::new(options.lod, BrickIndex(brick)));
     let range = entry.map_err(|e| BuildError::container(container.path(), e))?.range;
     let [a, b] = [range.min, range.max].map(|stored| container.descriptor().value(stored));

@@ -1,6 +1,7 @@
 //! Exported files, read again.
 
 #![allow(clippy::unwrap_used, reason = "tests fail loudly")]
+#![allow(clippy::cast_possible_truncation, reason = "tests use small numbers")]
 
 #[path = "../../../sources/tests/readers/grid_support/mod.rs"]
 mod grid_support;

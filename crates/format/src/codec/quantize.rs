@@ -76,6 +76,10 @@ impl Quantizer {
     /// Index of a voxel, saturating.
     #[inline(always)]
     #[must_use]
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "f32 holds all small integers and their steps; the index is the low 32 bits of the sum"
+    )]
     pub fn index<V: Voxel>(self, voxel: V) -> i32 {
         // A double of this size has no fraction bits: adding it rounds the sum to an integer, which is in the lowest
         // bits.
@@ -99,6 +103,10 @@ impl Quantizer {
     /// Function from indices to voxels. It computes once all that depends on the step alone: a division per row of a
     /// brick would take longer than the row's voxels.
     #[inline(always)]
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "saturating: only small integer types use the step as i32, and every whole step fits i64"
+    )]
     pub(super) fn voxels<V: Voxel>(self) -> impl Fn(i32) -> V {
         // Steps of small integer types fit 32 bits. Indices beyond `limit` decode to values beyond the type's limits in
         // any case.
@@ -197,6 +205,7 @@ impl<V: Voxel> Vectorized for Snapping<'_, V> {
             let moved = quantizer.snapped(voxel, absence);
             moved.write_le(bytes);
             if is_small(V::TYPE) {
+                #[expect(clippy::cast_possible_truncation, reason = "f32 holds all small integers")]
                 let [from, to] = [voxel, moved].map(|v| rounded(v.to_f64() as f32));
                 whole = whole.max((from - to).abs());
             } else {
@@ -240,6 +249,7 @@ fn common_divisor<V: Voxel>(voxels: &[V], absence: Absence) -> Quantizer {
     let holes_possible = absence.possible(V::TYPE);
     let mut divisor = 0u32;
     for value in voxels.iter().map(|v| v.to_f64()).filter(|&v| !(holes_possible && absence.is_absent(v))) {
+        #[expect(clippy::cast_possible_truncation, reason = "the value is an integer, and its magnitude is below 2^32")]
         let mut rest = value.abs() as u32;
         if divisor == 0 || !rest.is_multiple_of(divisor) {
             while rest != 0 {
@@ -255,6 +265,8 @@ fn common_divisor<V: Voxel>(voxels: &[V], absence: Absence) -> Quantizer {
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::cast_possible_truncation, reason = "tests use small numbers")]
+
     use super::*;
     use proptest::prelude::*;
 

@@ -83,6 +83,7 @@ fn push_literals(out: &mut Vec<u8>, literals: &[u8], size: usize) {
     }
 }
 
+#[expect(clippy::cast_possible_truncation, reason = "the low 7 bits are wanted; the top bit is set or is zero")]
 fn push_number(out: &mut Vec<u8>, mut t: usize) {
     while t >= 0x80 {
         out.push(t as u8 | 0x80);
@@ -159,6 +160,8 @@ fn decode_voxels<const SIZE: usize>(payload: &[u8], out: &mut [[u8; SIZE]]) -> R
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::cast_possible_truncation, reason = "tests use small numbers")]
+
     use super::*;
     use crate::VoxelType;
     use crate::random::Random;

@@ -219,6 +219,7 @@ fn above<W: Word>(words: &[W], row_start: usize, extent: [usize; 3]) -> W {
 }
 
 /// Step 3: words to byte planes, lowest byte first.
+#[expect(clippy::cast_possible_truncation, reason = "one byte of the word is wanted")]
 fn to_planes<W: Word>(words: &[W]) -> Vec<u8> {
     let mut planes = Vec::with_capacity(size_of_val(words));
     for byte in 0..size_of::<W>() {

@@ -84,6 +84,11 @@ pub struct Sections {
     pub manifest_checksum: u64,
 }
 
+/// A size in a field of 32 bits.
+fn word(size: usize) -> u32 {
+    u32::try_from(size).expect("sizes of pages, bricks and pyramids are far below 2^32")
+}
+
 fn put(page: &mut [u8], at: usize, bytes: &[u8]) {
     page[at..at + bytes.len()].copy_from_slice(bytes);
 }
@@ -119,12 +124,12 @@ pub fn encode(descriptor: &Descriptor, sections: Sections) -> Vec<u8> {
     let flags = if descriptor.absence.nodata.is_some() { FLAG_NODATA } else { 0 };
     let words = [
         VERSION,
-        PAGE_BYTES as u32,
+        word(PAGE_BYTES),
         descriptor.voxel_type as u32,
-        pyramid.layout().core() as u32,
-        APRON as u32,
-        MACRO_CELL as u32,
-        pyramid.levels().len() as u32,
+        word(pyramid.layout().core()),
+        word(APRON),
+        word(MACRO_CELL),
+        word(pyramid.levels().len()),
         flags,
     ];
     for (i, word) in words.iter().enumerate() {
@@ -139,7 +144,7 @@ pub fn encode(descriptor: &Descriptor, sections: Sections) -> Vec<u8> {
     put_f64s(&mut page, 112, &descriptor.geometry.origin);
     put_f64s(&mut page, 136, &descriptor.geometry.direction);
     for (i, level) in pyramid.levels()[1..].iter().enumerate() {
-        put(&mut page, FACTORS_AT + 3 * i, &level.factors.map(|f| f as u8));
+        put(&mut page, FACTORS_AT + 3 * i, &level.factors.map(|f| u8::try_from(f).expect("factors are 1 or 2")));
     }
     let numbers = [
         sections.toc_offset,
@@ -194,7 +199,7 @@ pub fn decode(page: &[u8; PAGE_BYTES], what: &str, offset: u64) -> Result<(Descr
         return Err(invalid(CHECKSUM_AT, "checksum", &format!("{sum:016x}"), &found));
     }
     for (at, field, expected) in
-        [(12, "page size", PAGE_BYTES as u32), (24, "apron", APRON as u32), (28, "macro cell", MACRO_CELL as u32)]
+        [(12, "page size", word(PAGE_BYTES)), (24, "apron", word(APRON)), (28, "macro cell", word(MACRO_CELL))]
     {
         if u32_at(page, at) != expected {
             return Err(invalid(at, field, &expected, &u32_at(page, at)));
@@ -212,7 +217,7 @@ pub fn decode(page: &[u8; PAGE_BYTES], what: &str, offset: u64) -> Result<(Descr
         return Err(invalid(at, "reserved byte", &0, &page[at]));
     }
     let dims = Dims(std::array::from_fn(|a| u64_at(page, 40 + 8 * a)));
-    let factors = factors_at(page, u32_at(page, 32))
+    let factors = factors_at(page, u32_at(page, 32) as usize)
         .map_err(|(at, f)| invalid(at, "factors", &"0 beyond the last level, else 1 or 2", &f))?;
     let pyramid = Pyramid::new(dims, layout, &factors)?;
     let [scale, value_offset, nodata] = f64s_at(page, 64);
@@ -245,13 +250,13 @@ fn quantizer_at(page: &[u8], version: u32, voxel_type: VoxelType) -> Result<Opti
 }
 
 /// Decodes the factors of levels 1 and up. An error holds the offset in the page and the wrong bytes.
-fn factors_at(page: &[u8], levels: u32) -> Result<Vec<[u32; 3]>, (usize, String)> {
+fn factors_at(page: &[u8], levels: usize) -> Result<Vec<[u32; 3]>, (usize, String)> {
     let wrong = |at: usize| (at, format!("{:?} with {levels} levels", &page[at..at + 3]));
-    if !(1..=Lod::LIMIT as u32).contains(&levels) {
+    if !(1..=Lod::LIMIT).contains(&levels) {
         return Err(wrong(FACTORS_AT));
     }
     let triple = |i: usize| [0, 1, 2].map(|a| u32::from(page[FACTORS_AT + 3 * i + a]));
-    let coarser = levels as usize - 1;
+    let coarser = levels - 1;
     if let Some(i) = (coarser..Lod::LIMIT).find(|&i| triple(i) != [0; 3]) {
         return Err(wrong(FACTORS_AT + 3 * i));
     }

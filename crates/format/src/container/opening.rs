@@ -4,8 +4,8 @@ use super::header::{self, Descriptor, PAGE_BYTES, Sections};
 use super::manifest::{self, Manifest};
 use super::reader::{RECORDS_START, read};
 use super::{ContainerError, checksum, toc};
-use crate::Pyramid;
 use crate::byte_source::ByteSource;
+use crate::{Pyramid, cast};
 
 /// Bytes at the end of the file that are read at once: the footer, a manifest of usual length, and the last TOC page.
 pub const TAIL_BYTES: u64 = 128 << 10;
@@ -31,7 +31,7 @@ pub(super) fn open(source: &dyn ByteSource) -> Result<Opened, ContainerError> {
     if file_bytes < 2 * PAGE_BYTES as u64 {
         // A small file that is not a container gets the error that says so.
         let mut start = [0; header::MAGIC.len()];
-        let known = &mut start[..file_bytes.min(header::MAGIC.len() as u64) as usize];
+        let known = &mut start[..cast::index(file_bytes.min(header::MAGIC.len() as u64))];
         read(source, "first bytes", 0, known)?;
         header::check_magic(&start, "file", 0)?;
         let expected = format!("at least {} bytes", 2 * PAGE_BYTES);
@@ -51,9 +51,9 @@ pub(super) fn open(source: &dyn ByteSource) -> Result<Opened, ContainerError> {
     }
     check_sections(&sections, version, &descriptor.pyramid, footer_offset)?;
     let manifest = match sections.manifest_offset.checked_sub(file_bytes - tail.len() as u64) {
-        Some(at) => decode_manifest(&tail[at as usize..][..sections.manifest_bytes as usize], &sections)?,
+        Some(at) => decode_manifest(&tail[cast::index(at)..][..cast::index(sections.manifest_bytes)], &sections)?,
         None => {
-            let mut bytes = vec![0; sections.manifest_bytes as usize];
+            let mut bytes = vec![0; cast::index(sections.manifest_bytes)];
             read(source, "manifest", sections.manifest_offset, &mut bytes)?;
             decode_manifest(&bytes, &sections)?
         }
@@ -65,7 +65,7 @@ pub(super) fn open(source: &dyn ByteSource) -> Result<Opened, ContainerError> {
 /// the header and the footer page: an unreadable place between them concerns only the bricks whose entries lie there.
 fn read_ends(source: &dyn ByteSource, file_bytes: u64) -> Result<([u8; PAGE_BYTES], Vec<u8>), ContainerError> {
     let mut header = [0; PAGE_BYTES];
-    let mut tail = vec![0; file_bytes.min(TAIL_BYTES) as usize];
+    let mut tail = vec![0; cast::index(file_bytes.min(TAIL_BYTES))];
     let tail_offset = file_bytes - tail.len() as u64;
     if source.read_several(&mut [(0, &mut header), (tail_offset, &mut tail)]).is_ok() {
         return Ok((header, tail));

@@ -19,7 +19,7 @@ use crate::byte_source::{ByteSource, ReadShape};
 use crate::codec::{self, BrickShape, Codec};
 use crate::macro_cells::{MACRO_CELL_BYTES, dequantize_cells};
 use crate::voxel_type::Voxel;
-use crate::{BrickKey, Geometry, Pyramid, ValueRange, with_voxel};
+use crate::{BrickKey, Geometry, Pyramid, ValueRange, cast, with_voxel};
 
 pub use super::opening::TAIL_BYTES;
 pub use super::toc_pages::CACHED_TOC_PAGES;
@@ -101,7 +101,7 @@ impl Container {
         let tail_offset = self.file_bytes - tail.len() as u64;
         let first = tail_offset.saturating_sub(self.sections.toc_offset).div_ceil(toc::PAGE_BYTES as u64);
         for number in first..toc::pages_for(self.pyramid().brick_count()) {
-            let at = (self.page_offset(number) - tail_offset) as usize;
+            let at = cast::index(self.page_offset(number) - tail_offset);
             self.keep_page(number, tail[at..at + self.page_bytes(number)].to_vec());
         }
     }
@@ -203,7 +203,7 @@ impl Container {
         let number = self.pyramid().entry(key);
         let page_number = number / ENTRIES_PER_PAGE as u64;
         let page = self.toc_page(page_number)?;
-        let at = (number % ENTRIES_PER_PAGE as u64) as usize * ENTRY_BYTES;
+        let at = cast::index(number % ENTRIES_PER_PAGE as u64) * ENTRY_BYTES;
         let offset = self.page_offset(page_number) + at as u64;
         let bytes: &[u8; ENTRY_BYTES] = page[at..at + ENTRY_BYTES].try_into().expect("an entry has its size");
         let entry = BrickEntry::decode(bytes, key, offset)?;
@@ -288,7 +288,7 @@ impl Container {
 
     fn check_page(&self, page: &[u8], number: u64) -> Result<(), ContainerError> {
         let entries = self.pyramid().brick_count() - number * ENTRIES_PER_PAGE as u64;
-        let entries = entries.min(ENTRIES_PER_PAGE as u64) as usize;
+        let entries = cast::index(entries.min(ENTRIES_PER_PAGE as u64));
         toc::check_page(page, number, entries, (self.page_offset(number), self.page_bytes(number)))
     }
 
@@ -366,7 +366,7 @@ impl Container {
 
     /// Reads the bytes of a record without checking them; empty if the brick has no record.
     fn read_record(&self, key: BrickKey, entry: &BrickEntry) -> Result<Vec<u8>, ContainerError> {
-        let mut record = vec![0; entry.record_bytes() as usize];
+        let mut record = vec![0; cast::index(entry.record_bytes())];
         if !record.is_empty() {
             read(self.source.as_ref(), &key.to_string(), entry.offset, &mut record)?;
         }

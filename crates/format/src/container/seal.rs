@@ -44,7 +44,7 @@ pub fn seal_brick(
     let entry = BrickEntry {
         offset: 0,
         payload_bytes: u32::try_from(payload_bytes).expect("a brick of 132^3 doubles has fewer than 2^32 bytes"),
-        macro_cell_bytes: (record.len() - payload_bytes) as u32,
+        macro_cell_bytes: u32::try_from(record.len() - payload_bytes).expect("16^3 macro cells of two bytes are few"),
         codec,
         absent: measured.absent,
         uniform: measured.fill.is_some() && !measured.absent,

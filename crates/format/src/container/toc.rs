@@ -3,7 +3,7 @@
 use super::header::{VERSION_QUANTIZED, f64_at, u32_at, u64_at};
 use super::{ContainerError, checksum};
 use crate::codec::Codec;
-use crate::{BrickKey, ValueRange};
+use crate::{BrickKey, ValueRange, cast};
 
 /// Bytes per entry.
 pub const ENTRY_BYTES: usize = 80;
@@ -149,7 +149,7 @@ pub fn bytes_for(entries: u64, version: u32) -> u64 {
 #[must_use]
 pub fn page_bytes(number: u64, entries: u64, version: u32) -> usize {
     let is_cut = number + 1 == pages_for(entries) && version > VERSION_QUANTIZED;
-    let last = (entries - number * ENTRIES_PER_PAGE as u64) as usize;
+    let last = cast::index(entries - number * ENTRIES_PER_PAGE as u64);
     if is_cut { last * ENTRY_BYTES + CHECKSUM_BYTES } else { PAGE_BYTES }
 }
 

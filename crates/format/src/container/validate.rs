@@ -7,8 +7,7 @@ use super::ContainerError;
 use super::reader::{Container, RECORDS_START};
 use super::toc::BrickEntry;
 use crate::codec::Codec;
-use crate::macro_cells;
-use crate::{BrickKey, Lod};
+use crate::{BrickKey, Lod, cast, macro_cells};
 
 /// Checks one brick with the help of its record and its children's entries. Returns the entry and the stored voxels.
 ///
@@ -29,7 +28,7 @@ pub fn check_brick(container: &Container, key: BrickKey) -> Result<(BrickEntry, 
     let broken = |rule: &str, expected: String, found: String| {
         Err(ContainerError::invalid(format!("{key}: {rule}"), entry.offset, expected, found))
     };
-    let mut record = vec![0; entry.record_bytes() as usize];
+    let mut record = vec![0; cast::index(entry.record_bytes())];
     container.read_at(entry.offset, &mut record)?;
     let shape = container.shape(key);
     let mut voxels = vec![0; shape.bytes()];
@@ -86,8 +85,7 @@ pub fn check_brick(container: &Container, key: BrickKey) -> Result<(BrickEntry, 
 pub fn check_coverage(container: &Container) -> Result<(), ContainerError> {
     let pyramid = container.pyramid();
     let mut records = Vec::new();
-    for number in 0..pyramid.brick_count() {
-        let key = pyramid.key(number).expect("every number below the count is a brick");
+    for key in (0..).map_while(|number| pyramid.key(number)) {
         let entry = container.entry(key)?;
         if entry.codec != Codec::Uniform {
             records.push((entry.offset, entry.record_bytes()));

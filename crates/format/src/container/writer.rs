@@ -15,7 +15,7 @@ use super::manifest::Manifest;
 use super::toc::{self, BrickEntry, ENTRIES_PER_PAGE, ENTRY_BYTES};
 use super::{ContainerError, checksum};
 use crate::codec::Codec;
-use crate::{BrickKey, Pyramid};
+use crate::{BrickKey, Pyramid, cast};
 
 /// One encoded brick, ready to be written.
 #[derive(Debug, Clone, PartialEq)]
@@ -114,13 +114,16 @@ impl<W: Write> ContainerWriter<W> {
     }
 
     fn slot(&self, key: BrickKey) -> usize {
-        self.descriptor.pyramid.entry(key) as usize * ENTRY_BYTES
+        cast::index(self.descriptor.pyramid.entry(key)) * ENTRY_BYTES
     }
 
     /// The entry of a brick that was written before.
     ///
     /// # Errors
     /// If the brick was not written.
+    ///
+    /// # Panics
+    /// If the key is not a brick of the pyramid.
     pub fn entry(&self, key: BrickKey) -> Result<BrickEntry, ContainerError> {
         let at = self.slot(key);
         let bytes: &[u8; ENTRY_BYTES] = self.entries[at..at + ENTRY_BYTES].try_into().expect("an entry has its size");

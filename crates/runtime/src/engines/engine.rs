@@ -15,9 +15,9 @@ use std::ops::Range;
 
 use supervol_scene::image::Image;
 
+use super::error::EngineError;
 use super::maps::Maps;
 use super::totals::EngineTotals;
-use crate::render::error::RenderError;
 use crate::stop::Stop;
 use crate::stream::field::FieldBrick;
 use crate::stream::priority::BrickOrder;
@@ -59,19 +59,19 @@ pub trait Engine {
     ///
     /// # Errors
     /// If a device fails.
-    fn begin(&mut self, pixel_rows: Range<u32>) -> Result<(), RenderError>;
+    fn begin(&mut self, pixel_rows: Range<u32>) -> Result<(), EngineError>;
 
     /// Goes as far as the bricks allow.
     ///
     /// # Errors
     /// If a device fails.
-    fn advance(&mut self, view: &HostView<'_>) -> Result<Advance, RenderError>;
+    fn advance(&mut self, view: &HostView<'_>) -> Result<Advance, EngineError>;
 
     /// Takes note of what was fetched; the view holds the bricks and the answers.
     ///
     /// # Errors
     /// If a device fails.
-    fn update(&mut self, _view: &HostView<'_>, _fetched: &Fetched) -> Result<(), RenderError> {
+    fn update(&mut self, _view: &HostView<'_>, _fetched: &Fetched) -> Result<(), EngineError> {
         Ok(())
     }
 
@@ -79,7 +79,7 @@ pub trait Engine {
     ///
     /// # Errors
     /// If a device fails.
-    fn write_image(&mut self, to: &mut [[f32; 4]]) -> Result<(), RenderError>;
+    fn write_image(&mut self, to: &mut [[f32; 4]]) -> Result<(), EngineError>;
 
     /// What is known of the finished pixels of the band besides, where that was asked for and the engine can say it.
     fn pixel_maps(&mut self) -> Maps {

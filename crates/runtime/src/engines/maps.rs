@@ -2,27 +2,34 @@
 
 use supervol_scene::image::Image;
 
-use crate::render::options::RenderOptions;
-
 /// Pictures of as many pixels as the one they belong to.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Maps {
-    /// How far each pixel may be off: see [`crate::render::frame::stated`].
+    /// How far each pixel may be off, 1 being white.
     pub errors: Option<Image>,
     /// What the rays of each pixel cost: see [`of_work`].
     pub work: Option<Image>,
 }
 
+/// Maps that somebody asks for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct AskedMaps {
+    /// How far each pixel may be off.
+    pub errors: bool,
+    /// What the rays of each pixel cost.
+    pub work: bool,
+}
+
 impl Maps {
-    /// What the options ask for and is not there yet is begun: nothing is known of any pixel.
-    pub fn begin(&mut self, options: &RenderOptions, size: [u32; 2]) {
+    /// Begins the maps that are asked for and not there yet: nothing is known of any pixel.
+    pub fn begin(&mut self, asked: AskedMaps, size: [u32; 2]) {
         let begin = |map: &mut Option<Image>, is_asked: bool| {
             if is_asked && map.is_none() {
                 *map = Some(Image::unknown(size));
             }
         };
-        begin(&mut self.errors, options.predict_error);
-        begin(&mut self.work, options.count_work);
+        begin(&mut self.errors, asked.errors);
+        begin(&mut self.work, asked.work);
     }
 
     /// Writes what is known of the finished pixels of a band over what was known.

@@ -1,21 +1,29 @@
 //! Engines: from resident bricks to an image.
 //!
-//! - [`engine`]: the interface of an engine, with its protocol;
-//! - [`totals`]: sums and errors that an engine states of its picture;
-//! - [`maps`]: values per pixel beside the colour: stated error, work;
+//! - [`rules`]: every tolerance of the integral, with its reason;
+//! - [`totals`], [`maps`]: sums and errors that an engine states of its picture; values per pixel beside the colour;
+//! - [`engine`], [`error`]: the interface of an engine, with its protocol; its errors;
 //! - [`reference`](mod@reference): the brute-force `f64` integrator that defines the right picture;
-//! - [`packets`]: the CPU caster, packets of rays in `f32`;
+//! - [`ray`], [`ray_scene`], [`feedback`]: a ray between passes, the description of its picture, what a pass tells;
+//! - [`blocks`]: value ranges of blocks of 4^3 cells, by which casters leap;
 //! - [`cells`]: the scalar cell caster, one ray at a time in `f64`; twin of the shader;
-//! - [`gpu`]: the same ray caster in WGSL, and everything else that knows a graphics device;
-//! - [`blocks`]: value ranges of blocks of 4^3 cells, by which casters leap.
+//! - [`packets`]: the CPU caster, packets of rays in `f32`;
+//! - [`cpu`]: the choice between the two;
+//! - [`gpu`]: the same ray caster in WGSL, and everything else that knows a graphics device.
 
 pub mod blocks;
 pub mod cells;
+pub mod cpu;
 #[cfg(test)]
 pub(crate) mod cubics;
 pub mod engine;
+pub mod error;
+pub mod feedback;
 pub mod gpu;
 pub mod maps;
 pub mod packets;
+pub mod ray;
+pub mod ray_scene;
 pub mod reference;
+pub mod rules;
 pub mod totals;

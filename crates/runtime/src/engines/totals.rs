@@ -1,7 +1,6 @@
 //! Sums over a picture, and the errors that an engine states of it.
 
-use crate::engines::gpu::caster::GpuStats;
-use crate::stream::counters::RayCounters;
+use crate::stream::counters::{DeviceCounters, RayCounters};
 
 /// What an engine has done and knows, over all passes and bands.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -14,6 +13,23 @@ pub struct EngineTotals {
     pub errors: Option<EngineErrors>,
     /// What its graphics device did for this picture, if it has one.
     pub device: Option<GpuStats>,
+}
+
+/// What the device holds, and what it did since the renderer was made.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct GpuStats {
+    /// Name and kind of the adapter.
+    pub adapter: String,
+    /// Bytes planned, all of them allocated.
+    pub planned_bytes: u64,
+    /// Slots in all.
+    pub slots: u64,
+    /// Slots that hold a brick.
+    pub slots_used: u64,
+    /// The slowest dispatch of the picture.
+    pub dispatch_ms_max: f64,
+    /// What it did.
+    pub counters: DeviceCounters,
 }
 
 /// What an engine says of its own errors; 1 is white.
@@ -29,4 +45,27 @@ pub struct EngineErrors {
     pub transfer_function: f64,
     /// What sums of `f32` over the cells of a brick may do to a ray.
     pub rounding: f64,
+}
+
+/// What rays may be off by at most, reason by reason; 1 is white.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ErrorsByReason {
+    /// Integration of cells.
+    pub cells: f64,
+    /// Coarser levels.
+    pub levels: f64,
+    /// Whether a voxel may be there in one level and not in the other.
+    pub presence_may_change: bool,
+}
+
+impl ErrorsByReason {
+    /// The greater of both.
+    #[must_use]
+    pub fn or(self, other: Self) -> Self {
+        Self {
+            cells: self.cells.max(other.cells),
+            levels: self.levels.max(other.levels),
+            presence_may_change: self.presence_may_change | other.presence_may_change,
+        }
+    }
 }

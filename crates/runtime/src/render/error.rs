@@ -3,7 +3,8 @@
 use supervol_format::container::ContainerError;
 use supervol_format::readable::Mib;
 
-use crate::engines::gpu::caster::GpuError;
+use crate::engines::error::EngineError;
+use crate::engines::gpu::error::GpuError;
 use crate::render::frame::PASS_LIMIT;
 use crate::render::options::Backend;
 use crate::stream::budget::BudgetError;
@@ -32,7 +33,7 @@ pub enum RenderError {
     )]
     CheckTooLarge { level: u8, needed_bytes: u64, budget_bytes: u64, finest_that_fits: Option<u8> },
     #[error(transparent)]
-    Gpu(#[from] GpuError),
+    Engine(EngineError),
     #[error("option `{option}`: expected {expected}, found {found}")]
     Option { option: &'static str, expected: &'static str, found: f64 },
     #[error("there is no scene to draw: expected one to be set before")]
@@ -58,4 +59,19 @@ pub enum RenderError {
     Cancelled,
     #[error("a mistake of supervol: {remaining} rays are still unfinished after {PASS_LIMIT} passes")]
     TooManyPasses { remaining: u64 },
+}
+
+impl From<EngineError> for RenderError {
+    fn from(error: EngineError) -> Self {
+        match error {
+            EngineError::Stopped => Self::Cancelled,
+            error => Self::Engine(error),
+        }
+    }
+}
+
+impl From<GpuError> for RenderError {
+    fn from(error: GpuError) -> Self {
+        Self::Engine(error.into())
+    }
 }

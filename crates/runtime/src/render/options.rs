@@ -5,10 +5,13 @@ use std::sync::atomic::AtomicU64;
 
 use supervol_format::Lod;
 
-use crate::engines::packets::{Caster, CpuQuality, Skipping};
+use crate::engines::cpu::{Caster, CpuQuality};
+use crate::engines::maps::AskedMaps;
+use crate::engines::rules::DEFAULT_ERROR;
 use crate::lod::LodChoice;
 use crate::render::error::RenderError;
 use crate::render::process::bytes_beside_pictures;
+use crate::stream::classify::Skipping;
 
 /// Who casts the rays.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -69,7 +72,7 @@ pub struct RenderOptions {
     /// Bytes that the frame may hold on a graphics device; `None`: what [`GpuDevice::default_memory`] says of it,
     /// or half of that, and so on, where it has no room for so much.
     ///
-    /// [`GpuDevice::default_memory`]: crate::engines::gpu::caster::GpuDevice::default_memory
+    /// [`GpuDevice::default_memory`]: crate::engines::gpu::device::GpuDevice::default_memory
     pub gpu_memory_bytes: Option<u64>,
     /// Threads that cast and decode; `None`: one per processor.
     pub threads: Option<usize>,
@@ -80,7 +83,7 @@ pub struct RenderOptions {
     /// Milliseconds after which the picture is completed from what is there; `None`: it converges.
     pub time_budget_ms: Option<u64>,
     /// Error of the picture that is aimed for, a share of full scale: steers packets of rays, within
-    /// [`MAX_ERROR_LIMITS`](crate::engines::packets::MAX_ERROR_LIMITS), and chooses levels where they are chosen automatically.
+    /// [`MAX_ERROR_LIMITS`](crate::engines::rules::MAX_ERROR_LIMITS), and chooses levels where they are chosen automatically.
     /// From 1 on any picture will do, and voxels are as large as a pixel.
     pub max_error: f64,
     /// Whether it is said how far the picture may be off: of each pixel (`error_stated`), and in mode `dvr` term by term (`error_predicted`). 1 to
@@ -108,7 +111,7 @@ impl Default for RenderOptions {
             skipping: Skipping::On,
             caster: Caster::DEFAULT,
             time_budget_ms: None,
-            max_error: 0.5 / 255.0,
+            max_error: DEFAULT_ERROR,
             predict_error: false,
             count_work: false,
             progress: None,
@@ -146,6 +149,11 @@ impl RenderOptions {
             LevelChoice::Auto => CpuQuality::default().lod,
             LevelChoice::Fixed(lod) => LodChoice::Fixed(lod),
         }
+    }
+
+    /// Maps that are made beside the picture.
+    pub(crate) fn asked_maps(&self) -> AskedMaps {
+        AskedMaps { errors: self.predict_error, work: self.count_work }
     }
 
     /// The ray caster that the options mean.

@@ -15,7 +15,6 @@ use supervol_scene::transfer_function::RenderTransferFunction;
 use supervol_scene::value_map::ValueMap;
 
 use super::state::Emptiness;
-use crate::engines::packets::Skipping;
 use crate::lod::by_error::{LevelsByError, Verdict};
 
 /// Entries of the table of contents looked at for holes beneath a brick; where there are more, holes are taken for granted.
@@ -39,6 +38,16 @@ pub fn may_have_holes(container: &Container, key: BrickKey, entry: &BrickEntry) 
         }
     }
     true
+}
+
+/// Whether macro cells that cannot change the picture are skipped. The picture is the same to the last bit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Skipping {
+    /// They are skipped.
+    #[default]
+    On,
+    /// They are walked cell by cell: for tests.
+    Off,
 }
 
 /// What must be done for a brick.

@@ -1,13 +1,5 @@
-//! The streamer: from bricks that rays want to bricks in host memory. See README.md beside this file for the whole.
-//!
-//! - [`state`]: the state of each brick; nothing else changes it;
-//! - [`classify`]: what the table of contents alone decides;
-//! - [`priority`]: front to back;
-//! - [`capacity`], [`budget`]: how many bricks fit, and what a frame may hold in memory;
-//! - `on_its_way`: what has been asked for, until it is resident;
-//! - [`loader`], [`io`]: reading, in threads of its own;
-//! - [`decode`]: decoding, on the caller's threads;
-//! - [`view`]: what a ray caster sees of all that.
+//! The streamer's entry: requests bricks, decodes what has come, and keeps it in the host cache. README.md beside this file
+//! explains the whole.
 //!
 //! Protocol of one frame:
 //! 1. [`Streamer::begin_frame`]; [`Streamer::begin_band`] where the rays are cast band by band.

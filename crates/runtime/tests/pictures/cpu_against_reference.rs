@@ -5,9 +5,9 @@
 #![allow(clippy::print_stderr, reason = "tests show the errors they measure")]
 
 use supervol_format::{Geometry, Lod, VoxelType};
-use supervol_runtime::engines::packets::Skipping;
 use supervol_runtime::engines::reference::render_reference;
 use supervol_runtime::lod::LodChoice;
+use supervol_runtime::stream::classify::Skipping;
 use supervol_scene::image::Image;
 use supervol_scene::scene::ResolvedScene;
 

@@ -6,9 +6,11 @@ use std::sync::{Arc, Mutex};
 
 use glam::DVec3;
 use supervol_format::{BrickKey, Lod, ValueRange, VoxelType};
-use supervol_runtime::engines::packets::{BrickPlans, CpuQuality, Skipping, cast_pass};
+use supervol_runtime::engines::cpu::CpuQuality;
+use supervol_runtime::engines::packets::BrickPlans;
 use supervol_runtime::lod::LodChoice;
 use supervol_runtime::stream::budget::MADE_LIMIT;
+use supervol_runtime::stream::classify::Skipping;
 use supervol_runtime::stream::residency::{BrickView, Resident};
 use supervol_scene::scene::{Mode, ResolvedScene};
 
@@ -205,8 +207,8 @@ fn threads_change_no_bit() {
             pool.install(|| {
                 let frame = bricked.frame(&scene, FINEST, Skipping::On);
                 let mut states = frame.begin();
-                let feedback = cast_pass(&bricked, &frame, &mut states);
-                (frame.image(&states), feedback)
+                let feedback = states.cast_pass(&bricked);
+                (states.image(), feedback)
             })
         };
         assert_eq!(render(1), render(8));
@@ -223,13 +225,13 @@ fn waiting_changes_no_bit() {
         let mut states = frame.begin();
         let whole = {
             let mut states = frame.begin();
-            assert!(cast_pass(&bricked, &frame, &mut states).is_converged());
-            frame.image(&states)
+            assert!(states.cast_pass(&bricked).is_converged());
+            states.image()
         };
         let view = Trickle { all: &bricked, resident: Mutex::new(vec![]) };
         let mut passes = 0;
         loop {
-            let feedback = cast_pass(&view, &frame, &mut states);
+            let feedback = states.cast_pass(&view);
             assert_eq!(feedback.misses.iter().map(|m| m.rays).sum::<u64>(), states.waiting());
             if feedback.is_converged() {
                 break;
@@ -240,7 +242,7 @@ fn waiting_changes_no_bit() {
             assert!(passes < 1000, "no progress");
         }
         assert!(states.is_finished());
-        assert_eq!(frame.image(&states), whole, "{capacity} bricks, {passes} passes");
+        assert_eq!(states.image(), whole, "{capacity} bricks, {passes} passes");
     }
 }
 
@@ -272,15 +274,15 @@ fn uniform_absent_and_failed_bricks() {
         let whole = bricked.render(&scene);
         for (p, patch) in patches.into_iter().enumerate() {
             let mut states = frame.begin();
-            assert!(cast_pass(&Patched { all: &bricked, patch }, &frame, &mut states).is_converged());
-            let error = support::difference(&frame.image(&states), &whole);
+            assert!(states.cast_pass(&Patched { all: &bricked, patch }).is_converged());
+            let error = support::difference(&states.image(), &whole);
             // A uniform brick is one chord: a ray may end behind the opacity at which cells would have ended it.
             assert!(error < 0.128, "scene {i}, patch {p}: {error}/255");
         }
         let mut states = frame.begin();
         let nothing = Patched { all: &bricked, patch: |_| Some(Resident::Nothing) };
-        assert!(cast_pass(&nothing, &frame, &mut states).is_converged());
-        assert!(frame.image(&states).pixels.iter().all(|p| *p == [0.0; 4]));
+        assert!(states.cast_pass(&nothing).is_converged());
+        assert!(states.image().pixels.iter().all(|p| *p == [0.0; 4]));
     }
 }
 

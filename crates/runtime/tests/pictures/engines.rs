@@ -9,11 +9,11 @@ use std::time::Instant;
 
 use supervol_format::{BrickKey, Container, Lod, VoxelType};
 use supervol_runtime::engines::engine::{Advance, Engine};
-use supervol_runtime::engines::packets::Skipping;
+use supervol_runtime::engines::error::EngineError;
 use supervol_runtime::engines::totals::EngineTotals;
-use supervol_runtime::render::error::RenderError;
 use supervol_runtime::render::frame::{FrameWalk, streamer_for};
 use supervol_runtime::render::options::{LevelChoice, RenderOptions};
+use supervol_runtime::stream::classify::Skipping;
 use supervol_runtime::stream::priority::BrickOrder;
 use supervol_runtime::stream::residency::{BrickView, DecodedBrick, Resident, Voxels};
 use supervol_runtime::stream::streamer::HostView;
@@ -67,13 +67,13 @@ impl Engine for Slabs {
         Some(BrickOrder::along([0, 0, -1]))
     }
 
-    fn begin(&mut self, pixel_rows: Range<u32>) -> Result<(), RenderError> {
+    fn begin(&mut self, pixel_rows: Range<u32>) -> Result<(), EngineError> {
         assert_eq!(pixel_rows, 0..DIMS[1] as u32, "it makes the picture as a whole");
         self.left = self.container.pyramid().keys_of(Lod(0)).collect();
         Ok(())
     }
 
-    fn advance(&mut self, view: &HostView<'_>) -> Result<Advance, RenderError> {
+    fn advance(&mut self, view: &HostView<'_>) -> Result<Advance, EngineError> {
         let mut used = Vec::new();
         for key in std::mem::take(&mut self.left) {
             match view.lookup(key) {
@@ -89,7 +89,7 @@ impl Engine for Slabs {
         Ok(Advance { remaining: wanted.len() as u64, wanted, used, ..Advance::default() })
     }
 
-    fn write_image(&mut self, to: &mut [[f32; 4]]) -> Result<(), RenderError> {
+    fn write_image(&mut self, to: &mut [[f32; 4]]) -> Result<(), EngineError> {
         to.copy_from_slice(&self.image.pixels);
         Ok(())
     }

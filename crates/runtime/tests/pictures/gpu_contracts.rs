@@ -4,12 +4,16 @@
 use std::time::Instant;
 
 use supervol_format::{BrickIndex, BrickKey, Dims, Geometry, Lod, Pyramid, ValueRange};
-use supervol_runtime::engines::gpu::caster::{
-    GpuDevice, GpuError, GpuOptions, GpuRenderer, GpuVolume, Insertion, PageEntry, VoxelStorage,
-};
-use supervol_runtime::engines::packets::{CpuFrame, CpuQuality, Skipping, cast_pass};
+use supervol_runtime::engines::cpu::{CpuFrame, CpuQuality};
+use supervol_runtime::engines::gpu::caster::{GpuRenderer, Insertion, PageEntry};
+use supervol_runtime::engines::gpu::device::GpuDevice;
+use supervol_runtime::engines::gpu::error::GpuError;
+use supervol_runtime::engines::gpu::options::GpuOptions;
+use supervol_runtime::engines::gpu::scene_tables::GpuVolume;
+use supervol_runtime::engines::gpu::texels::VoxelStorage;
 use supervol_runtime::lod::LodChoice;
 use supervol_runtime::stop::Stop;
+use supervol_runtime::stream::classify::Skipping;
 use supervol_runtime::stream::residency::{BrickView, DecodedBrick, Resident};
 use supervol_scene::clip::{IndexRay, clip_slab};
 use supervol_scene::facts::VolumeFacts;
@@ -19,6 +23,7 @@ use supervol_scene::value_map::ValueMap;
 
 use crate::gpu_support;
 use gpu_support::{F32, TestVolume, U8, brick, gpu, greatest_difference, marschner_lobb, pyramid};
+use supervol_runtime::engines::ray_scene::DrawnVolume;
 
 const FINEST: LodChoice = LodChoice::Fixed(Lod::FINEST);
 const SCENE: &str = r#"{
@@ -135,10 +140,11 @@ fn far_scene(camera: &str, mode: &str, length: usize, value_range: ValueRange, c
 
 fn cpu_far_image(far: &FarBrick, scene: &ResolvedScene, pyramid: &Pyramid, map: ValueMap, range: ValueRange) -> Image {
     let quality = CpuQuality { lod: FINEST, ..CpuQuality::default() };
-    let frame = CpuFrame::new(scene, pyramid, &Geometry::IDENTITY, map, range, quality);
+    let volume = DrawnVolume { pyramid, geometry: &Geometry::IDENTITY, map, value_range: range };
+    let frame = CpuFrame::new(scene, &volume, quality);
     let mut states = frame.begin();
-    assert!(cast_pass(far, &frame, &mut states).is_converged());
-    frame.image(&states)
+    assert!(states.cast_pass(far).is_converged());
+    states.image()
 }
 
 fn gpu_far_image(

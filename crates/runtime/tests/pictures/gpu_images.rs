@@ -2,10 +2,12 @@
 //! GPU pictures against the reference integrator and against the CPU ray caster.
 
 use supervol_format::{BrickIndex, BrickKey, Geometry, Lod};
-use supervol_runtime::engines::gpu::caster::{GpuDevice, GpuOptions, GpuRenderer, Insertion, PageEntry};
+use supervol_runtime::engines::gpu::caster::{GpuRenderer, Insertion, PageEntry};
+use supervol_runtime::engines::gpu::device::GpuDevice;
+use supervol_runtime::engines::gpu::options::GpuOptions;
 use supervol_runtime::engines::gpu::shaders::TexelAccess;
-use supervol_runtime::engines::packets::Skipping;
 use supervol_runtime::lod::LodChoice;
+use supervol_runtime::stream::classify::Skipping;
 
 use crate::gpu_support;
 use gpu_support::{F32, I16, Storage, TestVolume, U8, gpu, greatest_difference, marschner_lobb, noise};

@@ -11,17 +11,18 @@ use supervol_format::random::Random;
 use supervol_format::{BrickIndex, BrickKey, Dims, Geometry, Lod, Pyramid, ValueRange};
 use supervol_runtime::engines::cells::CellRule;
 use supervol_runtime::engines::cells::shade::ChordGradient;
-use supervol_runtime::engines::gpu::caster::{GpuDevice, GpuVolume, VoxelStorage};
+use supervol_runtime::engines::gpu::device::GpuDevice;
 use supervol_runtime::engines::gpu::layout::{
     Dispatch, PAGE_FAILED, PAGE_MISSING, PAGE_REFINE, PAGE_RESIDENT, PAGE_UNIFORM, STATUS_ACTIVE, Scene as GpuScene,
     SlotGrid, View,
 };
 use supervol_runtime::engines::gpu::light_table::LightTable;
 use supervol_runtime::engines::gpu::rays::{RayGrid, ViewLines};
-use supervol_runtime::engines::gpu::scene_tables::{Exactness, FeedbackPlaces};
+use supervol_runtime::engines::gpu::scene_tables::{Exactness, FeedbackPlaces, GpuVolume};
+use supervol_runtime::engines::gpu::texels::VoxelStorage;
 use supervol_runtime::engines::gpu::{scene_tables, shaders};
-use supervol_runtime::engines::packets::{Caster, CpuFrame, CpuQuality, Skipping, cast_pass};
 use supervol_runtime::lod::{LodChoice, LodRule};
+use supervol_runtime::stream::classify::Skipping;
 use supervol_runtime::stream::residency::{BrickView, Resident, Voxels};
 use supervol_scene::camera::Projection;
 use supervol_scene::clip::{IndexRay, Segment, clip_ray};
@@ -33,6 +34,9 @@ use supervol_scene::value_map::ValueMap;
 use crate::gpu_support;
 use gpu_support::compute::{Resource, run};
 use gpu_support::{F32, gpu, marschner_lobb, pyramid};
+use supervol_runtime::engines::cells::frame::CellFrame;
+use supervol_runtime::engines::cells::rays::CellRays;
+use supervol_runtime::engines::ray_scene::{BrickChoice, DrawnVolume};
 
 const SEED: u64 = 20_261_121;
 /// Voxels. What places may be off by, 2^26 voxels from the origin too.
@@ -240,12 +244,12 @@ impl BrickView for Nothing<'_> {
 /// The bricks that the CPU's rays wait for at these places.
 fn wanted(setting: &Setting, places: &[Place], failed: &HashSet<BrickKey>) -> Vec<BrickKey> {
     // The shader's twin, whose rays can be put anywhere.
-    let caster = Caster::Cells(CellRule::DEFAULT);
-    let quality = CpuQuality { lod: setting.lod, caster, ..CpuQuality::default() };
-    let frame = CpuFrame::new(&setting.scene, &setting.pyramid, &setting.geometry, setting.map, RANGE, quality);
-    let mut rays = frame.begin();
+    let Setting { pyramid, geometry, map, .. } = setting;
+    let volume = DrawnVolume { pyramid, geometry, map: *map, value_range: RANGE };
+    let bricks = BrickChoice { lod: setting.lod, skipping: Skipping::On };
+    let mut rays = CellRays::new(CellFrame::new(&setting.scene, &volume, bricks, CellRule::DEFAULT));
     places.iter().for_each(|place| rays.states_mut()[place.pixel].t = place.t);
-    cast_pass(&Nothing(failed), &frame, &mut rays);
+    rays.cast_pass(&Nothing(failed));
     places.iter().map(|place| rays.states()[place.pixel].waiting.expect("nothing is resident")).collect()
 }
 

@@ -12,7 +12,7 @@ use supervol_runtime::engines::cells::quadrature::{
     PAIR_LIMIT, integrate_pair, opacity_of, pair_count, pairs_between, shaded_pair_count,
 };
 use supervol_runtime::engines::cells::shade::{Lighting, shade};
-use supervol_runtime::engines::gpu::caster::GpuDevice;
+use supervol_runtime::engines::gpu::device::GpuDevice;
 use supervol_runtime::engines::gpu::layout::{Dispatch, LIGHT_BINS, Scene as GpuScene, SlotGrid, View};
 use supervol_runtime::engines::gpu::light::{
     LightChord, LightLine, LightPart, disorder_of, integrate_chord, integrate_line, light_at, line_of, line_over,
@@ -21,7 +21,7 @@ use supervol_runtime::engines::gpu::light::{
 use supervol_runtime::engines::gpu::light_table::LightTable;
 use supervol_runtime::engines::gpu::scene_tables::{Exactness, FeedbackPlaces};
 use supervol_runtime::engines::gpu::{scene_tables, shaders};
-use supervol_runtime::engines::packets::Skipping;
+use supervol_runtime::stream::classify::Skipping;
 use supervol_scene::image::greatest;
 use supervol_scene::transfer_function::RenderTransferFunction;
 use supervol_scene::transfer_function::render::absorbance;

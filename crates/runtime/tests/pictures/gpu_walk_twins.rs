@@ -7,19 +7,20 @@ use supervol_format::Geometry;
 use supervol_format::random::Random;
 use supervol_runtime::engines::cells::cell::{cubic_of_cell, monotone_intervals, trilinear};
 use supervol_runtime::engines::cells::shade::Lighting;
-use supervol_runtime::engines::gpu::cache::{VoxelStorage, slot_at};
+use supervol_runtime::engines::gpu::cache::slot_at;
 use supervol_runtime::engines::gpu::layout::{Dispatch, FLAG_ABSENT, FLAG_SURFACES, Scene as GpuScene, SlotGrid, View};
 use supervol_runtime::engines::gpu::light::value_in;
 use supervol_runtime::engines::gpu::light_table::LightTable;
 use supervol_runtime::engines::gpu::rays::RayGrid;
 use supervol_runtime::engines::gpu::scene_tables::{Exactness, FeedbackPlaces, slot_edge};
+use supervol_runtime::engines::gpu::texels::VoxelStorage;
 use supervol_runtime::engines::gpu::twins::{
     all_surfaces, bins_of, bytes_of_square, cell_at, corners_of_stored, first_change, gradient_at, halves_of_pair,
     is_absent, light_cell, light_ray, macro_cell_at, macro_place, meets_surfaces, next_size, normal_at,
     range_of_corners, rebase, segment_end, shaded_pairs, sides_at, sides_of, value_at, world_direction,
 };
 use supervol_runtime::engines::gpu::{scene_tables, shaders};
-use supervol_runtime::engines::packets::Skipping;
+use supervol_runtime::stream::classify::Skipping;
 use supervol_scene::image::greatest;
 use supervol_scene::transfer_function::RenderTransferFunction;
 

@@ -9,11 +9,11 @@
 
 use supervol_format::random::Random;
 use supervol_format::{Lod, VoxelType};
-use supervol_runtime::engines::packets::Skipping;
 use supervol_runtime::lod::LodChoice;
 use supervol_runtime::render::options::{Backend, LevelChoice, RenderOptions};
 use supervol_runtime::render::renderer::{PickedOn, Renderer, render, render_with_errors};
 use supervol_runtime::render::volume::PlacedVolume;
+use supervol_runtime::stream::classify::Skipping;
 use supervol_scene::image::{GREY_LEVELS, Image, greatest};
 use supervol_scene::scene::{ResolvedScene, Scene};
 

@@ -6,9 +6,11 @@
 use supervol_format::random::Random;
 use supervol_format::{BrickKey, Lod, VoxelType};
 use supervol_runtime::engines::cells::CellRule;
+use supervol_runtime::engines::cpu::{Caster, CpuQuality};
+use supervol_runtime::engines::packets::PacketRule;
 use supervol_runtime::engines::packets::simd::InstructionSet;
-use supervol_runtime::engines::packets::{Caster, CpuQuality, PacketRule, Skipping, cast_pass};
 use supervol_runtime::lod::LodChoice;
+use supervol_runtime::stream::classify::Skipping;
 use supervol_runtime::stream::residency::{BrickView, Resident};
 use supervol_scene::scene::{Mode, ResolvedScene};
 
@@ -245,8 +247,8 @@ fn levels_failures_and_uniform_bricks_agree_with_the_scalar_caster() {
             let render = |quality: CpuQuality| {
                 let frame = bricked.frame_of(&scene, quality);
                 let mut rays = frame.begin();
-                assert!(cast_pass(&view, &frame, &mut rays).is_converged());
-                frame.image(&rays)
+                assert!(rays.cast_pass(&view).is_converged());
+                rays.image()
             };
             let found = render(packets(coarsest, Skipping::On, None));
             let name = format!("seed {SEED}, scene {index}, {mode}, {:?}", volume.voxel_type);
@@ -293,8 +295,8 @@ fn no_surface_is_seen_across_what_is_absent() {
         let value = bricked.map.from_data(0.8 * size);
         let frame = bricked.frame(&scene(&volume, &json(0.99)), FINEST, Skipping::On);
         let mut rays = frame.begin();
-        assert!(cast_pass(&SecondIsUniform { all: &bricked, value }, &frame, &mut rays).is_converged());
-        assert!(frame.image(&rays).pixels.iter().all(|p| p[3] == 0.0), "{voxel_type:?}: a surface before one value");
+        assert!(rays.cast_pass(&SecondIsUniform { all: &bricked, value }).is_converged());
+        assert!(rays.image().pixels.iter().all(|p| p[3] == 0.0), "{voxel_type:?}: a surface before one value");
     }
 }
 

@@ -7,8 +7,8 @@
 
 use glam::DVec3;
 use supervol_format::{Geometry, Lod};
-use supervol_runtime::engines::packets::Skipping;
 use supervol_runtime::lod::LodChoice;
+use supervol_runtime::stream::classify::Skipping;
 use supervol_scene::image::{GREY_LEVELS, Image, greatest};
 use supervol_scene::scene::ResolvedScene;
 

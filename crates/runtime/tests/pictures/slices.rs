@@ -235,5 +235,5 @@ fn slices_that_cannot_be_drawn_are_refused_by_name() {
     let gpu = RenderOptions { backend: Backend::Gpu, ..options(LevelChoice::Auto) };
     // A machine without any graphics device says that instead.
     let refused = render(&container, &scene, &gpu);
-    assert!(matches!(refused, Err(RenderError::SlicesOnGpu | RenderError::Gpu(_))));
+    assert!(matches!(refused, Err(RenderError::SlicesOnGpu | RenderError::Engine(_))));
 }

@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use glam::DVec3;
 use supervol_format::{Container, Lod, VoxelType};
 use supervol_runtime::engines::cells::CellRule;
-use supervol_runtime::engines::packets::Caster;
+use supervol_runtime::engines::cpu::Caster;
 use supervol_runtime::render::options::{Backend, LevelChoice, RenderOptions};
 use supervol_runtime::render::renderer::{Renderer, render, render_with_errors};
 use supervol_runtime::render::volume::PlacedVolume;

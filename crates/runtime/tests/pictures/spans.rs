@@ -1,8 +1,9 @@
 //! Cells that are integrated together: where the field is smooth, and nowhere else; the picture stays what it is.
 
 use supervol_format::{Lod, VoxelType};
-use supervol_runtime::engines::packets::{RayCounters, Skipping};
 use supervol_runtime::lod::LodChoice;
+use supervol_runtime::stream::classify::Skipping;
+use supervol_runtime::stream::counters::RayCounters;
 use supervol_scene::scene::ResolvedScene;
 
 use crate::support;

@@ -7,7 +7,8 @@ use std::time::{Duration, Instant};
 
 use supervol_format::{Container, Lod, VoxelType};
 use supervol_runtime::engines::cells::CellRule;
-use supervol_runtime::engines::packets::{Caster, CpuQuality, PacketRule, Skipping};
+use supervol_runtime::engines::cpu::{Caster, CpuQuality};
+use supervol_runtime::engines::packets::PacketRule;
 use supervol_runtime::lod::LodChoice;
 use supervol_runtime::lod::by_error::ANY_ERROR;
 use supervol_runtime::render::error::RenderError;
@@ -16,6 +17,7 @@ use supervol_runtime::render::options::{Backend, LevelChoice, RenderOptions};
 use supervol_runtime::render::renderer::render;
 use supervol_runtime::render::stats::FrameStats;
 use supervol_runtime::stream::budget::MADE_LIMIT;
+use supervol_runtime::stream::classify::Skipping;
 use supervol_scene::image::Image;
 
 use crate::{containers, support};

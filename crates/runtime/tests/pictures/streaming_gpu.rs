@@ -6,7 +6,9 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use supervol_format::{BrickIndex, BrickKey, Container, Lod, VoxelType};
-use supervol_runtime::engines::gpu::caster::{GpuDevice, GpuError};
+use supervol_runtime::engines::error::EngineError;
+use supervol_runtime::engines::gpu::device::GpuDevice;
+use supervol_runtime::engines::gpu::error::GpuError;
 use supervol_runtime::render::error::RenderError;
 use supervol_runtime::render::options::{Backend, LevelChoice, RenderOptions};
 use supervol_runtime::render::renderer::{Renderer, render};
@@ -55,7 +57,7 @@ fn options(backend: Backend) -> RenderOptions {
 /// The least GPU memory with which this renders.
 fn least_gpu_memory(container: &Arc<Container>, scene: &ResolvedScene) -> u64 {
     match render(container, scene, &RenderOptions { gpu_memory_bytes: Some(1), ..options(Backend::Gpu) }) {
-        Err(RenderError::Gpu(GpuError::Budget { needed, .. })) => needed,
+        Err(RenderError::Engine(EngineError::Gpu(GpuError::Budget { needed, .. }))) => needed,
         other => panic!("one byte of GPU memory suffices, or another error: {:?}", other.err()),
     }
 }

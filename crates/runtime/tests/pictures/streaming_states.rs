@@ -9,15 +9,15 @@ use std::time::{Duration, Instant};
 
 use supervol_format::random::Random;
 use supervol_format::{BrickIndex, BrickKey, Container, Lod, VoxelType};
+use supervol_runtime::engines::cpu::{CpuFrame, CpuQuality};
 use supervol_runtime::engines::engine::{Engine, InSteps};
-use supervol_runtime::engines::packets::{CpuFrame, CpuQuality, Skipping};
 use supervol_runtime::lod::LodChoice;
 use supervol_runtime::render::frame::cpu::CpuCaster;
 use supervol_runtime::render::frame::{FrameWalk, classifier_for, cpu_frame, streamer_for};
 use supervol_runtime::render::options::{LevelChoice, RenderOptions};
 use supervol_runtime::stop::Stop;
 use supervol_runtime::stream::budget::HostPlan;
-use supervol_runtime::stream::classify::Classifier;
+use supervol_runtime::stream::classify::{Classifier, Skipping};
 use supervol_runtime::stream::field::{Field, FieldBrick};
 use supervol_runtime::stream::priority::BrickOrder;
 use supervol_runtime::stream::residency::{BrickView, Resident};
@@ -28,6 +28,7 @@ use supervol_scene::scene::ResolvedScene;
 
 use crate::{containers, support};
 use containers::{Fault, Faulty, container_bytes, open, plan};
+use supervol_runtime::engines::ray_scene::DrawnVolume;
 use support::{Volume, noise, points, scene};
 
 /// 4 x 3 x 3 bricks: noise whose peaks coarser levels lose, a constant part, an absent part.
@@ -266,7 +267,9 @@ fn a_second_frame_of_a_still_camera_reads_nothing() {
     let plan = plan(&container, &scene, 100);
     let quality = CpuQuality { lod: LodChoice::Fixed(Lod(0)), ..CpuQuality::default() };
     let (descriptor, map) = (container.descriptor(), value_map(&container));
-    let frame = CpuFrame::new(&scene, &descriptor.pyramid, &descriptor.geometry, map, volume.range(), quality);
+    let (pyramid, geometry) = (&descriptor.pyramid, &descriptor.geometry);
+    let drawn = DrawnVolume { pyramid, geometry, map, value_range: volume.range() };
+    let frame = CpuFrame::new(&scene, &drawn, quality);
     let mut streamer = streamer_for(&container, &scene, &options, plan);
     let mut run = || {
         let mut walk = FrameWalk::new(&mut streamer, plan, &options, Instant::now());

@@ -1,8 +1,8 @@
 //! Cells are refined by what can be seen of them.
 
 use supervol_format::{Lod, VoxelType};
-use supervol_runtime::engines::packets::Skipping;
 use supervol_runtime::lod::LodChoice;
+use supervol_runtime::stream::classify::Skipping;
 
 use crate::support;
 use support::{Bricked, Volume, difference, noise, points, reference, scene};

@@ -1,9 +1,8 @@
-//! Clipping: a ray to the segments of it that are drawn (RENDERING-MODEL, section 7).
+//! Clipping: cuts a ray to the segments that are drawn (RENDERING-MODEL, section 7).
 //!
-//! The volume's domain, the clip box (index space) and the clip planes (world space) are convex, so that together they
-//! leave one segment or nothing ([`clip_ray`]); solids ([`solids`]) leave several parts of it ([`clip_parts`]). Everything is
-//! `f64`; t is a world length. Zero components of a direction, negative zero included, and components so small that a
-//! crossing overflows, are legal.
+//! The volume's domain, the clip box (index space) and the clip planes (world space) are convex: together they leave at
+//! most one segment ([`clip_ray`]). Solids ([`solids`]) cut it into several parts ([`clip_parts`]). All numbers are
+//! `f64`; t is a world length. Direction components may be zero, negative zero, or so small that a crossing overflows.
 
 pub mod mesh;
 pub mod mesh_file;
@@ -16,39 +15,39 @@ use supervol_format::{Dims, Geometry};
 use self::solids::{Shape, Solid};
 use crate::camera::Ray;
 
-/// A part of a ray that is no longer, in voxels of level 0 along any axis, may be the rounding of its ends: modes in which a value counts
-/// whatever the length of its chord (`mip`, `minip`, `mean`) do not look at it.
+/// Parts of a ray of at most this length, in voxels of level 0 along any axis, may be rounding errors. Modes in which a
+/// value counts whatever the length of its chord (`mip`, `minip`, `mean`) ignore them.
 pub const ROUNDED_LENGTH: f64 = 1e-7;
 
 /// A half-space of world points: those with `normal . x >= offset`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ClipPlane {
-    /// World vector, not zero; need not be a unit vector.
+    /// World vector, not zero; any length.
     pub normal: DVec3,
-    /// See above.
+    /// Least `normal . x` that is kept.
     pub offset: f64,
 }
 
-/// What is kept of the volume's domain.
+/// Regions of the volume's domain that are kept.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Clip {
     /// Least and greatest corner in index coordinates.
     pub index_box: Option<[[f64; 3]; 2]>,
-    /// Half-spaces, all of which a point must lie in.
+    /// Half-spaces; a point must lie in all of them.
     pub planes: Vec<ClipPlane>,
-    /// Solids, of each of which a point must lie on the side that is kept.
+    /// Solids; a point must lie on the kept side of each.
     pub solids: Vec<Solid>,
 }
 
 impl Clip {
-    /// Bytes that meshes hold.
+    /// Bytes of memory of all meshes.
     #[must_use]
     pub fn bytes(&self) -> u64 {
         let bytes = |solid: &Solid| if let Shape::Mesh(placed) = &solid.shape { placed.mesh.bytes() } else { 0 };
         self.solids.iter().map(bytes).sum()
     }
 
-    /// What the domain and the clip box leave along an axis: index coordinates.
+    /// Index coordinates along an axis that the domain and the clip box leave: least and greatest.
     #[must_use]
     pub fn slab_of(&self, dims: Dims, axis: usize) -> [f64; 2] {
         let (low, high) = (-HALF_VOXEL, dims.0[axis] as f64 - HALF_VOXEL);
@@ -65,7 +64,7 @@ pub struct IndexRay {
     pub direction: [f64; 3],
 }
 
-/// From world space to the index space of a grid.
+/// Transform from world space to the index space of a grid.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ToIndex {
     index_from_world: DMat3,
@@ -73,7 +72,7 @@ pub struct ToIndex {
 }
 
 impl ToIndex {
-    /// Into this grid.
+    /// The transform into the index space of this grid.
     #[must_use]
     pub fn new(geometry: &Geometry) -> Self {
         Self { index_from_world: geometry.linear().inverse(), origin: DVec3::from_array(geometry.origin) }
@@ -117,15 +116,15 @@ pub struct Segment {
     pub t1: f64,
 }
 
-/// The parts of a ray inside the domain, the clip box and all clip planes that all solids keep: disjoint, front to back. There
-/// are no more of them than solids have faces on the ray.
+/// The parts of a ray inside the domain, the clip box and all clip planes that all solids keep: disjoint, front to
+/// back. Their number is at most the number of solid faces on the ray.
 #[must_use]
 pub fn clip_parts(ray: &Ray, index_ray: &IndexRay, dims: Dims, clip: &Clip) -> Vec<Segment> {
     let segment = clip_ray(ray, index_ray, dims, clip);
     segment.map_or_else(Vec::new, |segment| solids::kept(&clip.solids, ray, segment))
 }
 
-/// The part of a ray inside the domain, the clip box and all clip planes, whatever solids leave of it.
+/// The part of a ray inside the domain, the clip box and all clip planes. Solids are ignored.
 #[must_use]
 pub fn clip_ray(ray: &Ray, index_ray: &IndexRay, dims: Dims, clip: &Clip) -> Option<Segment> {
     let mut interval = (ray.t_min, f64::INFINITY);
@@ -138,7 +137,7 @@ pub fn clip_ray(ray: &Ray, index_ray: &IndexRay, dims: Dims, clip: &Clip) -> Opt
         interval = clip_half_space(distance, plane.normal.dot(ray.direction), interval)?;
     }
     let (t0, t1) = interval;
-    // A line cannot stay in the bounded domain for ever; what is not finite here came from components near underflow.
+    // A line leaves the bounded domain, so both ends are finite, except for components near underflow.
     (t0.is_finite() && t1.is_finite() && t0 < t1).then_some(Segment { t0, t1 })
 }
 
@@ -156,22 +155,22 @@ pub fn clip_half_space(distance: f64, rate: f64, interval: (f64, f64)) -> Option
     (clipped.0 < clipped.1).then_some(clipped)
 }
 
-/// Every t, and none.
+/// The interval of every t, and the empty interval.
 const ALWAYS: (f64, f64) = (f64::NEG_INFINITY, f64::INFINITY);
 const NEVER: (f64, f64) = (f64::INFINITY, f64::NEG_INFINITY);
 
-/// The t with `low <= origin + t * direction <= high`; without a branch, so that many rays can be cut at once.
+/// The t with `low <= origin + t * direction <= high`; branch-free, so that loops over many rays vectorise.
 #[inline(always)]
 #[must_use]
 pub fn slab(origin: f64, direction: f64, [low, high]: [f64; 2]) -> (f64, f64) {
-    // 0 / tiny is 0 and x / tiny may be infinite; NaN only where the direction is 0, which is looked at below.
+    // 0 / tiny is 0 and x / tiny may be infinite. NaN occurs only if the direction is 0, which the last line handles.
     let (a, b) = ((low - origin) / direction, (high - origin) / direction);
     let across = if direction > 0.0 { (a, b) } else { (b, a) };
     let along = if (low <= origin) & (origin <= high) { ALWAYS } else { NEVER };
     if direction == 0.0 { along } else { across }
 }
 
-/// The t with `distance + t * rate >= 0`; without a branch.
+/// The t with `distance + t * rate >= 0`; branch-free.
 #[inline(always)]
 #[must_use]
 pub fn half_space(distance: f64, rate: f64) -> (f64, f64) {
@@ -181,7 +180,7 @@ pub fn half_space(distance: f64, rate: f64) -> (f64, f64) {
     if rate == 0.0 { along } else { across }
 }
 
-/// What two intervals share; its end does not lie behind its beginning where that is nothing.
+/// Intersection of two intervals; if it is empty, its end is not greater than its beginning.
 #[inline(always)]
 #[must_use]
 pub fn cut((a0, a1): (f64, f64), (b0, b1): (f64, f64)) -> (f64, f64) {

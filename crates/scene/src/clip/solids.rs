@@ -1,8 +1,8 @@
-//! Clipping by solids: spheres, boxes, cylinders and closed meshes, of which the inside or the outside is kept
+//! Clipping by solids: spheres, boxes, cylinders and closed meshes. The inside or the outside of each is kept
 //! (docs/decisions/022-solids-and-picking.md).
 //!
-//! Where a ray enters and leaves a solid is found in closed form, in `f64`; of several solids the intersection of what each
-//! keeps is drawn. What is kept of a ray is a sorted list of disjoint segments, not one segment any more. Points, axes and
+//! The points at which a ray enters and leaves a solid are computed in closed form, in `f64`. Several solids keep the
+//! intersection of their kept regions. The result for a ray is a sorted list of disjoint segments. Points, axes and
 //! lengths are in the units of a picture ([`crate::units`]); t is a world length.
 
 use std::sync::Arc;
@@ -17,7 +17,7 @@ use crate::camera::Ray;
 
 /// Most solids of one scene.
 pub const SOLID_LIMIT: usize = 64;
-/// All of a line.
+/// The whole line.
 const EVERYTHING: (f64, f64) = (f64::NEG_INFINITY, f64::INFINITY);
 
 /// Which side of a solid is kept.
@@ -31,41 +31,41 @@ pub enum Keep {
     Outside,
 }
 
-/// A solid that a ray is cut with.
+/// A solid and the side of it that is kept.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Solid {
-    /// Where it is.
+    /// Shape and position.
     pub shape: Shape,
-    /// What it leaves.
+    /// The side that is kept.
     pub keep: Keep,
 }
 
-/// Where a solid is.
+/// Shape and position of a solid, in units of a picture.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Shape {
     /// All points nearer to `center` than `radius`.
     Sphere {
-        /// Its middle.
+        /// Centre.
         center: DVec3,
         /// Length, positive.
         radius: f64,
     },
     /// All points whose distance from `center` along each axis is less than half an edge.
     Cuboid {
-        /// Its middle.
+        /// Centre.
         center: DVec3,
         /// Unit vectors at right angles to each other.
         axes: [DVec3; 3],
         /// Lengths, positive.
         half_edges: [f64; 3],
     },
-    /// All points nearer than `radius` to a part of a line, between the planes across its ends.
+    /// All points nearer than `radius` to a line segment, between the planes across its ends.
     Cylinder {
-        /// Where the line begins.
+        /// Beginning of the line segment.
         from: DVec3,
-        /// Unit vector.
+        /// Direction of the line segment, a unit vector.
         axis: DVec3,
-        /// Length of the line, positive.
+        /// Length of the line segment, positive.
         length: f64,
         /// Length, positive.
         radius: f64,
@@ -74,19 +74,20 @@ pub enum Shape {
     Mesh(PlacedMesh),
 }
 
-/// A mesh in the world: rays in the units of a picture are brought there.
+/// A mesh in world coordinates with the conversion from units. Rays are converted to world coordinates before they are
+/// cut.
 #[derive(Debug, Clone)]
 pub struct PlacedMesh {
-    /// World coordinates.
+    /// The mesh, in world coordinates.
     pub mesh: Arc<ClosedMesh>,
-    /// The world point that is zero in units.
+    /// World position of the origin of units.
     pub anchor: DVec3,
     /// World length of one unit.
     pub length: f64,
 }
 
 impl PartialEq for PlacedMesh {
-    /// Nearly always it is one mesh, and need not be gone through.
+    /// Compares pointers first: usually both are the same mesh, and comparing all triangles is expensive.
     fn eq(&self, other: &Self) -> bool {
         (self.anchor, self.length) == (other.anchor, other.length)
             && (Arc::ptr_eq(&self.mesh, &other.mesh) || self.mesh == other.mesh)
@@ -111,7 +112,7 @@ pub fn kept(solids: &[Solid], ray: &Ray, segment: Segment) -> Vec<Segment> {
 }
 
 impl Solid {
-    /// Whether a point is kept; its faces belong to the inside.
+    /// Whether a point is kept. Points on a face belong to the inside.
     #[must_use]
     pub fn keeps(&self, point: DVec3) -> bool {
         let ray = Ray { origin: point, direction: DVec3::Z, t_min: f64::NEG_INFINITY };
@@ -119,8 +120,8 @@ impl Solid {
         is_inside == (self.keep == Keep::Inside)
     }
 
-    /// Whether all of the box between two corners is surely kept, which costs no ray: only of meshes is it known, and where the box around
-    /// none of their triangles comes near.
+    /// Whether all of the box between two corners is surely kept. Known without casting a ray, but only for meshes, and
+    /// only if no triangle comes near the box.
     #[must_use]
     pub fn surely_keeps(&self, low: DVec3, high: DVec3) -> bool {
         let Shape::Mesh(PlacedMesh { mesh, anchor, length }) = &self.shape else { return false };
@@ -130,7 +131,7 @@ impl Solid {
 }
 
 impl Shape {
-    /// The parts of a ray's whole line inside the solid, sorted and disjoint, each with `t0 < t1`.
+    /// The intervals of a ray's whole line inside the solid, sorted and disjoint, each with `t0 < t1`.
     fn spans(&self, ray: &Ray) -> Vec<(f64, f64)> {
         let one = match self {
             Self::Sphere { center, radius } => round(ray.origin - center, ray.direction, *radius),
@@ -157,20 +158,20 @@ impl Shape {
     }
 }
 
-/// The t at which `origin + t * direction` is nearer to zero than `radius`; the direction need be no unit vector.
+/// The t at which `origin + t * direction` is nearer to zero than `radius`. The direction need not be a unit vector.
 fn round(origin: DVec3, direction: DVec3, radius: f64) -> Option<(f64, f64)> {
     let speed = direction.length();
     if speed == 0.0 {
         return (origin.length() < radius).then_some(EVERYTHING);
     }
-    // From the nearest point on: no difference of large squares, however far away the ray begins.
+    // Start from the nearest point: this avoids differences of large squares, however far away the ray begins.
     let nearest = -origin.dot(direction) / (speed * speed);
     let distance = (origin + nearest * direction).length();
     let half = ((radius - distance) * (radius + distance)).sqrt() / speed;
     (distance < radius && half.is_finite()).then_some((nearest - half, nearest + half))
 }
 
-/// What two sorted lists have in common.
+/// Intersection of two sorted lists of intervals.
 fn common(a: &[(f64, f64)], b: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let (mut i, mut j) = (0, 0);
     let mut both = Vec::new();
@@ -184,7 +185,7 @@ fn common(a: &[(f64, f64)], b: &[(f64, f64)]) -> Vec<(f64, f64)> {
     both
 }
 
-/// All of a line but these.
+/// The rest of the line outside these intervals.
 fn complement(spans: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let begins = std::iter::once(EVERYTHING.0).chain(spans.iter().map(|span| span.1));
     let ends = spans.iter().map(|span| span.0).chain(std::iter::once(EVERYTHING.1));
@@ -249,7 +250,7 @@ mod tests {
         let sides = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
         let faces: Vec<[u32; 3]> = sides.into_iter().flat_map(|[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
         let mesh = Arc::new(ClosedMesh::new(&corners, &faces).expect("a cube is closed"));
-        // A unit of the picture is half a unit of the world, around the point 1, 1, 1.
+        // One unit of the picture is half a world unit; its origin is the world point (1, 1, 1).
         let placed = PlacedMesh { mesh, anchor: DVec3::ONE, length: 0.5 };
         let [inside, outside] =
             [Keep::Inside, Keep::Outside].map(|keep| Solid { shape: Shape::Mesh(placed.clone()), keep });
@@ -264,7 +265,7 @@ mod tests {
     }
 
     proptest! {
-        /// What is kept of a ray is what is kept of its points, wherever these are not on a face.
+        /// The kept segments of a ray hold exactly the kept points, apart from points on a face.
         #[test]
         fn segments_hold_the_points_that_are_kept(
             origin in prop::array::uniform3(-9.0..9.0f64),

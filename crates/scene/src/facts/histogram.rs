@@ -1,8 +1,8 @@
-//! What a histogram tells: shares of the voxels between values, and the thresholds that part them into classes.
+//! Evaluation of a histogram: shares of voxels between two values, and thresholds between classes of values.
 
 use supervol_format::ValueRange;
 
-/// Counts in equal parts of a range of values.
+/// Counts of voxels in bins of equal width over a range of values.
 #[derive(Debug, Clone, Copy)]
 pub struct Histogram<'a> {
     counts: &'a [u64],
@@ -10,20 +10,20 @@ pub struct Histogram<'a> {
 }
 
 impl<'a> Histogram<'a> {
-    /// A histogram; without counts every share is zero.
+    /// A histogram of `counts` over `range`. Without counts every share is zero.
     #[must_use]
     pub fn new(counts: &'a [u64], range: ValueRange) -> Self {
         Self { counts, range }
     }
 
-    /// The middle of each bin that holds voxels, and their share.
+    /// The middle value of each bin that holds voxels, and the bin's share of all voxels.
     pub fn shares(&self) -> impl Iterator<Item = (f64, f64)> + Clone {
         let total = self.total();
         let bins = self.counts.iter().enumerate().filter(|(_, count)| **count > 0);
         bins.map(move |(bin, &count)| (self.value(bin as f64 + 0.5), count as f64 / total))
     }
 
-    /// Bins that hold voxels.
+    /// Number of bins that hold voxels.
     #[must_use]
     pub fn bins_used(&self) -> usize {
         self.counts.iter().filter(|&&count| count > 0).count()
@@ -35,21 +35,21 @@ impl<'a> Histogram<'a> {
         self.counts.iter().copied().max().unwrap_or(0) as f64 / self.total()
     }
 
-    /// Share of all voxels whose bin's middle lies between two values.
+    /// Share of all voxels in bins whose middle lies between two values.
     #[must_use]
     pub fn share_between(&self, low: f64, high: f64) -> f64 {
         let within = |bin: &usize| (low..=high).contains(&self.value(*bin as f64 + 0.5));
         (0..self.counts.len()).filter(within).map(|bin| self.counts[bin] as f64).sum::<f64>() / self.total()
     }
 
-    /// The threshold above `from` that parts the voxels above it best into two classes: N. Otsu (1979), A Threshold
-    /// Selection Method from Gray-Level Histograms, equation 18. `None` where less than two bins hold voxels.
+    /// The threshold that best separates the voxels above `from` into two classes: N. Otsu (1979), A Threshold
+    /// Selection Method from Gray-Level Histograms, equation 18. `None` if fewer than two bins hold voxels.
     #[must_use]
     pub fn threshold_above(&self, from: f64) -> Option<f64> {
         self.threshold_between(from, f64::INFINITY)
     }
 
-    /// The same of the voxels between two values.
+    /// The same threshold for the voxels between two values.
     #[must_use]
     pub fn threshold_between(&self, from: f64, to: f64) -> Option<f64> {
         let first = (0..self.counts.len()).find(|&bin| self.value(bin as f64 + 1.0) > from)?;
@@ -70,14 +70,15 @@ impl<'a> Histogram<'a> {
             if between > best {
                 (best, ends) = (between, Some((i, i)));
             } else if let Some((start, _)) = ends.filter(|_| between == best) {
-                // Empty bins part the classes as well as the bins beside them: their middle is the threshold.
+                // A threshold anywhere in a run of empty bins separates the classes equally well: take the middle of
+                // the run.
                 ends = Some((start, i));
             }
         }
         ends.map(|(start, end)| self.value(first as f64 + 1.0 + 0.5 * (start + end) as f64))
     }
 
-    /// The value below which a share of the voxels above `from` lies.
+    /// The value below which the share `share` of the voxels above `from` lies.
     #[must_use]
     pub fn quantile_above(&self, from: f64, share: f64) -> f64 {
         let first = (0..self.counts.len()).find(|&bin| self.value(bin as f64 + 1.0) > from).unwrap_or(0);
@@ -98,7 +99,7 @@ impl<'a> Histogram<'a> {
         self.counts.iter().map(|&c| c as f64).sum::<f64>().max(1.0)
     }
 
-    /// The value at a place counted in bins.
+    /// The value at a position counted in bins.
     fn value(&self, place: f64) -> f64 {
         let share = place / self.counts.len().max(1) as f64;
         self.range.min * (1.0 - share) + self.range.max * share

@@ -1,4 +1,4 @@
-//! Facts of a volume: what its header and manifest say, without a brick being read.
+//! Facts of a volume: everything that its header and manifest say. No brick is read.
 
 pub mod histogram;
 pub mod kind;
@@ -10,36 +10,36 @@ pub use self::kind::DataKind;
 use crate::units::InUnits;
 use crate::value_map::ValueMap;
 
-/// Which way the world is turned: decides where default cameras stand, and nothing else.
+/// Orientation of the world axes. It decides the position of default cameras and nothing else.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Frame {
-    /// z points up; x and y as they come.
+    /// z points up; x and y have no named direction.
     #[default]
     Unknown,
     /// z points down: depth or time below a survey.
     Survey,
-    /// A patient, x to the right, y to the front, z to the head.
+    /// Patient: x to the right, y to the front, z to the head.
     RightAnteriorSuperior,
-    /// A patient, x to the left, y to the back, z to the head.
+    /// Patient: x to the left, y to the back, z to the head.
     LeftPosteriorSuperior,
 }
 
 impl Frame {
-    /// Whether the world is a patient's.
+    /// Whether the world axes are those of a patient.
     #[must_use]
     pub fn is_patient(self) -> bool {
         matches!(self, Self::RightAnteriorSuperior | Self::LeftPosteriorSuperior)
     }
 }
 
-/// What scenes, the default camera and the presets must know of a volume.
+/// Facts of a volume that scenes, the default camera and the presets need.
 #[derive(Debug, Clone, PartialEq)]
 pub struct VolumeFacts {
-    /// Voxels of level 0.
+    /// Voxels of level 0 along x, y, z.
     pub dims: Dims,
-    /// Place in the world.
+    /// Position, spacing and direction in the world.
     pub geometry: Geometry,
-    /// Which way the world is turned.
+    /// Orientation of the world axes.
     pub frame: Frame,
     /// Least and greatest present value, data units.
     pub value_range: ValueRange,
@@ -47,20 +47,20 @@ pub struct VolumeFacts {
     pub percentiles: Vec<(f64, f64)>,
     /// Counts of present voxels in equal parts of `value_range`; may be empty.
     pub histogram: Vec<u64>,
-    /// What the data are.
+    /// Kind of data; it decides the default picture.
     pub kind: DataKind,
-    /// Whether zero is the data's neutral value, with both signs around it.
+    /// Whether values of both signs occur, so that zero is the neutral value.
     pub has_zero_centre: bool,
 }
 
 impl VolumeFacts {
-    /// The facts of a container, of whatever kind its data seem to be.
+    /// The facts of a container, with the kind of data recognised from the container.
     #[must_use]
     pub fn of(container: &Container) -> Self {
         Self::of_kind(container, kind::recognise(container).kind)
     }
 
-    /// The facts of a container whose data are of a kind that somebody knows.
+    /// The facts of a container with a kind of data that the caller names.
     #[must_use]
     pub fn of_kind(container: &Container, kind: DataKind) -> Self {
         let (descriptor, manifest) = (container.descriptor(), container.manifest());
@@ -83,7 +83,7 @@ impl VolumeFacts {
         }
     }
 
-    /// A volume of which nothing is known but its size, its place and its values.
+    /// Facts of a volume of which only size, position and value range are known.
     #[must_use]
     pub fn plain(dims: Dims, geometry: Geometry, value_range: ValueRange) -> Self {
         Self {
@@ -98,15 +98,15 @@ impl VolumeFacts {
         }
     }
 
-    /// The axis along a single line of voxels: a trace, a well.
+    /// The only axis with more than one voxel, if there is just one such axis: a trace or a well.
     #[must_use]
     pub fn line_axis(&self) -> Option<usize> {
         let n = self.dims.0;
         (0..3).find(|&a| n[a] > 1 && n[(a + 1) % 3] == 1 && n[(a + 2) % 3] == 1)
     }
 
-    /// The axis across a section: one with a single voxel where both others have more, or with a few where both others have
-    /// many more.
+    /// The axis across a section, if the volume is one. A section has one voxel along this axis and more along the
+    /// others. A few voxels also count as a section if there are many more along the others.
     #[must_use]
     pub fn section_axis(&self) -> Option<usize> {
         let n = self.dims.0;
@@ -120,16 +120,17 @@ impl VolumeFacts {
     }
 }
 
-/// Most voxels across what is shown as a section, face on.
+/// Most voxels across a volume that is shown as a section, face on.
 const SECTION_VOXELS: u64 = 4;
 
-/// Whether values may be Hounsfield units: these go from air, near -1000, to bone, above 400, and to metal, below a million.
+/// Whether a range may be Hounsfield units. These go from air (near -1000) to bone (above 400) and metal (below a
+/// million).
 #[must_use]
 pub fn is_hounsfield(range: ValueRange) -> bool {
     range.min < -500.0 && range.max > 400.0 && range.min.abs().max(range.max) < 1e6
 }
 
-/// Render values of a container: see [`ValueMap`].
+/// Map from stored numbers to render values for a container; see [`ValueMap`].
 #[must_use]
 pub fn value_map(container: &Container) -> ValueMap {
     let d = container.descriptor();

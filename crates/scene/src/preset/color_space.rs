@@ -1,23 +1,23 @@
-//! Spaces in which colour maps of ParaView are straight between their points: RGB, HSV, CIE Lab, and Moreland's diverging maps.
+//! Colour spaces in which ParaView interpolates colour maps: RGB, HSV, CIE Lab, and Moreland's diverging maps.
 //!
-//! K. Moreland, Diverging Color Maps for Scientific Visualization, 2009: Msh is Lab in polar coordinates, and a map between two
-//! saturated colours of different hue goes through an unsaturated one. Channels are in [0, 1], sRGB; white is D65.
+//! K. Moreland, Diverging Color Maps for Scientific Visualization, 2009: Msh is Lab in polar coordinates. A map between
+//! two saturated colours of different hue passes through an unsaturated one. Channels are sRGB in [0, 1]; white is D65.
 
 use std::f64::consts::{PI, TAU};
 use std::str::FromStr;
 
-/// See the module.
+/// A space of interpolation; see the module.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ColorSpace {
-    /// Straight in RGB.
+    /// Linear in RGB.
     Rgb,
-    /// Hue, saturation, value; hue the short way round.
+    /// Linear in hue, saturation and value; hue takes the shorter way round.
     Hsv,
-    /// CIE L*a*b*.
+    /// Linear in CIE L*a*b*.
     Lab,
-    /// Moreland's Msh, through white or grey.
+    /// Moreland's Msh, passing through white or grey.
     Diverging,
-    /// The colour of the point before.
+    /// No interpolation: the colour of the point before.
     Step,
 }
 
@@ -36,19 +36,20 @@ impl FromStr for ColorSpace {
     }
 }
 
-/// Tristimulus values of white.
+/// XYZ tristimulus values of white.
 const WHITE: [f64; 3] = [0.9505, 1.0, 1.089];
-/// XYZ from linear sRGB, row by row, and back.
+/// Matrices between linear sRGB and XYZ, row by row.
 const XYZ_FROM_RGB: [[f64; 3]; 3] = [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]];
 const RGB_FROM_XYZ: [[f64; 3]; 3] = [[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]];
-/// Saturations in Msh below which a colour has no hue, and least angle between hues that white is put between.
+/// Msh saturation below which a colour has no hue, and least angle between two hues at which white is inserted between
+/// them.
 const UNSATURATED: f64 = 0.05;
 const DIFFERENT_HUES: f64 = PI / 3.0;
-/// Least magnitude of the white in the middle.
+/// Least magnitude of the white that is inserted.
 const WHITE_MAGNITUDE: f64 = 88.0;
 
 impl ColorSpace {
-    /// The colour that lies at a share of the way from one to another.
+    /// The colour at a share in [0, 1] of the way between two colours.
     #[must_use]
     pub fn between(self, from: [f64; 3], to: [f64; 3], share: f64) -> [f64; 3] {
         let straight = |a: [f64; 3], b: [f64; 3], share: f64| -> [f64; 3] {
@@ -95,7 +96,7 @@ fn rgb_from_lab([l, a, b]: [f64; 3]) -> [f64; 3] {
     });
     let encoded = |c: f64| if c > 0.003_130_8 { 1.055 * c.powf(1.0 / 2.4) - 0.055 } else { 12.92 * c };
     let rgb = times(RGB_FROM_XYZ, xyz).map(encoded);
-    // Beyond what a screen shows: as light as it can be, of the same hue.
+    // Colours beyond the display's gamut are made as light as possible with the same hue.
     let most = rgb.iter().copied().fold(1.0, f64::max);
     rgb.map(|c| (c / most).clamp(0.0, 1.0))
 }
@@ -123,7 +124,7 @@ fn rgb_from_hsv([h, s, v]: [f64; 3]) -> [f64; 3] {
     })
 }
 
-/// Magnitude, saturation (an angle), hue (an angle).
+/// Msh of a colour: magnitude, saturation (an angle), hue (an angle).
 fn msh_from_rgb(rgb: [f64; 3]) -> [f64; 3] {
     let [l, a, b] = lab_from_rgb(rgb);
     let m = (l * l + a * a + b * b).sqrt();
@@ -135,7 +136,7 @@ fn rgb_from_msh([m, s, h]: [f64; 3]) -> [f64; 3] {
     rgb_from_lab([m * s.cos(), m * s.sin() * h.cos(), m * s.sin() * h.sin()])
 }
 
-/// The hue that an unsaturated colour of this magnitude gets beside a saturated one (Moreland, section 5).
+/// The hue of an unsaturated colour of magnitude `unsaturated` beside a saturated colour (Moreland, section 5).
 fn adjusted_hue([m, s, h]: [f64; 3], unsaturated: f64) -> f64 {
     if m >= unsaturated - 0.1 {
         return h;
@@ -180,7 +181,7 @@ mod tests {
         for space in ["RGB", "HSV", "Lab", "Diverging"].map(|name| name.parse::<ColorSpace>().unwrap()) {
             for from in COLORS {
                 for to in COLORS {
-                    // The matrices are rounded to four digits.
+                    // The matrices have four digits.
                     assert!(near(space.between(from, to, 0.0), from, 2e-3), "{space:?} {from:?}");
                     assert!(near(space.between(from, to, 1.0), to, 2e-3), "{space:?} {to:?}");
                     let middle = space.between(from, to, 0.37);
@@ -191,7 +192,8 @@ mod tests {
         assert!("Lab/CIEDE2000".parse::<ColorSpace>().unwrap_err().contains("ColorSpace"));
     }
 
-    /// Moreland's paper, table of the cool to warm map with 33 points: at the middle it is (221, 221, 221), a quarter of the way (141, 176, 254).
+    /// From Moreland's table of the cool-to-warm map with 33 points: (221, 221, 221) in the middle, (141, 176, 254) at
+    /// a quarter.
     #[test]
     fn cool_to_warm_is_as_it_was_published() {
         let at = |share| ColorSpace::Diverging.between(COLORS[0], COLORS[1], share);

@@ -1,4 +1,4 @@
-//! Colour maps by name: a grey ramp, red-white-blue for amplitudes, and the usual ones by their published tables.
+//! Colour maps by name: a grey ramp, red-white-blue for amplitudes, and well-known maps from their published tables.
 
 use colorous::Gradient;
 
@@ -18,10 +18,11 @@ pub const NAMES: [&str; 12] = [
     "spectral",
 ];
 
-/// Control points that stand for a smooth colour map: enough that linear interpolation is within one level of 255.
+/// Control points of a smooth colour map: enough for linear interpolation to be within one grey level.
 pub const SMOOTH_POINTS: usize = 33;
 
-/// Places and colours of the red-white-blue map of amplitudes, negative to positive: saturated at both ends, white at zero.
+/// The red-white-blue map of amplitudes, negative to positive: saturated at both ends, white at zero. Pairs of position
+/// in [0, 1] and colour.
 const SEISMIC: [(f64, [f64; 3]); 7] = [
     (0.0, [0.55, 0.00, 0.05]),
     (0.20, [0.85, 0.15, 0.12]),
@@ -32,7 +33,7 @@ const SEISMIC: [(f64, [f64; 3]); 7] = [
     (1.0, [0.03, 0.08, 0.50]),
 ];
 
-/// A colour map: colours at places from 0 to 1, linear between them. `None` for a name that is not in [`NAMES`].
+/// A colour map: pairs of position in [0, 1] and colour, linear in between. `None` if the name is not in [`NAMES`].
 #[must_use]
 pub fn by_name(name: &str) -> Option<Vec<(f64, [f64; 3])>> {
     let gradient = match name {
@@ -62,7 +63,7 @@ fn sampled(gradient: Gradient) -> Vec<(f64, [f64; 3])> {
     (0..SMOOTH_POINTS).map(at).collect()
 }
 
-/// A colour for each number, no two neighbours alike: hues a golden angle apart.
+/// A colour for a label. Consecutive labels differ in hue by the golden angle, so that neighbours are distinct.
 #[must_use]
 pub fn of_label(number: u64) -> [f64; 3] {
     const GOLDEN_TURN: f64 = 0.618_033_988_749_895;

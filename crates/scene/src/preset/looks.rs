@@ -1,4 +1,4 @@
-//! What each kind of data looks like, unasked.
+//! Default look of each kind of data: mode, transfer function, shading and samples per pixel.
 
 use super::overview::Overview;
 use super::{colormap, extents, ramps, unit_distance};
@@ -7,40 +7,40 @@ use crate::facts::{DataKind, VolumeFacts};
 use crate::scene::{IsoSpec, Mode, PointsSpec, ShadingSpec};
 use crate::transfer_function::ControlPoint;
 
-/// Rays of a pixel where lines and steps are shown as they are, face on.
+/// Rays per pixel of a section, whose thin lines and steps need many.
 const SECTION_SAMPLES: u32 = 16;
-/// Opaque matter hides what lies this many voxels behind its face.
+/// Unit distance of opaque matter in voxels: its face hides everything behind.
 const FACE_VOXELS: f64 = 0.25;
-/// Share of the voxels in one histogram bin from which on that bin is background, and the share of the range below which
-/// a quarter of the voxels are background.
+/// Criteria of a background. Either one histogram bin holds at least the first share of all voxels. Or a quarter of the
+/// voxels lie below the second share of the range.
 const BACKGROUND: f64 = 0.3;
 const DARK: f64 = 0.1;
 
-/// Colours of solid matter, from its surface to its densest part.
+/// Colours of solid matter, from its surface to its densest part: RGB in [0, 1].
 const BONE: [[f64; 3]; 3] = [[0.72, 0.56, 0.44], [0.88, 0.80, 0.70], [1.0, 1.0, 0.97]];
 const FLESH: [[f64; 3]; 3] = [[0.70, 0.50, 0.43], [0.86, 0.76, 0.70], [1.0, 0.98, 0.94]];
 const STEEL: [[f64; 3]; 3] = [[0.45, 0.52, 0.62], [0.70, 0.75, 0.80], [1.0, 1.0, 1.0]];
 const GLOW: [[f64; 3]; 3] = [[0.45; 3], [0.75; 3], [1.0; 3]];
-/// Colour of a surface without a colour of its own.
+/// Default colour of a surface.
 const SURFACE: [f64; 3] = [0.86, 0.80, 0.70];
 
-/// A picture's own choices: what a scene leaves open is filled in with these.
+/// The choices of a preset; they fill in what a scene leaves open.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Look {
-    /// What a ray gathers.
+    /// Quantity that a ray computes.
     pub mode: Mode,
     /// Colours and opacities, with their unit distance.
     pub transfer_function: PointsSpec,
     /// Shading, if any.
     pub shading: Option<ShadingSpec>,
-    /// Surfaces, in mode `iso`.
+    /// Iso surfaces, for mode `iso`.
     pub iso: Vec<IsoSpec>,
-    /// Rays of a pixel.
+    /// Rays per pixel, a square number.
     pub samples_per_pixel: u32,
 }
 
 impl Look {
-    /// The look of a volume: that of a section where it is one, else that of its kind.
+    /// The look of a volume: that of a section if it is one, else that of its kind.
     #[must_use]
     pub fn of(facts: &VolumeFacts) -> Self {
         if let Some(axis) = facts.section_axis() {
@@ -49,7 +49,7 @@ impl Look {
         let unit = unit_distance(facts);
         let lit = |points| Self { shading: Some(ShadingSpec::default()), ..Self::plain(points, unit) };
         match facts.kind {
-            // Clear matter is murky where rays run through little of it: amplitudes on the faces tell more.
+            // A thin transparent plate shows little; amplitudes on its faces show more.
             DataKind::Seismic if is_flat(facts) => {
                 let points = ramps::of_slice(facts);
                 let unit = FACE_VOXELS * facts.geometry.smallest_spacing();
@@ -86,7 +86,7 @@ impl Look {
         }
     }
 
-    /// Points over a unit distance, unshaded.
+    /// Unshaded emission and absorption with these control points over a unit distance.
     fn plain(points: Vec<ControlPoint>, unit_distance: f64) -> Self {
         Self {
             mode: Mode::Dvr,
@@ -97,27 +97,28 @@ impl Look {
         }
     }
 
-    /// The values on the faces of an opaque block.
+    /// An opaque block: the values on its faces.
     fn block(facts: &VolumeFacts, colors: &str) -> Self {
         let colors = colormap::by_name(colors).unwrap_or_default();
         let points = ramps::opaque(&colors, ramps::window(facts));
         Self { samples_per_pixel: 4, ..Self::plain(points, FACE_VOXELS * facts.geometry.smallest_spacing()) }
     }
 
-    /// One section, opaque, face on: amplitudes red-white-blue, labels in colours, all else grey.
+    /// One section, opaque, face on: amplitudes red-white-blue, labels in colours, everything else grey.
     fn section(facts: &VolumeFacts, axis: usize) -> Self {
         let unit = FACE_VOXELS * (extents(facts)[axis] / facts.dims.0[axis] as f64);
         Self { samples_per_pixel: SECTION_SAMPLES, ..Self::plain(ramps::of_slice(facts), unit) }
     }
 
     fn labels(facts: &VolumeFacts) -> Self {
-        // Over a voxel, whatever the volume's size: between two labels lies one voxel.
+        // The unit distance is one voxel, whatever the volume's size, because the transition between two labels is one
+        // voxel wide.
         let unit = facts.geometry.smallest_spacing();
         let shading = ShadingSpec { ambient: 0.45, diffuse: 0.55, ..ShadingSpec::default() };
         Self { shading: Some(shading), samples_per_pixel: 4, ..Self::plain(ramps::labels(facts, 0.5), unit) }
     }
 
-    /// The surface between two values.
+    /// The iso surface at the middle of the value range.
     fn surface(facts: &VolumeFacts) -> Self {
         let grey = ramps::grey(facts);
         let iso = vec![IsoSpec { value: middle(facts), color: SURFACE, alpha: 1.0 }];
@@ -126,7 +127,7 @@ impl Look {
     }
 }
 
-/// Whether a volume is a plate: far thinner one way than the others.
+/// Whether a volume is a plate: its shortest edge is far shorter than the second one.
 fn is_flat(facts: &VolumeFacts) -> bool {
     const FLAT: f64 = 0.1;
     let mut extents = extents(facts);
@@ -134,15 +135,15 @@ fn is_flat(facts: &VolumeFacts) -> bool {
     extents[0] <= FLAT * extents[1]
 }
 
-/// Whether there is something dark or empty around what the volume shows.
+/// Whether the volume has a dark or empty background.
 fn has_background(facts: &VolumeFacts) -> bool {
     let range = facts.value_range;
     let fullest = Histogram::new(&facts.histogram, range).fullest();
     fullest >= BACKGROUND || ramps::percentile(facts, 25.0) <= range.min + DARK * range.width()
 }
 
-/// A surface for who asks for one and gives no value: between emptiness and matter. By the histogram where the usual value of the
-/// kind does not occur: tomography is not always in Hounsfield units.
+/// The surface for a request without an iso value: between empty space and matter. The histogram decides if the usual
+/// value of the kind does not occur, because tomography is not always in Hounsfield units.
 #[must_use]
 pub fn default_surface(facts: &VolumeFacts) -> IsoSpec {
     let usual = match facts.kind {
@@ -160,14 +161,16 @@ fn middle(facts: &VolumeFacts) -> f64 {
     0.5 * facts.value_range.min + 0.5 * facts.value_range.max
 }
 
-/// What is seen as a body (mode `dvr`) of a kind that is a projection unasked: nothing of the dark around, all else the denser the brighter
-/// it is. Opaque colours, as a projection has them, would show nothing but the noise on the volume's faces.
+/// The transfer function of mode `dvr` for kinds whose default mode is a projection: transparent background, and
+/// opacity that rises with the value. The opaque colours of a projection would show only the noise on the volume's
+/// faces.
 #[must_use]
 pub fn body(facts: &VolumeFacts) -> PointsSpec {
     PointsSpec::of(&ramps::solid(facts, GLOW), unit_distance(facts))
 }
 
-/// What projections (`mip`, `minip`, `mean`) are shown with: a grey ramp over what they come to; of tomography, from soft tissue to bone.
+/// The transfer function of projections (`mip`, `minip`, `mean`): a grey ramp over the projected values; for
+/// tomography, from soft tissue to bone.
 #[must_use]
 pub fn projection(mode: Mode, facts: &VolumeFacts, overview: Option<&Overview>) -> PointsSpec {
     let of_tissue = if mode == Mode::Mip { ramps::projected_tissue(facts) } else { None };

@@ -1,13 +1,18 @@
-//! Pictures for volumes nobody has written a scene for: what a kind of data looks like, and where the camera stands.
+//! Presets: default pictures by kind of data, used for everything that a scene leaves open.
 //!
-//! A preset gives its opacities over 1/256 of the volume's mean edge, not over a voxel: a volume of 2048^3 voxels looks
-//! like the same volume sampled at 256^3. This choice is part of the preset and ends up as an explicit unit distance;
-//! the ray casters know nothing of volume sizes.
+//! A preset gives its opacities over 1/256 of the volume's mean edge, not over a voxel. A volume of 2048^3 voxels
+//! therefore looks like the same volume sampled at 256^3. The result is written into the scene as an explicit unit
+//! distance; ray casters know nothing of volume sizes.
 //!
-//! `looks` says what each kind of data looks like, `ramps` with which transfer functions, `view` where cameras stand, `section`
-//! shows a slice face on, `placing` says where the volume lies, and `overview` what a coarse level tells of what can be seen;
-//! `transfer_file` reads transfer functions and colour maps of other programs.
-//! What they choose is a [`crate::scene::Scene`] written out.
+//! - `looks`: mode, transfer function and shading of each kind of data
+//! - `ramps`: the transfer functions
+//! - `view`: camera positions
+//! - `section`: one slice, face on
+//! - `placing`: position and proportions of the volume
+//! - `overview`: a coarse level, from which the visible region is estimated
+//! - `transfer_file`: transfer functions and colour maps in files of other programs
+//!
+//! A preset's result is a complete [`crate::scene::Scene`].
 
 mod color_space;
 pub mod colormap;
@@ -30,7 +35,7 @@ use crate::scene::SceneError;
 use crate::transfer_function::{TransferFunction, TransferFunctionError};
 use crate::units::{Units, edges};
 
-/// Names that a scene may give as its transfer function: those of the kinds of data, and a plain grey ramp.
+/// Names that a scene may give as its transfer function: the kinds of data and a plain grey ramp.
 pub const NAMES: [&str; 12] = [
     "seismic",
     "attribute",
@@ -62,7 +67,7 @@ pub fn domain(facts: &VolumeFacts) -> [[f64; 3]; 2] {
     [[-HALF_VOXEL; 3], facts.dims.0.map(|n| n as f64 - HALF_VOXEL)]
 }
 
-/// The default camera over the whole volume: see [`view`].
+/// The default camera for the whole volume: see [`view`].
 ///
 /// # Errors
 /// Never for a valid geometry: the eye lies outside the volume, and up is not the forward axis.
@@ -70,7 +75,7 @@ pub fn default_camera(facts: &VolumeFacts, size: [u32; 2]) -> Result<Camera, Sce
     view::View::of(facts).camera(&Framed::whole(facts, domain(facts)), size).camera(&Units::WORLD, size)
 }
 
-/// The named preset for a volume; the grey ramp for a name that is not in [`NAMES`].
+/// The named preset for a volume; the grey ramp if the name is not in [`NAMES`].
 ///
 /// # Errors
 /// Never for finite facts: presets' points are sorted and in range.
@@ -84,9 +89,9 @@ pub fn transfer_function(name: &str, facts: &VolumeFacts) -> Result<TransferFunc
     }
 }
 
-/// A preset's opacities hold over the mean edge of the volume divided by this.
+/// A preset's unit distance is the mean edge of the volume divided by this.
 const UNITS_PER_EDGE: f64 = 256.0;
-/// Least units across the thinnest axis.
+/// Least number of unit distances across the thinnest axis.
 const THINNEST_UNITS: f64 = 12.0;
 
 /// World length over which a preset's opacities are gathered.
@@ -94,7 +99,7 @@ fn unit_distance(facts: &VolumeFacts) -> f64 {
     let extents = extents(facts);
     let mean = extents.iter().sum::<f64>() / 3.0;
     let thinnest = extents.iter().copied().fold(f64::INFINITY, f64::min);
-    // A single section or a few slices would be clear glass at the scale of their length.
+    // With a unit distance that suits its length, a single section or a few slices would be almost transparent.
     (mean / UNITS_PER_EDGE).max(facts.geometry.smallest_spacing()).min(thinnest / THINNEST_UNITS)
 }
 

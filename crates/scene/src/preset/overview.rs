@@ -1,8 +1,9 @@
-//! What a coarse level tells of a whole volume: where something can be seen, and what projections come to.
+//! Overview: a coarse level of the volume in memory, used to estimate the visible region and the range of projections.
 //!
-//! The finest level of at most a quarter of a million voxels is read once. Coarser voxels are averages: what is smaller than one
-//! of them may be missed, so that frames made of this are close, not exact. Of labels, which are never averaged, thin ones would be lost
-//! altogether: macro cells of a fine level say where they are. (Of measured values these would show every grain of noise.)
+//! The finest level of at most 2^18 voxels is read once. Its voxels are averages, so that smaller features may be
+//! missed and the estimates are approximate. Labels are never averaged, and thin ones would be missed altogether. For
+//! labels, macro cells of a fine level give their positions. For measured values, macro cells would show every grain of
+//! noise.
 
 use glam::DVec3;
 use supervol_format::brick::MACRO_CELL;
@@ -17,17 +18,17 @@ use crate::facts::{DataKind, VolumeFacts};
 use crate::scene::Mode;
 use crate::transfer_function::TransferFunction;
 
-/// Most voxels of the level that is read: 8 bytes each.
+/// Most voxels of the level; 8 bytes each.
 const VOXEL_LIMIT: u64 = 1 << 18;
-/// Most macro cells that are read, 40 bytes each; most bricks that they are of, and bytes of their records.
+/// Limits of the macro cells that are read: cells of 40 bytes each, bricks, and bytes of the bricks' records.
 const CELL_LIMIT: u64 = 1 << 18;
 const BRICK_LIMIT: u64 = 512;
 const RECORDS_LIMIT_BYTES: u64 = 16 << 20;
-/// Most labels between the least and the greatest of a macro cell that are looked at one by one.
+/// Most labels in the range of a macro cell that are checked one by one.
 const LABEL_LIMIT: f64 = 1024.0;
-/// Opacity over the unit distance from which on something is seen, as a share of the greatest.
+/// Opacity over the unit distance above which a value counts as visible, as a share of the greatest opacity.
 const VISIBLE_SHARE: f64 = 0.02;
-/// Shares of the projected values that the window of a projection leaves out at its ends.
+/// Quantiles of the projected values that bound the window of a projection.
 const DARKEST: f64 = 0.005;
 const BRIGHTEST: f64 = 0.998;
 
@@ -36,23 +37,23 @@ const BRIGHTEST: f64 = 0.998;
 pub struct Overview {
     dims: [usize; 3],
     level: Level,
-    /// x fastest; NaN where absent.
+    /// Data values, x fastest; NaN where absent.
     values: Vec<f64>,
-    /// Of labels, where they are.
+    /// Macro cells, for labels only.
     cells: Option<LabelCells>,
 }
 
 /// Macro cells of one level of a volume of labels.
 #[derive(Debug, Clone)]
 struct LabelCells {
-    /// Half of a cell's size, voxels of level 0.
+    /// Half the size of a cell, in voxels of level 0 along x, y, z.
     half: DVec3,
-    /// Middle, index coordinates of level 0, and the values that the cell reaches.
+    /// Centre of each cell in index coordinates of level 0, and the range of its labels.
     cells: Vec<(DVec3, ValueRange)>,
 }
 
 impl LabelCells {
-    /// Those of the finest level that is small enough, if one is.
+    /// The cells of the finest level within the limits; `None` if there is no such level.
     fn read(container: &Container) -> Result<Option<Self>, ContainerError> {
         for (number, level) in container.pyramid().levels().iter().enumerate() {
             let cells = level.dims.0.map(|n| n.div_ceil(MACRO_CELL as u64));
@@ -67,11 +68,11 @@ impl LabelCells {
         Ok(None)
     }
 
-    /// Those of a level; `None` where its records are too large.
+    /// The cells of one level; `None` if its records are too large.
     fn of_level(container: &Container, lod: Lod, level: &Level) -> Result<Option<Self>, ContainerError> {
         let pyramid = container.pyramid();
         let keys: Vec<BrickKey> = pyramid.keys_of(lod).collect();
-        // Pages that cannot be read now are tried once more, one by one.
+        // An index page that cannot be read now is read again below, with an error if it fails.
         container.read_entries_ahead(keys.iter().copied(), || true).ok();
         let entries = keys.iter().map(|&key| container.entry(key)).collect::<Result<Vec<_>, _>>()?;
         if entries.iter().map(|entry| entry.record_bytes()).sum::<u64>() > RECORDS_LIMIT_BYTES {
@@ -86,7 +87,7 @@ impl LabelCells {
             let first = DVec3::from_array(key.brick().0.map(f64::from)) * core;
             for (i, range) in container.read_macro_cells(key, &entry)?.into_iter().enumerate() {
                 let cell = [i % nx, i / nx % ny, i / (nx * ny)].map(|n| (n * MACRO_CELL) as f64);
-                // The middle of the cell's region, which begins half a voxel before its first.
+                // The centre of the cell's region, which begins half a voxel before the cell's first voxel.
                 let middle = (first + DVec3::from_array(cell) + 0.5 * MACRO_CELL as f64) * voxels - HALF_VOXEL;
                 let [a, b] = [range.min, range.max].map(|stored| stored * scale + offset);
                 cells.push((middle, ValueRange { min: a.min(b), max: a.max(b) }));
@@ -95,11 +96,11 @@ impl LabelCells {
         Ok(Some(Self { half: voxels * (0.5 * MACRO_CELL as f64), cells }))
     }
 
-    /// Middles of the cells in which there may be a label for which `is_visible` holds.
+    /// Centres of the cells that may hold a label for which `is_visible` holds.
     fn visible<'a>(&'a self, is_visible: impl Fn(f64) -> bool + 'a) -> impl Iterator<Item = DVec3> + 'a {
         let may_show = move |range: &ValueRange| {
             let (first, last) = (range.min.ceil(), range.max.floor());
-            // An empty range holds none.
+            // An empty range holds no label.
             let mut labels = (0..).map(|i| first + f64::from(i)).take_while(|label| *label <= last);
             last - first > LABEL_LIMIT || labels.any(&is_visible)
         };
@@ -108,7 +109,7 @@ impl LabelCells {
 }
 
 impl Overview {
-    /// Reads the overview of a container with these facts; `None` where even its coarsest level is too large.
+    /// Reads the overview of a container; `None` if even its coarsest level is too large.
     ///
     /// # Errors
     /// If a brick of the level cannot be read.
@@ -119,17 +120,17 @@ impl Overview {
         let (scale, offset) = (container.descriptor().scale, container.descriptor().offset);
         let reader = LevelReader::new(container, Lod(number as u8), 0);
         let values = reader.values(reader.whole(), |stored| stored * scale + offset)?;
-        // A fine brick that cannot be read is no reason to know nothing: whoever draws it says so.
+        // An unreadable fine brick does not prevent an overview. The renderer reports it.
         let cells = if facts.kind == DataKind::Labels { LabelCells::read(container).ok().flatten() } else { None };
         Ok(Some(Self { dims: reader.whole().extent(), level: levels[number], values, cells }))
     }
 
-    /// The voxels of this level, or macro cells, for which `is_visible` holds and whose middle lies in `kept`, index coordinates of level 0;
-    /// `None` if there are none.
+    /// The visible voxels of this level, or the visible macro cells, whose centre lies in the box `kept` (index
+    /// coordinates of level 0). `None` if there are none.
     fn framed(&self, facts: &VolumeFacts, kept: [[f64; 3]; 2], is_visible: impl Fn(f64) -> bool) -> Option<Framed> {
         let [nx, ny, _] = self.dims;
         let scale = DVec3::from_array(self.level.scale.map(|s| s as f64));
-        // A point p of this level lies at (p + 1/2) * scale - 1/2 of level 0.
+        // Point p of this level is the point (p + 1/2) * scale - 1/2 of level 0.
         let at = |i: usize| {
             let place = DVec3::new((i % nx) as f64, (i / nx % ny) as f64, (i / (nx * ny)) as f64);
             (place + HALF_VOXEL) * scale - HALF_VOXEL
@@ -148,8 +149,8 @@ impl Overview {
         Some(Framed::boxes(facts, middle, centres, half.to_array()))
     }
 
-    /// What a transfer function shows of a box in index coordinates; `None` where it shows nothing, or averages show too little of
-    /// what it shows.
+    /// The region of a box (index coordinates of level 0) that a transfer function shows. `None` if it shows nothing,
+    /// or if the averages of this level lose too much of it.
     #[must_use]
     pub fn visible(&self, facts: &VolumeFacts, kept: [[f64; 3]; 2], shown: &TransferFunction) -> Option<Framed> {
         if self.cells.is_none()
@@ -161,7 +162,7 @@ impl Overview {
         self.framed(facts, kept, |value| shown.classify(value).1 > VISIBLE_SHARE * most)
     }
 
-    /// What a surface may enclose: all that lies on the side of the fewer voxels.
+    /// The region that an iso surface may enclose: the voxels on the side of `iso` with fewer voxels.
     #[must_use]
     pub fn beyond(&self, facts: &VolumeFacts, kept: [[f64; 3]; 2], iso: f64) -> Option<Framed> {
         let above = self.values.iter().filter(|v| **v >= iso).count();
@@ -169,7 +170,7 @@ impl Overview {
         self.framed(facts, kept, |value| (value >= iso) == (above <= below)).filter(|_| above.min(below) > 0)
     }
 
-    /// Least and greatest of what a projection along the three axes comes to, but for a few.
+    /// Window of the projected values along all three axes, without the few darkest and brightest.
     #[must_use]
     pub fn projected_window(&self, mode: Mode) -> Option<[f64; 2]> {
         let mut projected: Vec<f64> = (0..3).flat_map(|axis| self.project(axis, mode)).collect();
@@ -181,7 +182,7 @@ impl Overview {
         (high > low).then_some([low, high])
     }
 
-    /// The projection along an axis, a value for each line of voxels; infinite or NaN where none is present.
+    /// The projection along an axis: one value per line of voxels; infinite or NaN if no voxel of the line is present.
     fn project(&self, axis: usize, mode: Mode) -> Vec<f64> {
         let stride: usize = self.dims[..axis].iter().product();
         let count = self.dims[axis];

@@ -1,25 +1,27 @@
-//! Where a volume is drawn: as it lies in the world, but for heights that somebody wants larger, for single lines of voxels, which
-//! nobody would see, and for surveys whose lines are no length apart that anybody knows.
+//! Changes of a volume's proportions before it is drawn.
+//!
+//! - Vertical exaggeration.
+//! - A visible width for a single line of voxels.
+//! - A limited height for surveys whose line spacing is unknown.
 
 use supervol_format::{Container, Geometry};
 
 use crate::facts::{Frame, VolumeFacts};
 
-/// How many times as long as wide a single line of voxels is drawn at most.
+/// Greatest ratio of length to width at which a single line of voxels is drawn.
 const LINE_LENGTHS: f64 = 10.0;
 
-/// How many times as high as wide a survey is drawn at most whose lines have no unit: the files say nothing of their distance.
+/// Greatest ratio of height to width at which a survey is drawn whose line spacing has no unit.
 const UNKNOWN_HEIGHT: f64 = 2.0;
 
-/// The container at the place where it is drawn: see [`placement`].
+/// The container with the geometry that is drawn: see [`placement`].
 #[must_use]
 pub fn placed(container: Container, facts: &VolumeFacts, exaggeration: f64) -> Container {
     let geometry = placement(&container, facts, exaggeration);
     container.placed(geometry)
 }
 
-/// The place in the world where a container is drawn. Heights or depths are `exaggeration` times as large, a single line of
-/// voxels gets a width that can be seen, and a survey whose lines have no known distance does not become a stick.
+/// The geometry that is drawn: heights or depths multiplied by `exaggeration`, and the other changes of the module.
 ///
 /// `facts` are those of the container as it is stored.
 #[must_use]
@@ -43,13 +45,13 @@ pub fn placement(container: &Container, facts: &VolumeFacts, exaggeration: f64) 
     geometry
 }
 
-/// The grid's axis that stands most upright.
+/// The grid's axis that is most nearly vertical.
 #[must_use]
 pub fn upright_axis(facts: &VolumeFacts) -> usize {
     if facts.frame == Frame::Survey { 2 } else { axis_along(2, facts) }
 }
 
-/// The grid's axis that runs along a world axis most of all.
+/// The grid's axis that is most nearly parallel to a world axis.
 #[must_use]
 pub fn axis_along(world: usize, facts: &VolumeFacts) -> usize {
     let linear = facts.geometry.linear();

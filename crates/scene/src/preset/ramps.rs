@@ -1,27 +1,28 @@
-//! Transfer functions of the presets: values in data units, opacities over the preset's unit distance.
+//! Transfer functions of the presets. Values are in data units, opacities over the preset's unit distance.
 
 use super::colormap;
 use crate::facts::histogram::Histogram;
 use crate::facts::{DataKind, VolumeFacts, is_hounsfield};
 use crate::transfer_function::ControlPoint;
 
-/// Hounsfield units that only places between air and tissue have: skin, airways, the faces of the lungs; first, middle, last.
+/// Hounsfield units found only at boundaries between air and tissue (skin, airways, faces of the lungs): first, middle,
+/// last.
 const HOUNSFIELD_FACES: [f64; 3] = [-600.0, -400.0, -250.0];
-/// Hounsfield units at which the preset changes: soft tissue ends, bone, metal.
+/// Hounsfield units at which the preset changes: end of soft tissue, bone, metal.
 const HOUNSFIELD_BONE: [f64; 3] = [180.0, 450.0, 1500.0];
-/// What unsigned files add to Hounsfield units.
+/// Offset of Hounsfield units in unsigned files.
 const HOUNSFIELD_OFFSET: f64 = 1024.0;
-/// Hounsfield units between which the greatest of a ray is shown, in a body from fat to dense bone: what a coarse level comes to says
-/// nothing of it, since air around the body makes it too dark and averages of bone too low.
+/// Window of maximum projections in Hounsfield units, from fat to dense bone. A coarse level gives no useful window:
+/// air around the body makes it too dark, and averaging makes bone too low.
 const HOUNSFIELD_PROJECTED: [f64; 2] = [-150.0, 1600.0];
-/// Opacity of what is meant to be opaque.
+/// Opacity of opaque points.
 const OPAQUE: f64 = 1.0;
 
 pub(super) fn point(value: f64, color: [f64; 3], alpha: f64) -> ControlPoint {
     ControlPoint { value, color, alpha }
 }
 
-/// Value at a percentile, interpolated; the range stands in where no percentiles are known.
+/// Value at a percentile, interpolated. If no percentiles are known, they are taken as linear over the range.
 pub(super) fn percentile(facts: &VolumeFacts, percent: f64) -> f64 {
     let range = facts.value_range;
     let ends = [(0.0, range.min), (100.0, range.max)];
@@ -34,15 +35,15 @@ pub(super) fn percentile(facts: &VolumeFacts, percent: f64) -> f64 {
     }
 }
 
-/// Least and greatest value worth showing; never equal, always finite.
+/// The window of typical values: percentiles 1 to 99; low < high, both finite.
 pub(super) fn window(facts: &VolumeFacts) -> [f64; 2] {
     window_between(facts, [1.0, 99.0])
 }
 
-/// The values at two percentiles; never equal, always finite.
+/// The values at two percentiles; low < high, both finite.
 pub(super) fn window_between(facts: &VolumeFacts, percents: [f64; 2]) -> [f64; 2] {
     let [mut low, mut high] = percents.map(|p| percentile(facts, p));
-    // Mostly empty volumes put both percentiles on the background: then the whole range is the window.
+    // In a mostly empty volume both percentiles are the background value; use the whole range then.
     let range = facts.value_range;
     if !range.is_empty() && high - low <= 1e-3 * range.width() {
         (low, high) = (range.min, range.max);
@@ -53,7 +54,7 @@ pub(super) fn window_between(facts: &VolumeFacts, percents: [f64; 2]) -> [f64; 2
     if high > low { [low, high] } else { [low, low + low.abs().max(1.0)] }
 }
 
-/// The window of amplitudes: symmetric around zero, or around the median where they are stored without a sign.
+/// The window of amplitudes: symmetric around zero, or around the median for amplitudes stored unsigned.
 pub(super) fn amplitude_window(facts: &VolumeFacts) -> [f64; 2] {
     let [low, high] = window(facts);
     let zero = if facts.has_zero_centre { 0.0 } else { percentile(facts, 50.0) };
@@ -71,7 +72,7 @@ pub(super) fn opaque_grey(window: [f64; 2]) -> Vec<ControlPoint> {
     opaque(&[(0.0, [0.0; 3]), (1.0, [1.0; 3])], window)
 }
 
-/// Symmetric double wing on a red-white-blue map, clipped at the 99th percentile; zero is transparent.
+/// Seismic amplitudes: most opaque at both ends, transparent at zero; red-white-blue; clipped at the 99th percentile.
 pub(super) fn seismic(facts: &VolumeFacts) -> Vec<ControlPoint> {
     let [low, high] = amplitude_window(facts);
     let (zero, clip) = (0.5 * low + 0.5 * high, 0.5 * high - 0.5 * low);
@@ -88,8 +89,8 @@ pub(super) fn seismic(facts: &VolumeFacts) -> Vec<ControlPoint> {
     ]
 }
 
-/// The window of maximum projections of tomography in Hounsfield units, with or without an offset; `None` where values are not these, or
-/// all lie on one side.
+/// The window of maximum projections of tomography in Hounsfield units, with or without offset. `None` if the values
+/// are not in these units, or all lie on one side.
 pub(super) fn projected_tissue(facts: &VolumeFacts) -> Option<[f64; 2]> {
     let range = facts.value_range;
     let [low, high] = match facts.kind {
@@ -101,9 +102,9 @@ pub(super) fn projected_tissue(facts: &VolumeFacts) -> Option<[f64; 2]> {
     (range.min < low && low < high).then_some([low, high])
 }
 
-/// Bone white, in a clear body whose faces toward air show, where the values are Hounsfield units, with or without an offset: the noise of
-/// soft tissue would be a fog before the bones, in every cell of which the light is another. Where values are not these, the classes of
-/// the histogram: matter faint and warm, dense matter white.
+/// Tomography in Hounsfield units, with or without offset: white bone in a transparent body with visible skin and
+/// airways. Visible soft tissue would cover the bones with fog, because its noise changes the light in every cell. For
+/// values in other units the classes of the histogram are used: matter faint and warm, dense matter white.
 pub(super) fn ct(facts: &VolumeFacts) -> Vec<ControlPoint> {
     let offset = if facts.kind == DataKind::CtOffset { HOUNSFIELD_OFFSET } else { 0.0 };
     if offset == 0.0 && !is_hounsfield(facts.value_range) {
@@ -135,7 +136,7 @@ fn ct_by_classes(facts: &VolumeFacts) -> Vec<ControlPoint> {
     ]
 }
 
-/// Grey ramp over the window: dark and clear below, white and dense above.
+/// Grey ramp over the window: dark and transparent below, white and dense above.
 pub(super) fn grey(facts: &VolumeFacts) -> Vec<ControlPoint> {
     let [low, high] = window(facts);
     let at = |share: f64| low + share * (high - low);
@@ -157,7 +158,7 @@ pub(super) fn grey(facts: &VolumeFacts) -> Vec<ControlPoint> {
     ]
 }
 
-/// Signed values that are no amplitudes: blue below zero, orange above, clear around it.
+/// Signed values that are no amplitudes: blue below zero, orange above, transparent around zero.
 pub(super) fn signed(facts: &VolumeFacts) -> Vec<ControlPoint> {
     let [low, high] = window_between(facts, [0.1, 99.9]);
     let clip = low.abs().max(high.abs());
@@ -169,7 +170,7 @@ pub(super) fn signed(facts: &VolumeFacts) -> Vec<ControlPoint> {
     ]
 }
 
-/// Solid matter in air: nothing below the threshold between both, opaque within a few units above it.
+/// Solid matter in air: transparent below the threshold between both, opaque within a few unit distances above it.
 pub(super) fn solid(facts: &VolumeFacts, [dark, middle, light]: [[f64; 3]; 3]) -> Vec<ControlPoint> {
     let Classes { ground, dense, top } = Classes::of(facts);
     let near = ground + 0.3 * (dense - ground);
@@ -186,8 +187,8 @@ pub(super) fn solid(facts: &VolumeFacts, [dark, middle, light]: [[f64; 3]; 3]) -
     points
 }
 
-/// Where light matter (leaves, foam) begins below the threshold of solid matter. Told only where the background is one
-/// value, as scanners write outside of what they have reconstructed: noise would be taken for matter.
+/// Lower threshold of light matter (leaves, foam), which lies below the threshold of solid matter. Only for a
+/// background of one value, as scanners write outside their reconstructed region; noise would be taken for matter.
 fn faint_above(facts: &VolumeFacts, ground: f64) -> Option<f64> {
     const CLEAN_BACKGROUND: f64 = 0.5;
     let histogram = Histogram::new(&facts.histogram, facts.value_range);
@@ -199,15 +200,15 @@ fn faint_above(facts: &VolumeFacts, ground: f64) -> Option<f64> {
     histogram.threshold_between(background, ground)
 }
 
-/// Colours for the whole numbers that there are; 0 is clear. Each shows only near itself: between two labels the field passes through
-/// all numbers between them, which nobody gave to that place.
+/// Colours of the labels that occur; 0 is transparent. A label is visible only near its own value: between two labels,
+/// interpolation passes through other labels that are not present there.
 pub(super) fn labels(facts: &VolumeFacts, alpha: f64) -> Vec<ControlPoint> {
     const NEAR: f64 = 0.1;
     let range = facts.value_range;
     let (first, last) = (range.min.max(0.0).ceil() as u64, range.max.clamp(0.0, 255.0) as u64);
     let last = last.max(first);
     let histogram = Histogram::new(&facts.histogram, range);
-    // Bins no wider than one tell numbers apart.
+    // Bins of width 1 or less tell labels apart.
     let is_known = facts.histogram.len() as f64 >= range.width();
     let is_there = |number: &u64| {
         let value = *number as f64;
@@ -222,18 +223,18 @@ pub(super) fn labels(facts: &VolumeFacts, alpha: f64) -> Vec<ControlPoint> {
     (first..=last).filter(is_there).flat_map(plateau).collect()
 }
 
-/// Where the classes of a volume of matter in empty space begin.
+/// Thresholds between the classes of matter in empty space, in data units.
 pub(super) struct Classes {
-    /// Between emptiness and matter.
+    /// Threshold between empty space and matter.
     pub(super) ground: f64,
-    /// Between the lighter and the denser half of matter.
+    /// Threshold between light and dense matter.
     pub(super) dense: f64,
-    /// What nearly all matter stays below.
+    /// Value that nearly all matter stays below.
     pub(super) top: f64,
 }
 
 impl Classes {
-    /// By the histogram, or by percentiles where there is none. `ground < dense < top`.
+    /// Thresholds from the histogram, or from percentiles if there is none. `ground < dense < top`.
     pub(super) fn of(facts: &VolumeFacts) -> Self {
         let histogram = Histogram::new(&facts.histogram, facts.value_range);
         let [low, high] = window(facts);
@@ -246,8 +247,8 @@ impl Classes {
     }
 }
 
-/// The points of a transfer function moved to another window and painted with other colours, each where it is given.
-/// Steps stay steps; where a colour map bends between two points, a point is added.
+/// The points of a transfer function, moved to another window and given other colours; `None` keeps either. Steps stay
+/// steps. A point is added where the colour map bends between two points.
 #[must_use]
 pub fn repainted(
     points: &[ControlPoint],
@@ -289,7 +290,7 @@ fn color_at(colors: &[(f64, [f64; 3])], place: f64) -> [f64; 3] {
     }
 }
 
-/// The window between the percentiles `percent` and 100 - `percent`: symmetric for amplitudes.
+/// The window between the percentiles `percent` and 100 - `percent`; symmetric for amplitudes.
 #[must_use]
 pub fn clipped_window(facts: &VolumeFacts, percent: f64) -> [f64; 2] {
     let [low, high] = window_between(facts, [percent, 100.0 - percent]);
@@ -301,13 +302,15 @@ pub fn clipped_window(facts: &VolumeFacts, percent: f64) -> [f64; 2] {
     [zero - clip, zero + clip]
 }
 
-/// What a slice is shown with where window or colours are chosen by hand: labels are numbers then.
+/// The transfer function of a slice whose window or colours the user sets: as [`of_slice`], with labels as grey
+/// numbers.
 #[must_use]
 pub fn plain_slice(facts: &VolumeFacts) -> Vec<ControlPoint> {
     if facts.kind == DataKind::Labels { opaque_grey(window_between(facts, [0.0, 100.0])) } else { of_slice(facts) }
 }
 
-/// What a slice is shown with, opaque: amplitudes red-white-blue, labels in colours, all else grey.
+/// The default transfer function of a slice, opaque: amplitudes red-white-blue, labels in colours, everything else
+/// grey.
 #[must_use]
 pub fn of_slice(facts: &VolumeFacts) -> Vec<ControlPoint> {
     let named = |name| colormap::by_name(name).unwrap_or_default();
@@ -315,7 +318,7 @@ pub fn of_slice(facts: &VolumeFacts) -> Vec<ControlPoint> {
         DataKind::Seismic => opaque(&named("seismic"), amplitude_window(facts)),
         DataKind::SeismicAttribute => opaque(&named("viridis"), window(facts)),
         DataKind::Labels => labels(facts, OPAQUE),
-        // Soft tissue and bone, as a body is read.
+        // The usual window for reading a body: soft tissue and bone.
         DataKind::Ct => opaque_grey([-200.0, 500.0]),
         DataKind::CtOffset => opaque_grey([-200.0, 500.0].map(|v| v + HOUNSFIELD_OFFSET)),
         _ => opaque_grey(window_between(facts, [0.1, 99.9])),
@@ -341,9 +344,9 @@ mod tests {
             let points = labels(&facts, 0.5);
             points.chunks_exact(4).map(|plateau| 0.5 * (plateau[1].value + plateau[2].value)).collect()
         };
-        // 256 bins over 0 to 200: label n is in bin floor(1.28 n), the last one in the last.
+        // 256 bins over 0 to 200: label n is in bin floor(1.28 n), the last label in the last bin.
         assert_eq!(shown(&[(0, 9), (3, 1), (8, 2), (255, 1)], 256), [0.0, 3.0, 7.0, 200.0]);
-        // Bins that are wider than labels say nothing about one.
+        // Bins wider than 1 do not tell labels apart.
         assert_eq!(shown(&[(0, 9), (99, 1)], 100).len(), 201);
     }
 
@@ -352,7 +355,7 @@ mod tests {
         let window = |kind, min, max| projected_tissue(&facts(kind, min, max));
         assert_eq!(window(DataKind::Ct, -1000.0, 3000.0), Some([-150.0, 1600.0]));
         assert_eq!(window(DataKind::CtOffset, 0.0, 4095.0), Some([874.0, 2624.0]));
-        // No denser than what there is; and nothing where values are no Hounsfield units.
+        // Limited to the greatest value that occurs; `None` if values are not Hounsfield units.
         assert_eq!(window(DataKind::Ct, -1000.0, 700.0), Some([-150.0, 700.0]));
         assert_eq!(window(DataKind::Ct, 0.0, 255.0), None);
         assert_eq!(window(DataKind::Mri, -1000.0, 3000.0), None);

@@ -1,5 +1,5 @@
-//! One slice of a volume, face on: as the mean over a thin box where it lies across an axis of the grid, else as a plane
-//! ([`crate::slices`]).
+//! One slice of a volume, face on. Across an axis of the grid it is the mean over a thin box, in any other direction a
+//! plane ([`crate::slices`]).
 
 use glam::DVec3;
 
@@ -11,29 +11,29 @@ use crate::scene::{Mode, PointsSpec, Scene, TransferFunctionSpec};
 use crate::slices::SliceSpec;
 use crate::transfer_function::ControlPoint;
 
-/// Share of a voxel across a slice without a slab: a slice is where it is said to be, and not beside it.
+/// Thickness of a slice without a slab, in voxels: thin, so that the slice is exactly at its position.
 const SLICE_VOXELS: f64 = 0.1;
-/// Rays along each edge of a pixel of a slice.
+/// Rays along each edge of a pixel for a slice as a thin box.
 const SLICE_SUPERSAMPLING: u32 = 4;
-/// The same of planes, whose values change smoothly.
+/// Rays along each edge of a pixel for a plane, whose values change smoothly.
 const PLANE_SUPERSAMPLING: u32 = 2;
 
-/// Which slice.
+/// Position of a slice across an axis of the grid.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Slice {
-    /// The grid's axis that it lies across.
+    /// The grid's axis that is perpendicular to the slice: 0, 1 or 2.
     pub axis: usize,
-    /// Where on it, voxels.
+    /// Index coordinate on the axis, in voxels.
     pub at: f64,
-    /// Voxels across it that the mean is taken over; `None`: the slice alone.
+    /// Thickness in voxels over which the mean is taken; `None`: a thin slice.
     pub slab: Option<f64>,
-    /// How many times as large as it would fit.
+    /// Magnification relative to a slice that just fits into the picture.
     pub zoom: f64,
 }
 
 impl Slice {
-    /// The scene with nothing but this slice of what its clip box leaves, face on; in these colours where it has none of its own.
-    /// `None` where the clip box leaves nothing of it.
+    /// The scene with only this slice, inside its clip box, face on. `colors` are used if the scene has no transfer
+    /// function. `None` if the clip box leaves nothing of the slice.
     #[must_use]
     pub fn of(&self, scene: &Scene, facts: &VolumeFacts, colors: &[ControlPoint]) -> Option<Scene> {
         let (axis, half) = (self.axis, 0.5 * self.slab.unwrap_or(SLICE_VOXELS));
@@ -53,10 +53,10 @@ impl Slice {
     }
 }
 
-/// The plane across an axis of the grid at an index coordinate: its unit normal and offset, world.
+/// The plane across an axis of the grid at an index coordinate: unit normal and offset in world space.
 #[must_use]
 pub fn plane_across(facts: &VolumeFacts, axis: usize, at: f64) -> ([f64; 3], f64) {
-    // Index coordinate `axis` of a world point is a row of the inverse times that point.
+    // Index coordinate `axis` of a world point is the product of a row of the inverse matrix with that point.
     let across = facts.geometry.linear().inverse().transpose().col(axis);
     let normal = unit_vector(across).unwrap_or(DVec3::Z);
     let mut index = DVec3::ZERO;
@@ -64,8 +64,8 @@ pub fn plane_across(facts: &VolumeFacts, axis: usize, at: f64) -> ([f64; 3], f64
     (normal.to_array(), normal.dot(facts.geometry.world_from_index().transform_point3(index)))
 }
 
-/// The scene with nothing but one plane of what its clip box leaves, face on, so many times as large as it would fit. `None` where the
-/// clip box leaves nothing of it.
+/// The scene with only one plane, inside its clip box, face on, magnified by `zoom` relative to a plane that just fits.
+/// `None` if the clip box leaves nothing of the plane.
 #[must_use]
 pub fn face_on(scene: &Scene, facts: &VolumeFacts, slice: SliceSpec, zoom: f64) -> Option<Scene> {
     let normal = unit_vector(slice.normal.into())?;
@@ -76,7 +76,7 @@ pub fn face_on(scene: &Scene, facts: &VolumeFacts, slice: SliceSpec, zoom: f64) 
     let linear = facts.geometry.linear();
     let along = |axis: usize| linear.col(axis).normalize_or_zero().dot(normal).abs();
     let nearest = (0..3).max_by(|&a, &b| along(a).total_cmp(&along(b)))?;
-    // As a section across the nearest axis is seen, tilted.
+    // The orientation of a section across the nearest axis, tilted into the plane.
     let section = View::section(facts, nearest);
     let outward = if normal.dot(section.outward) < 0.0 { -normal } else { normal };
     let up = (section.up - section.up.dot(outward) * outward).normalize();
@@ -95,7 +95,7 @@ pub fn face_on(scene: &Scene, facts: &VolumeFacts, slice: SliceSpec, zoom: f64) 
     Some(scene)
 }
 
-/// Corners of what a box of index coordinates leaves of a plane, index coordinates, in no order.
+/// Corners of the part of a plane inside a box, in index coordinates, in no particular order.
 fn outline(facts: &VolumeFacts, [low, high]: [[f64; 3]; 2], slice: &SliceSpec) -> Vec<DVec3> {
     let world = facts.geometry.world_from_index();
     let corner = |n: usize| DVec3::from_array(std::array::from_fn(|a| if n >> a & 1 == 0 { low[a] } else { high[a] }));

@@ -1,4 +1,5 @@
-//! Files that hold a transfer function or a colour map: our own, ParaView's colour maps, ImageVis3D's tables.
+//! Readers of files with a transfer function or a colour map: our own JSON, ParaView's colour maps, ImageVis3D's
+//! tables.
 //!
 //! | file | values | colours | opacities |
 //! |---|---|---|---|
@@ -6,7 +7,7 @@
 //! | ParaView JSON: an array of presets, of which the first with `RGBPoints` is read | the data's | in its `ColorSpace` (`color_space.rs`) | its `Points`, if it has some |
 //! | ImageVis3D `.1dt`: the number of entries, then red, green, blue, alpha of each | equal parts of the data's range | linear between entries | linear between entries |
 //!
-//! A file is read whole, up to a limit. What it says and this program does not draw is refused by name.
+//! A file is read whole, up to a limit. Content that this program cannot draw is refused by name.
 
 use std::path::Path;
 
@@ -21,15 +22,16 @@ use crate::transfer_function::{ControlPoint, POINT_LIMIT, TransferFunction, Tran
 pub const FILE_LIMIT_BYTES: u64 = 4 << 20;
 /// Most entries of a table.
 pub const TABLE_LIMIT: usize = 1 << 16;
-/// Parts of a piece of a colour map that is no straight line in RGB.
+/// Points per piece of a colour map that is not linear in RGB.
 const CURVE_PARTS: usize = 16;
-/// Entries of a table that lie so near to the line between their neighbours are left out; where too many are left, so near.
+/// Largest distance of a table entry from the line between its neighbours at which the entry is dropped. The second one
+/// is used if the first leaves too many entries.
 const EXACT: f64 = 1e-9;
 const HALF_A_GREY_LEVEL: f64 = 0.5 / 255.0;
-/// Most entries that one line replaces, so that a table is thinned in bounded time.
+/// Most entries that one line replaces, which bounds the time of thinning.
 const LINE_LIMIT: usize = 512;
 
-/// Why a file holds no transfer function.
+/// Reason why a file holds no transfer function.
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs, reason = "the messages say it")]
 pub enum TransferFileError {
@@ -48,25 +50,25 @@ pub enum TransferFileError {
     NoOpacities { path: String },
 }
 
-/// Share of a colour map over which it passes a step.
+/// Share of a colour map's length over which a step is stretched.
 const STEP: f64 = 1e-9;
 
-/// What values of a file are.
+/// Meaning of the values in a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Values {
-    /// The data's.
+    /// Data values.
     Data,
-    /// Shares of the data's range.
+    /// Shares of the data's range, from 0 to 1.
     Shares,
 }
 
-/// A transfer function, or a colour map, as a file holds it.
+/// A transfer function or colour map as read from a file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TransferFile {
     path: String,
     name: Option<String>,
     values: Values,
-    /// Ascending; two at one value are a step.
+    /// Colours by value, ascending; two entries at one value are a step.
     colors: Vec<(f64, [f64; 3])>,
     opacities: Option<Vec<(f64, [f64; 1])>>,
     unit_distance: Option<f64>,
@@ -76,7 +78,7 @@ impl TransferFile {
     /// Reads a file.
     ///
     /// # Errors
-    /// If it cannot be read, is too long, or is none of the kinds.
+    /// If the file cannot be read, is too long, or has none of the known formats.
     pub fn read(path: &Path) -> Result<Self, TransferFileError> {
         let name = path.display().to_string();
         let io = |source| TransferFileError::Read { path: name.clone(), source };
@@ -88,7 +90,7 @@ impl TransferFile {
         Self::parse(&text, &name)
     }
 
-    /// Reads the text of a file, of which `path` is the name.
+    /// Reads the text of a file with the name `path`.
     ///
     /// # Errors
     /// As [`Self::read`].
@@ -107,13 +109,13 @@ impl TransferFile {
             .map_err(|reason| TransferFileError::Invalid { path: path.into(), reason })
     }
 
-    /// What the file calls it.
+    /// The name of the colour map, if the file gives one.
     #[must_use]
     pub fn name(&self) -> Option<&str> {
         self.name.as_deref()
     }
 
-    /// Whether it holds opacities.
+    /// Whether the file holds opacities.
     #[must_use]
     pub fn has_opacities(&self) -> bool {
         self.opacities.is_some()
@@ -122,7 +124,7 @@ impl TransferFile {
     /// The transfer function for a volume.
     ///
     /// # Errors
-    /// If the file holds colours alone, or more points than a transfer function may have.
+    /// If the file holds only colours, or more points than a transfer function may have.
     pub fn points(&self, facts: &VolumeFacts) -> Result<PointsSpec, TransferFileError> {
         let Some(opacities) = &self.opacities else {
             return Err(TransferFileError::NoOpacities { path: self.path.clone() });
@@ -142,10 +144,11 @@ impl TransferFile {
         Ok(spec)
     }
 
-    /// Its colours as a colour map: places from 0 to 1. Where it has a step, the colour before that ends a billionth earlier.
+    /// The colours as a colour map over positions from 0 to 1. At a step, the colour before it ends a billionth
+    /// earlier.
     ///
     /// # Errors
-    /// If all of them are at one value.
+    /// If all colours are at one value.
     pub fn color_map(&self) -> Result<Vec<(f64, [f64; 3])>, TransferFileError> {
         let (first, last) = (self.colors[0].0, self.colors[self.colors.len() - 1].0);
         if first >= last {
@@ -164,12 +167,12 @@ impl TransferFile {
     }
 }
 
-/// A file of what the reader found; its name is added later.
+/// The result of a reader; path and name are added later.
 fn file(values: Values, colors: Vec<(f64, [f64; 3])>, opacities: Option<Vec<(f64, [f64; 1])>>) -> TransferFile {
     TransferFile { path: String::new(), name: None, values, colors, opacities, unit_distance: None }
 }
 
-/// Points and unit distance, as in a scene.
+/// Our own format: points and unit distance, as in a scene.
 fn own(text: &str) -> Result<TransferFile, String> {
     let spec: PointsSpec = serde_json::from_str(text).map_err(|e| e.to_string())?;
     let points = spec.control_points();
@@ -179,7 +182,7 @@ fn own(text: &str) -> Result<TransferFile, String> {
     Ok(TransferFile { unit_distance: spec.unit_distance, ..file(Values::Data, colors, Some(opacities)) })
 }
 
-/// A preset of ParaView, as far as it matters here.
+/// The keys of a ParaView preset that are used.
 #[derive(Deserialize)]
 struct ParaView {
     #[serde(rename = "Name")]
@@ -215,7 +218,7 @@ fn paraview(text: &str) -> Result<TransferFile, String> {
     Ok(TransferFile { name: preset.name, ..file(Values::Data, colors, opacities) })
 }
 
-/// Groups of numbers, of which the first is a value that ascends, and those after it up to the fourth are shares.
+/// Groups of `N` numbers. The first of a group is a value, ascending; numbers 2 to 4 are shares in [0, 1].
 fn numbers<const N: usize>(key: &str, of: &str, flat: &[f64]) -> Result<Vec<[f64; N]>, String> {
     let (groups, rest) = flat.as_chunks::<N>();
     if groups.is_empty() || !rest.is_empty() || groups.len() > POINT_LIMIT {
@@ -240,8 +243,8 @@ fn numbers<const N: usize>(key: &str, of: &str, flat: &[f64]) -> Result<Vec<[f64
     Ok(groups.to_vec())
 }
 
-/// Opacities of a piecewise function of VTK: value, opacity, midpoint, sharpness. Where half of the way is elsewhere than in the middle
-/// of a piece, a point lies there.
+/// Opacities of a piecewise function of VTK: value, opacity, midpoint, sharpness. If the midpoint is not the middle of
+/// a piece, a point is added there.
 fn opacities(flat: &[f64]) -> Result<Vec<(f64, [f64; 1])>, String> {
     let nodes = numbers::<4>("Points", "value, opacity, midpoint, sharpness", flat)?;
     let mut out: Vec<(f64, [f64; 1])> = Vec::with_capacity(nodes.len());
@@ -260,13 +263,13 @@ fn opacities(flat: &[f64]) -> Result<Vec<(f64, [f64; 1])>, String> {
     Ok(out)
 }
 
-/// A colour map whose pieces are straight in another space, as points between which lines in RGB are near enough.
+/// A colour map that is linear in another space, as points that are dense enough for linear interpolation in RGB.
 fn curve(nodes: &[(f64, [f64; 3])], space: ColorSpace) -> Vec<(f64, [f64; 3])> {
     let parts = if space == ColorSpace::Rgb { 1 } else { CURVE_PARTS.min(POINT_LIMIT / nodes.len() / 2).max(1) };
     let mut out = Vec::with_capacity(nodes.len() * parts);
     for pair in nodes.windows(2) {
         let [(from, before), (to, after)] = [pair[0], pair[1]];
-        // A step has no way between.
+        // A step has no intermediate colours.
         let parts = if to > from && space != ColorSpace::Step { parts } else { 1 };
         out.extend((0..parts).map(|part| {
             let share = part as f64 / parts as f64;
@@ -314,7 +317,7 @@ fn table(text: &str) -> Result<TransferFile, String> {
     Ok(file(Values::Shares, colors, Some(opacities)))
 }
 
-/// Entries without those that lie on a line between the ones that stay.
+/// Indices of the entries that remain if entries on the line between their neighbours are dropped.
 fn thinned(entries: &[[f64; 4]], tolerance: f64) -> Vec<usize> {
     let last = entries.len() - 1;
     let is_line = |from: usize, to: usize| {
@@ -337,7 +340,7 @@ fn thinned(entries: &[[f64; 4]], tolerance: f64) -> Vec<usize> {
     kept
 }
 
-/// Two piecewise linear functions as one, at the values of both.
+/// Two piecewise linear functions with common points: the values of both.
 fn merged<const A: usize, const B: usize>(
     a: &[(f64, [f64; A])],
     b: &[(f64, [f64; B])],
@@ -356,7 +359,7 @@ fn merged<const A: usize, const B: usize>(
     out
 }
 
-/// From which side a value is come to.
+/// The side from which a value is approached.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Side {
     Below,
@@ -368,7 +371,7 @@ fn steps<const N: usize>(points: &[(f64, [f64; N])], value: f64) -> bool {
     points.iter().filter(|p| p.0 == value).count() > 1
 }
 
-/// What a function comes to at a value, from one side; constant beyond its ends.
+/// One-sided limit of a function at a value; constant beyond its ends.
 fn limit<const N: usize>(points: &[(f64, [f64; N])], value: f64, side: Side) -> [f64; N] {
     let next = match side {
         Side::Below => points.partition_point(|p| p.0 < value),

@@ -1,8 +1,8 @@
-//! The scene file: what picture is wanted (RENDERING-MODEL, section 9).
+//! The scene file: a description of the wanted picture (RENDERING-MODEL, section 9).
 //!
-//! JSON. Unknown keys, wrong types and numbers out of range are errors that say what was expected, what was found, and
-//! where. Everything may be left out: [`Scene::complete`] fills it in for a given volume, so that `{}` is the default
-//! picture. What the model names but this version does not draw is refused by name, never ignored.
+//! The format is JSON. Unknown keys, wrong types and numbers out of range are errors that name the key, the expectation
+//! and the value found. Every key is optional: [`Scene::complete`] fills in the rest for a given volume, so that `{}`
+//! is the default picture. Features of the model that this version does not draw are refused by name.
 
 use glam::DVec3;
 use schemars::JsonSchema;
@@ -34,19 +34,19 @@ pub const INNER_SURFACE_LIMIT: usize = 8;
 pub const LIGHT_LIMIT: usize = 16;
 /// Most clip planes of one scene.
 pub const PLANE_LIMIT: usize = 64;
-/// Greatest factor of shading, intensity of a light and exponent of highlights: beyond, `f32` would run over.
+/// Greatest coefficient of shading, intensity of a light and exponent of highlights: beyond, `f32` overflows.
 pub const SHADING_LIMIT: f64 = 1e6;
-/// Greatest distance of the eye from the volume's middle, and height of an orthographic picture, in diagonals of the volume; its
-/// inverse is the least height. Farther away, `f64` does not tell voxels apart.
+/// Greatest distance of the eye from the volume's middle, and greatest height of an orthographic picture, in diagonals
+/// of the volume. The least height is the inverse. Farther away, `f64` does not resolve voxels.
 pub const DISTANCE_LIMIT: f64 = 1e9;
-/// Least and greatest unit distance, in shortest edges of a voxel: beyond, extinction runs over.
+/// Least and greatest unit distance, in shortest edges of a voxel: beyond, extinction overflows.
 pub const UNIT_DISTANCE_LIMITS: [f64; 2] = [1e-12, 1e24];
-/// Least and greatest factor by which heights are drawn larger.
+/// Least and greatest factor of vertical exaggeration.
 pub const EXAGGERATION_LIMITS: [f64; 2] = [1e-6, 1e6];
-/// Greatest ratio of two edges of a voxel.
+/// Greatest ratio of the longest to the shortest edge of a voxel.
 pub const EDGE_RATIO_LIMIT: f64 = 1e6;
 
-/// Why a text is no scene, or a scene cannot be drawn.
+/// Reason why a text is no scene, or why a scene cannot be drawn.
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs, reason = "the messages say it")]
 pub enum SceneError {
@@ -100,7 +100,7 @@ pub struct Scene {
     pub samples_per_pixel: Option<u32>,
 }
 
-/// A value that is there, be it null.
+/// Deserialises a key that is present, so that `null` differs from a missing key.
 fn said<'de, D: Deserializer<'de>, T: Deserialize<'de>>(deserializer: D) -> Result<Option<T>, D::Error> {
     T::deserialize(deserializer).map(Some)
 }
@@ -202,8 +202,8 @@ impl Serialize for TransferFunctionSpec {
     }
 }
 
-// An untagged enum would answer every mistake inside the object with "did not match any variant"; this keeps the
-// message and the position of the mistake itself.
+// A derived untagged enum would report every mistake inside the object as "did not match any variant". This visitor
+// keeps the message and the position of the mistake.
 impl<'de> Deserialize<'de> for TransferFunctionSpec {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         struct SpecVisitor;
@@ -301,29 +301,28 @@ pub struct PlaneSpec {
     pub offset: f64,
 }
 
-/// A scene with everything filled in for one volume.
+/// A scene with all defaults filled in for one volume. Lengths and values are in the units of the picture ([`Units`]).
 #[derive(Debug, Clone, PartialEq)]
 pub struct ResolvedScene {
-    /// The camera over the grid of rays: `subgrid` times the picture's pixels along each axis. It is in [`Units`], as all else
-    /// that has a length or is a value.
+    /// The camera, with one pixel per ray: `subgrid` times the picture's pixels along each axis.
     pub camera: Camera,
     /// Pixels of the finished picture along x and y.
     pub image_size: [u32; 2],
     /// Rays along one edge of a pixel: the square root of the samples per pixel.
     pub subgrid: u32,
-    /// Colour behind the volume.
+    /// Colour behind the volume, each channel in [0, 1].
     pub background: [f64; 3],
-    /// What a ray gathers.
+    /// Quantity that a ray computes.
     pub mode: Mode,
-    /// Classification.
+    /// Transfer function.
     pub transfer_function: TransferFunction,
     /// Shading, if any.
     pub shading: Option<Shading>,
-    /// Iso surfaces; at least one in mode `iso`, perhaps some in `dvr`, none otherwise.
+    /// Iso surfaces: at least one in mode `iso`, optional in `dvr`, none in other modes.
     pub iso: Vec<IsoSpec>,
-    /// Planes within the picture; at least one in mode `slice`, none in `mip`, `minip` and `mean`.
+    /// Slices: at least one in mode `slice`, none in `mip`, `minip` and `mean`.
     pub slices: Vec<SlicePlane>,
-    /// What is kept of the volume.
+    /// Clipping.
     pub clip: Clip,
 }
 
@@ -334,19 +333,19 @@ impl ResolvedScene {
         self.image_size.map(u64::from).iter().product()
     }
 
-    /// Rays of the picture: several a pixel where it is made from a sub-grid.
+    /// Rays of the picture, all rays of a pixel's sub-grid included.
     #[must_use]
     pub fn rays(&self) -> u64 {
         u64::from(self.camera.width) * u64::from(self.camera.height)
     }
 
-    /// Whether there are surfaces inside the semi-transparent volume.
+    /// Whether the scene has iso surfaces inside the semi-transparent volume.
     #[must_use]
     pub fn has_inner_surfaces(&self) -> bool {
         self.mode == Mode::Dvr && !self.iso.is_empty()
     }
 
-    /// Whether both show the same of a volume, from wherever and in whatever size.
+    /// Whether two scenes differ only in camera, image size, sub-grid and background.
     #[must_use]
     pub fn has_look_of(&self, other: &Self) -> bool {
         self.mode == other.mode
@@ -361,13 +360,13 @@ impl ResolvedScene {
 /// Shading with its lights resolved.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Shading {
-    /// ka.
+    /// Ambient coefficient ka.
     pub ambient: f64,
-    /// kd.
+    /// Diffuse coefficient kd.
     pub diffuse: f64,
-    /// ks.
+    /// Specular coefficient ks.
     pub specular: f64,
-    /// Exponent of the highlight.
+    /// Exponent of the specular highlight.
     pub shininess: f64,
     /// Lights, at most [`LIGHT_LIMIT`].
     pub lights: Vec<Light>,
@@ -376,9 +375,9 @@ pub struct Shading {
 /// One directional light.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Light {
-    /// l: unit world vector from the sample to the light.
+    /// Unit world vector l from the sample to the light.
     pub to_light: DVec3,
-    /// Factor of its diffuse and specular terms.
+    /// Factor of the light's diffuse and specular terms.
     pub intensity: f64,
 }
 
@@ -386,40 +385,43 @@ impl Scene {
     /// Reads and checks a scene.
     ///
     /// # Errors
-    /// If the text is no JSON, has unknown keys, wrong types or numbers out of range, or asks for what is not drawn.
+    /// If the text is not JSON, has unknown keys, wrong types or numbers out of range, or uses a feature that is not
+    /// drawn.
     pub fn from_json(text: &str) -> Result<Self, SceneError> {
         let scene: Self = serde_json::from_str(text)?;
         scene.validate()?;
         Ok(scene)
     }
 
-    /// The JSON Schema (draft 2020-12) of scenes: keys, types, what they mean and what is left out. Numbers out of range are found by
-    /// [`Self::validate`] alone.
+    /// The JSON Schema (draft 2020-12) of scenes: keys, types, meanings and defaults. Ranges of numbers are checked
+    /// only by [`Self::validate`].
     #[must_use]
     pub fn schema() -> serde_json::Value {
         schemars::schema_for!(Self).to_value()
     }
 
-    /// What a ray gathers, as far as the scene says: surfaces where there are some, else emission and absorption.
+    /// The mode of a scene. If it is left out: `iso` with iso surfaces, else `dvr`.
     fn gathers(&self) -> Mode {
         self.mode.unwrap_or(if self.iso.is_empty() { Mode::Dvr } else { Mode::Iso })
     }
 
-    /// The scene with everything that it leaves open written out for this volume: a scene of its own that means the same.
+    /// The scene with all defaults written out for this volume. The result is a scene that gives the same picture.
     ///
-    /// An overview lets the camera frame what can be seen, and projections show what they come to; without one, the whole
-    /// volume is framed, and percentiles of the voxels stand in.
+    /// With an overview, the camera frames the visible part of the volume, and projections use the range of the
+    /// projected values. Without one, the camera frames the whole volume, and projections use percentiles of the
+    /// voxels.
     #[must_use]
     pub fn complete(&self, facts: &VolumeFacts, overview: Option<&Overview>) -> Self {
         let mut scene = self.with_look(facts, overview);
-        // Where world coordinates are too coarse for a camera, it is left open: it is found in units of the picture then.
+        // In a world whose coordinates are too coarse for a camera, the camera stays open. It is computed in units
+        // later.
         if scene.camera.is_none() && Units::of(facts).has_world_lengths() {
             scene.camera = Some(scene.default_camera(facts, overview));
         }
         scene
     }
 
-    /// The same, but for the camera.
+    /// As [`Self::complete`], without the camera.
     fn with_look(&self, facts: &VolumeFacts, overview: Option<&Overview>) -> Self {
         let mut scene = self.clone();
         let left_open = self.mode.is_none() && self.transfer_function.is_none() && self.iso.is_empty();
@@ -452,14 +454,14 @@ impl Scene {
         scene
     }
 
-    /// The camera of a scene that leaves it open.
+    /// The camera of a scene without one.
     fn default_camera(&self, facts: &VolumeFacts, overview: Option<&Overview>) -> CameraSpec {
         let framed = self.framed(facts, overview);
         View::facing(facts, &framed).camera(&framed, [self.image.width, self.image.height])
     }
 
-    /// What the picture should show: what can be seen inside the clip box, where an overview says where that is, else all
-    /// that the clip box leaves.
+    /// The region that the camera should frame, inside the clip box: the visible part according to the overview, or
+    /// everything if there is no overview.
     #[must_use]
     pub fn framed(&self, facts: &VolumeFacts, overview: Option<&Overview>) -> Framed {
         let whole = preset::domain(facts);
@@ -467,7 +469,7 @@ impl Scene {
             [std::array::from_fn(|a| low[a].max(whole[0][a])), std::array::from_fn(|a| high[a].min(whole[1][a]))]
         });
         let kept = if (0..3).all(|a| kept[0][a] < kept[1][a]) { kept } else { whole };
-        // Slices reach from end to end.
+        // Slices extend through the whole volume.
         let seen = overview.filter(|_| self.slices.is_empty()).and_then(|overview| match self.gathers() {
             Mode::Dvr => {
                 let seen = self.classification(facts).ok().and_then(|shown| overview.visible(facts, kept, &shown));
@@ -487,7 +489,7 @@ impl Scene {
         }
     }
 
-    /// Fills in what the scene leaves open, for this volume.
+    /// Fills in all defaults for this volume and converts the scene into units.
     ///
     /// # Errors
     /// If the scene is not valid; see [`Scene::validate`].
@@ -503,7 +505,7 @@ impl Scene {
                 spec.check_distance(facts, &units)?;
                 spec.camera(&units, image_size)?
             }
-            // In the world, a camera beside an extreme volume may have no place.
+            // A camera beside a volume with extreme numbers may not be representable in world coordinates.
             None => scene.default_camera(&units.facts(facts), None).camera(&Units::WORLD, image_size)?,
         };
         let transfer_function = scene.classification(facts)?;
@@ -527,7 +529,7 @@ impl Scene {
     }
 }
 
-/// As many samples as suit, or 1 where the picture has too many pixels for them.
+/// The samples per pixel, or 1 if the picture would have too many rays.
 fn samples_that_fit(image: &ImageSpec, samples: u32) -> u32 {
     let rays = u64::from(image.width).saturating_mul(u64::from(image.height)).saturating_mul(u64::from(samples));
     if rays <= RAY_LIMIT { samples } else { 1 }
@@ -561,7 +563,7 @@ impl CameraSpec {
     /// The camera of a picture of `size` pixels, in units.
     ///
     /// # Errors
-    /// If the numbers make no camera.
+    /// If the camera is invalid; see [`CameraError`].
     pub fn camera(&self, units: &Units, size: [u32; 2]) -> Result<Camera, SceneError> {
         let [eye, target] = [self.eye, self.target].map(|point| units.point(point.into()));
         let projection = match self.projection()? {
@@ -571,7 +573,8 @@ impl CameraSpec {
         Ok(Camera::look_at(eye, target, self.up.into(), projection, size)?)
     }
 
-    /// Refuses cameras so far from a volume, or so wide or narrow for it, that `f64` resolves nothing of it.
+    /// Refuses cameras that are so far from the volume, or show so large or small a region, that `f64` does not resolve
+    /// it.
     fn check_distance(&self, facts: &VolumeFacts, units: &Units) -> Result<(), SceneError> {
         let [first, .., last] = preset::domain_corners(&units.facts(facts));
         let diagonal = (last - first).length();
@@ -587,14 +590,14 @@ impl CameraSpec {
 }
 
 impl PointsSpec {
-    /// Control points over a unit distance, written out.
+    /// Control points with a unit distance, which is a world length.
     #[must_use]
     pub fn of(points: &[ControlPoint], unit_distance: f64) -> Self {
         let points = points.iter().map(|p| PointSpec { value: p.value, color: p.color, alpha: p.alpha }).collect();
         Self { unit_distance: Some(unit_distance), points }
     }
 
-    /// Its control points.
+    /// The control points.
     #[must_use]
     pub fn control_points(&self) -> Vec<ControlPoint> {
         self.points.iter().map(|p| ControlPoint { value: p.value, color: p.color, alpha: p.alpha }).collect()
@@ -606,7 +609,7 @@ impl PointsSpec {
 }
 
 impl ShadingSpec {
-    /// Shading for this camera: without lights of its own, light travels along the camera's forward axis.
+    /// Shading for this camera. Without lights in the scene, one light shines along the camera's forward axis.
     #[must_use]
     pub fn resolve(&self, camera: &Camera) -> Shading {
         let lights = match &self.lights {
@@ -634,14 +637,15 @@ impl ClipSpec {
     }
 }
 
-/// The plane of all points p with normal . p = offset, in units. By a power of two, so that nothing is rounded.
+/// The plane of all points p with normal . p = offset, in units. The normal is scaled by a power of two, so that
+/// nothing is rounded.
 fn plane_in_units(normal: [f64; 3], offset: f64, units: &Units) -> (DVec3, f64) {
     let scale = DVec3::from_array(normal).abs().max_element().log2().floor().exp2();
     let normal = DVec3::from_array(normal) / scale;
     (normal, (offset / scale - normal.dot(units.anchor)) / units.length)
 }
 
-/// Refuses volumes whose voxels are too long for their width.
+/// Refuses volumes whose voxels are too elongated.
 fn check_edges(facts: &VolumeFacts) -> Result<(), SceneError> {
     let edges = edges(&facts.geometry);
     let [shortest, longest] = [edges.into_iter().fold(f64::INFINITY, f64::min), edges.into_iter().fold(0.0, f64::max)];

@@ -1,4 +1,4 @@
-//! Slices of a scene: checked, and in the units of a picture.
+//! Slices of a scene: range checks and conversion into the units of a picture.
 
 use supervol_format::readable::Number;
 
@@ -10,7 +10,7 @@ use crate::transfer_function::{ControlPoint, TransferFunction};
 use crate::units::Units;
 
 impl SliceSpec {
-    /// The same in the units of a picture.
+    /// The slice in the units of a picture.
     pub(super) fn resolve(&self, units: &Units) -> Result<SlicePlane, SceneError> {
         let (normal, offset) = plane_in_units(self.normal, self.offset, units);
         let is_of_values = self.filter.is_none_or(|filter| filter.kind.keeps_values());
@@ -24,7 +24,7 @@ impl SliceSpec {
         Ok(SlicePlane { normal, offset, opacity, interpolation, filter, colors })
     }
 
-    /// Checks its numbers; `key` is where it stands in the scene.
+    /// Checks the numbers; `key` is the path of the slice in the scene, for messages.
     pub(super) fn validate(&self, key: &str) -> Result<(), SceneError> {
         check_direction(&format!("{key}.normal"), self.normal)?;
         check(self.offset.is_finite(), &format!("{key}.offset"), || "a finite number".into(), Number(self.offset))?;

@@ -1,4 +1,4 @@
-//! Solids that a scene's volume is cut with: as they are written, checked, and in the units of a picture.
+//! Solids that a scene's volume is clipped with: JSON form, range checks, and conversion into the units of a picture.
 
 use std::path::{Path, PathBuf};
 
@@ -14,7 +14,7 @@ use crate::clip::mesh_file;
 use crate::clip::solids::{Keep, PlacedMesh, SOLID_LIMIT, Shape, Solid};
 use crate::units::Units;
 
-/// Greatest cosine of the angle between two axes of a box that are at right angles.
+/// Greatest magnitude of the cosine of an angle that counts as a right angle, between two axes of a box.
 const RIGHT_ANGLE: f64 = 1e-6;
 
 /// One solid: exactly one of `sphere`, `box`, `cylinder` and `mesh`.
@@ -76,7 +76,7 @@ pub struct CylinderSpec {
     pub radius: f64,
 }
 
-/// A solid of which exactly one shape is given.
+/// The one shape that is given for a solid.
 enum Given<'a> {
     Sphere(&'a SphereSpec),
     Cuboid(&'a BoxSpec),
@@ -103,7 +103,7 @@ impl SolidSpec {
         }
     }
 
-    /// Checks its numbers; `key` is where it stands in the scene.
+    /// Checks the numbers; `key` is the path of the solid in the scene, for messages.
     fn validate(&self, key: &str) -> Result<(), SceneError> {
         match self.given(key)? {
             Given::Sphere(SphereSpec { center, radius }) => {
@@ -136,7 +136,7 @@ impl SolidSpec {
         }
     }
 
-    /// The same in the units of a picture, meshes read.
+    /// The solid in the units of a picture. Reads the file of a mesh.
     fn resolve(&self, key: &str, units: &Units) -> Result<Solid, SceneError> {
         let point = |world: &[f64; 3]| units.point((*world).into());
         let shape = match self.given(key)? {
@@ -176,14 +176,14 @@ impl ClipSpec {
 }
 
 impl Scene {
-    /// Lets relative paths of files that the scene names begin at this folder.
+    /// Makes the relative paths in the scene relative to this folder.
     pub fn begin_paths_at(&mut self, folder: &Path) {
         for mesh in self.clip.solids.iter_mut().filter_map(|solid| solid.mesh.as_mut()) {
             *mesh = folder.join(&*mesh);
         }
     }
 
-    /// Files that the scene names: pictures of it read them.
+    /// Files that the scene refers to. They are read when the scene is drawn.
     pub fn files(&self) -> impl Iterator<Item = &Path> {
         self.clip.solids.iter().filter_map(|solid| solid.mesh.as_deref())
     }

@@ -171,18 +171,18 @@ fn kinds_have_the_looks_that_their_users_know() {
     assert_eq!((look(DataKind::Fluorescence).mode, look(DataKind::Mask).mode), (Mode::Mip, Mode::Iso));
     assert!(look(DataKind::Ct).shading.is_some() && look(DataKind::Seismic).shading.is_none());
     assert_eq!(look(DataKind::Mask).iso[0].value, 1.0);
-    // Amplitudes: as much below zero as above, and nothing at zero.
+    // Amplitudes: symmetric around zero, and transparent at zero.
     let amplitudes = look(DataKind::Seismic).transfer_function;
     let [first, last] = [0, amplitudes.points().len() - 1].map(|i| amplitudes.points()[i].value);
     assert_eq!((first, last, amplitudes.classify(0.0).1), (-4.5, 4.5, 0.0));
-    // A section is opaque, face on, with several rays a pixel.
+    // A section is opaque, seen face on, with several rays per pixel.
     let section = VolumeFacts { kind: DataKind::Seismic, dims: Dims([100, 1, 60]), ..facts() };
     let section = Scene::default().resolve(&section).unwrap();
     assert!(matches!(section.camera.projection, Projection::Orthographic { .. }) && section.subgrid == 4);
     assert!(section.transfer_function.points().iter().all(|p| p.alpha == 1.0));
 }
 
-/// A microscope's background is noise: a body of it shows what glows, not what lies on the volume's faces.
+/// A microscope's background is noise. Mode `dvr` must show the bright parts, not the noise on the volume's faces.
 #[test]
 fn fluorescence_as_a_body_is_clear_where_it_is_dark() {
     let facts = VolumeFacts { kind: DataKind::Fluorescence, ..facts() };
@@ -230,7 +230,7 @@ fn the_page_on_scenes_has_every_key_and_no_other() {
     let table = page.split("\n\n").find(|part| part.starts_with("| key |")).expect("the page has a table of keys");
     let named: std::collections::BTreeSet<String> =
         table.lines().skip(2).filter_map(|row| row.split('`').nth(1)).map(str::to_owned).collect();
-    // A scene that has everything, both kinds of cameras included.
+    // A scene with every key, and both kinds of cameras.
     let full =
         FULL.replace("\"clip\"", "\"iso\": [{\"value\": 1, \"color\": [1, 1, 1]}], \"clip\"").replace("dvr", "iso");
     let full = full.replace("\"solids\": [", "\"solids\": [{\"mesh\": \"hull.ply\"}, ");
@@ -253,7 +253,7 @@ fn the_page_on_scenes_has_every_key_and_no_other() {
 fn the_schema_in_the_documents_is_that_of_the_types() {
     let page: serde_json::Value = serde_json::from_str(include_str!("../../../../docs/scene.schema.json")).unwrap();
     assert_eq!(page, Scene::schema(), "docs/scene.schema.json is older than the types");
-    // It knows every key that a scene has, and no other; and says what each means.
+    // The schema has exactly the keys of a scene and a description of each.
     let full: serde_json::Value = serde_json::from_str(FULL).unwrap();
     let known = page["properties"].as_object().unwrap();
     assert!(full.as_object().unwrap().keys().all(|key| known.contains_key(key)));

@@ -1,4 +1,5 @@
-//! What numbers of a scene may be, as far as that does not depend on the volume: errors name the key, what was expected and found.
+//! Range checks of a scene's numbers that do not depend on the volume. Errors name the key, the expectation and the
+//! value found.
 
 use supervol_format::readable::Number;
 
@@ -12,7 +13,7 @@ use crate::slices::SLICE_LIMIT;
 use crate::units::Units;
 
 impl Scene {
-    /// Checks every number that does not depend on the volume.
+    /// Checks every number whose range does not depend on the volume.
     ///
     /// # Errors
     /// As [`Scene::from_json`].

@@ -1,7 +1,8 @@
-//! Image filters on slices: what is made of the values on a plane, on a grid in the plane that is as fine as the voxels.
+//! Image filters on slices, computed on a grid of texels in the plane that is as fine as the voxels.
 //!
-//! The grid's axes follow those of the volume that lie in the plane, or nearly so: on a plane across an axis of the grid its texels are
-//! the voxels. Absent texels count as the mean of those that are there, and stay absent.
+//! The grid's axes follow the volume's axes in or nearest to the plane. On a plane across an axis of the volume, the
+//! texels are the voxels. For filtering, absent texels count as the mean of the present ones; in the result they stay
+//! absent.
 
 use glam::DVec3;
 use schemars::JsonSchema;
@@ -14,15 +15,15 @@ use crate::clip::Clip;
 use crate::transfer_function::{ControlPoint, TransferFunction};
 use crate::units::edges;
 
-/// Most texels of a filtered slice; where there would be more, they are larger.
+/// Most texels of a filtered slice; larger slices get larger texels.
 pub const TEXEL_LIMIT: usize = 1 << 24;
-/// Greatest size of a filter, texels.
+/// Greatest size of a filter, in texels.
 pub const SIZE_LIMIT: f64 = 64.0;
-/// Greatest radius of the median's window, texels: the window of each texel is sorted.
+/// Greatest radius of the median's window, in texels: the window of each texel is sorted.
 const MEDIAN_LIMIT: f64 = 8.0;
-/// Zeros of the Laplacian count as edges where it changes by more than this times its mean size.
+/// A zero crossing of the Laplacian is an edge if the change exceeds this factor times the mean magnitude.
 const EDGE_SHARE: f32 = 0.75;
-/// Share of the texels that colours of a filter leave out.
+/// Share of the texels that the colours of a filter leave out at the ends of the value range.
 const CLIPPED: f64 = 0.01;
 
 /// A filter, as written in a scene.
@@ -53,7 +54,7 @@ pub enum FilterKind {
 }
 
 impl FilterKind {
-    /// All of them, by their names.
+    /// All filters with their names.
     pub const NAMES: [(&str, Self); 5] = [
         ("gaussian", Self::Gaussian),
         ("median", Self::Median),
@@ -62,13 +63,13 @@ impl FilterKind {
         ("marr-hildreth", Self::MarrHildreth),
     ];
 
-    /// Whether what it makes are values as the volume's.
+    /// Whether the filtered values are in the volume's units.
     #[must_use]
     pub fn keeps_values(self) -> bool {
         matches!(self, Self::Gaussian | Self::Median)
     }
 
-    /// The sizes that it takes; `None`: it has no size.
+    /// Least and greatest size in texels; `None` for a filter without a size.
     #[must_use]
     pub fn sizes(self) -> Option<[f64; 2]> {
         match self {
@@ -79,7 +80,8 @@ impl FilterKind {
     }
 }
 
-/// Derivatives of Sobel and Feldman 1968, per texel, and the sum of second derivatives along the axes: rows of a 3 x 3 kernel.
+/// First derivatives per texel (Sobel and Feldman 1968), and the sum of the second derivatives: 3 x 3 kernels, row by
+/// row.
 const ACROSS: [f32; 9] = [-0.125, 0.0, 0.125, -0.25, 0.0, 0.25, -0.125, 0.0, 0.125];
 const DOWN: [f32; 9] = [-0.125, -0.25, -0.125, 0.0, 0.0, 0.0, 0.125, 0.25, 0.125];
 const CURVATURE: [f32; 9] = [0.0, 1.0, 0.0, 1.0, -4.0, 1.0, 0.0, 1.0, 0.0];
@@ -87,23 +89,24 @@ const CURVATURE: [f32; 9] = [0.0, 1.0, 0.0, 1.0, -4.0, 1.0, 0.0, 1.0, 0.0];
 /// The grid of texels on a slice.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TexelGrid {
-    /// World point of the first texel, in units.
+    /// Position of the first texel, in units.
     origin: DVec3,
-    /// From one texel to the next along each axis.
+    /// Vectors from one texel to the next along each axis, in units.
     steps: [DVec3; 2],
-    /// Texels along each axis.
+    /// Number of texels along each axis.
     pub size: [usize; 2],
 }
 
 impl TexelGrid {
-    /// The grid of a slice of a volume, texels as large as voxels `scale` times as long along each axis as those of level 0.
+    /// The grid of a slice. Along each axis of the volume, texels are as large as `scale` voxels of level 0.
     #[must_use]
     pub fn new(slice: &SlicePlane, geometry: &Geometry, dims: Dims, clip: &Clip, scale: [u64; 3]) -> Self {
         let normal = slice.normal.normalize();
         let linear = geometry.linear();
         let along = |axis: usize| linear.col(axis).normalize_or_zero();
         let flat = |v: DVec3| v - v.dot(normal) * normal;
-        // The volume's axis that lies in the plane most of all, and the one that runs along the other axis of the plane.
+        // The volume's axis that lies most nearly in the plane, and the axis that runs most nearly along the plane's
+        // other direction.
         let first =
             (0..3).min_by(|&a, &b| along(a).dot(normal).abs().total_cmp(&along(b).dot(normal).abs())).unwrap_or(0);
         let u = flat(along(first)).normalize();
@@ -138,7 +141,7 @@ impl TexelGrid {
         }
     }
 
-    /// World points of a run of texels, row by row, in units.
+    /// Positions of a range of texels, in units; texels are numbered row by row.
     pub fn points(&self, texels: std::ops::Range<usize>) -> impl Iterator<Item = DVec3> + '_ {
         texels.map(|i| {
             let [x, y] = [i % self.size[0], i / self.size[0]];
@@ -146,32 +149,32 @@ impl TexelGrid {
         })
     }
 
-    /// How many there are.
+    /// Number of texels.
     #[must_use]
     pub fn texels(&self) -> usize {
         self.size[0] * self.size[1]
     }
 
-    /// A world point on the slice, in texels.
+    /// Texel coordinates of a position on the slice.
     fn place(&self, p: DVec3) -> [f64; 2] {
         self.steps.map(|step| (p - self.origin).dot(step) / step.length_squared())
     }
 }
 
-/// What a filter has made of a slice.
+/// A slice with a filter applied.
 #[derive(Debug, Clone)]
 pub struct FilteredSlice {
     grid: TexelGrid,
     texels: Texels,
-    /// What is taken away from values, so that `f32` resolves them.
+    /// Constant that was subtracted from the values, so that `f32` resolves them.
     shift: f64,
 }
 
 impl FilteredSlice {
-    /// Filters the values of a slice less `shift`, NaN where absent, row by row.
+    /// Filters the values of a slice. `values` are row by row, NaN where absent, and have `shift` subtracted.
     ///
     /// # Panics
-    /// If there are not as many values as texels.
+    /// If the number of values is not the number of texels.
     #[must_use]
     pub fn new(grid: TexelGrid, values: Vec<f32>, filter: FilterSpec, shift: f64) -> Self {
         assert_eq!(values.len(), grid.texels(), "values of texels");
@@ -187,7 +190,7 @@ impl FilteredSlice {
         Self { grid, texels, shift }
     }
 
-    /// The value at a world point on the slice, in units; NaN where it is absent.
+    /// The value at a position on the slice, in units; NaN if it is absent.
     #[must_use]
     pub fn value(&self, p: DVec3, how: Interpolation) -> f64 {
         let [x, y] = self.grid.place(p);
@@ -195,7 +198,7 @@ impl FilteredSlice {
         interpolate([x, y, 0.0], how, texel) + self.shift
     }
 
-    /// Colours that suit what the filter has made of the values.
+    /// Default colours for the filtered values.
     #[must_use]
     pub fn colors(&self, kind: FilterKind) -> TransferFunction {
         let mut sorted: Vec<f32> = self.texels.values().iter().copied().filter(|v| !v.is_nan()).collect();
@@ -203,7 +206,7 @@ impl FilteredSlice {
         let at = |share: f64| sorted.get((share * (sorted.len() as f64 - 1.0)) as usize).map_or(0.0, |&v| f64::from(v));
         let [low, high] = [at(CLIPPED), at(1.0 - CLIPPED)];
         let grey = |low: f64, high: f64| {
-            // A slice of one value is still a slice.
+            // A slice of one value must be drawable, too.
             let high = if high > low { high } else { low + 1.0 };
             [(low, [0.0; 3]), (high, [1.0; 3])].to_vec()
         };
@@ -240,7 +243,7 @@ fn convolved(image: &Texels, rows: &[f32; 9]) -> Texels {
     image.convolved(Kernel { size: [3, 3], weights: rows })
 }
 
-/// The middle value of the window around each texel, clamped at the picture's edges.
+/// The median of the window around each texel; positions are clamped at the picture's edges.
 fn median(image: &Texels, radius: i64) -> Texels {
     let mut window = Vec::new();
     Texels::from_fn(image.size(), |place| {
@@ -253,7 +256,7 @@ fn median(image: &Texels, radius: i64) -> Texels {
     })
 }
 
-/// 1 where the sign changes towards the next texel to the right or below, by more than noise does, and 0 elsewhere.
+/// 1 if the sign changes towards the next texel to the right or below by more than noise, else 0.
 fn zeros(curved: &Texels) -> Texels {
     let mean = curved.values().iter().map(|v| f64::from(v.abs())).sum::<f64>() / curved.values().len().max(1) as f64;
     let least = EDGE_SHARE * mean as f32;
@@ -274,7 +277,7 @@ mod tests {
         TexelGrid { origin: DVec3::ZERO, steps: [DVec3::X, DVec3::Y], size }
     }
 
-    /// A slice of 16 x 12 texels with these values.
+    /// A slice of 16 x 12 texels with the values of a function.
     fn made(kind: FilterKind, size: Option<f64>, value: impl Fn(f64, f64) -> f64) -> FilteredSlice {
         let values = (0..16 * 12).map(|i| value(f64::from(i % 16), f64::from(i / 16)) as f32).collect();
         FilteredSlice::new(grid([16, 12]), values, FilterSpec { kind, size }, 0.0)

@@ -1,10 +1,11 @@
-//! Slices: planes within the picture, opaque or clear, at their exact depth (docs/decisions/019-slices-cut-rays.md).
+//! Slices: planes inside the picture, opaque or semi-transparent, at their exact depth
+//! (docs/decisions/019-slices-cut-rays.md).
 //!
-//! A ray is cut where it crosses a slice: what lies before it, the slice, what lies behind it, composited in this order. A slice shows
-//! the volume's value on the plane, `nearest`, `linear` (as the model interpolates) or `cubic` (Catmull and Rom 1974, along each axis),
-//! or what an image filter makes of the values on the plane ([`filter`]), in colours of its own. Where the value is absent, or clipped
-//! away, there is no slice. In mode `slice` nothing but the slices is drawn; in `mip`, `minip` and `mean`, which know no depth, there
-//! are none.
+//! A ray is cut at its crossing with a slice. Compositing order: the part before the slice, the slice, the part behind
+//! it. A slice shows the volume's value on the plane: `nearest`, `linear` (as in the model) or `cubic` (Catmull and Rom
+//! 1974, along each axis). Optionally an image filter is applied to the values on the plane ([`filter`]). Slices have
+//! colours of their own. A slice has no pixel where the value is absent or clipped. Mode `slice` draws only slices.
+//! Modes `mip`, `minip` and `mean` have no depth and draw none.
 
 pub mod filter;
 mod texels;
@@ -18,9 +19,10 @@ use crate::clip::Segment;
 use crate::transfer_function::TransferFunction;
 use filter::FilterSpec;
 
-/// Most slices of one scene: each cuts a picture's rays once more.
+/// Most slices of one scene; each cuts every ray of a picture.
 pub const SLICE_LIMIT: usize = 8;
-/// Share of a segment's ends within which a slice lies on its end: boxes that are cut where a slice stands show the slice.
+/// A slice within this share of a segment's end lies on the end. A box that is cut exactly at a slice then shows the
+/// slice.
 const END_SHARE: f64 = 1e-9;
 
 /// One slice, as written in a scene.
@@ -75,22 +77,22 @@ pub enum Interpolation {
 /// A slice in the units of a picture.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SlicePlane {
-    /// Not zero; need not be a unit vector.
+    /// World direction; not zero, any length.
     pub normal: DVec3,
-    /// The slice is where `normal . p` is this.
+    /// The slice is the set of points p with `normal . p = offset`.
     pub offset: f64,
-    /// In [0, 1].
+    /// Opacity in [0, 1].
     pub opacity: f64,
-    /// How values between voxels are found.
+    /// Interpolation between voxels.
     pub interpolation: Interpolation,
-    /// What is made of the values on the plane.
+    /// Image filter that is applied to the values on the plane.
     pub filter: Option<FilterSpec>,
-    /// Colours over values, in units, opaque; `None`: what suits the filter.
+    /// Colours over values in units, opaque; `None`: default colours of the filter.
     pub colors: Option<TransferFunction>,
 }
 
 impl SlicePlane {
-    /// Where a ray meets the slice; `None` where it runs along it.
+    /// The ray parameter t of the crossing; `None` if the ray is parallel to the slice.
     #[must_use]
     pub fn crossing(&self, ray: &Ray) -> Option<f64> {
         let rate = self.normal.dot(ray.direction);
@@ -98,14 +100,14 @@ impl SlicePlane {
         (rate != 0.0 && t.is_finite()).then_some(t)
     }
 
-    /// Whether a point lies where the normal points to.
+    /// Whether a point lies on the side that the normal points to.
     #[must_use]
     pub fn is_before(&self, p: DVec3) -> bool {
         self.normal.dot(p) > self.offset
     }
 }
 
-/// Where slices cut a ray's segment: place and number of each, front to back.
+/// Crossings of a ray's segment with slices: t and index of the slice, front to back.
 #[must_use]
 pub fn crossings(slices: &[SlicePlane], ray: &Ray, segment: Segment) -> Vec<(f64, usize)> {
     let room = END_SHARE * segment.t0.abs().max(segment.t1.abs());
@@ -119,8 +121,8 @@ pub fn crossings(slices: &[SlicePlane], ray: &Ray, segment: Segment) -> Vec<(f64
     found
 }
 
-/// The value at an index point, from the voxels around it; NaN where one that counts is absent. `voxel` gives that of an index, which
-/// may lie outside the grid by two: it is clamped there.
+/// The value at an index point; NaN if a voxel with a non-zero weight is absent. `voxel` gives the value at a voxel
+/// index. It must clamp indices, which may lie up to two voxels outside the grid.
 #[must_use]
 pub fn interpolate(p: [f64; 3], how: Interpolation, voxel: impl Fn([i64; 3]) -> f64) -> f64 {
     match how {
@@ -128,13 +130,13 @@ pub fn interpolate(p: [f64; 3], how: Interpolation, voxel: impl Fn([i64; 3]) -> 
         Interpolation::Linear => weighted::<2>(p, 0, |x| [1.0 - x, x], &voxel),
         Interpolation::Cubic => {
             let cubic = weighted::<4>(p, -1, catmull_rom, &voxel);
-            // Beside a hole there is no cubic, but there may be a line.
+            // Beside an absent voxel there is no cubic interpolation, but there may be a linear one.
             if cubic.is_nan() { interpolate(p, Interpolation::Linear, voxel) } else { cubic }
         }
     }
 }
 
-/// Sum over `N` voxels along each axis, from `first` relative to the cell on.
+/// Weighted sum over `N` voxels along each axis; the first lies `first` voxels after the cell's corner.
 fn weighted<const N: usize>(
     p: [f64; 3],
     first: i64,
@@ -159,8 +161,8 @@ fn weighted<const N: usize>(
     sum
 }
 
-/// Weights of the four points around the part `x` of the way from the second to the third: Catmull and Rom 1974, with tangents
-/// that are half the difference of the neighbours.
+/// Weights of four consecutive points for a position at `x` in [0, 1] between the second and the third: Catmull and Rom
+/// 1974. Tangents are half the difference of the neighbours.
 fn catmull_rom(x: f64) -> [f64; 4] {
     let [x2, x3] = [x * x, x * x * x];
     [0.5 * (-x3 + 2.0 * x2 - x), 0.5 * (3.0 * x3 - 5.0 * x2 + 2.0), 0.5 * (-3.0 * x3 + 4.0 * x2 + x), 0.5 * (x3 - x2)]
@@ -181,7 +183,7 @@ mod tests {
         assert!((interpolate(on_planes, Interpolation::Linear, voxel) - field(on_planes)).abs() < 1e-12);
         assert!((interpolate(p, Interpolation::Linear, voxel) - field(p)).abs() > 0.01);
         assert!((interpolate(p, Interpolation::Cubic, voxel) - field(p)).abs() < 1e-12);
-        // Where a hole leaves no cubic, there may be a line.
+        // Beside an absent voxel there is no cubic interpolation, but a linear one.
         let holed = |index: [i64; 3]| if index[0] >= 5 { f64::NAN } else { voxel(index) };
         assert_eq!(interpolate(p, Interpolation::Cubic, holed), interpolate(p, Interpolation::Linear, voxel));
         let beside = [4.25, 4.5, 2.75];

@@ -1,18 +1,19 @@
-//! Where a transfer function begins and ceases to be visible: what ranges of values are asked for millions of times.
+//! Edges of visibility: the values at which a transfer function becomes visible or invisible. Visibility of value
+//! ranges is queried millions of times.
 //!
-//! Over `f32`, whether a value is visible is a step function, and so is the number of visible points up to it. Between two
-//! control points opacity is computed by monotone operations, rounding included: it becomes positive, or ceases to be, at
-//! most once, at a number that is found by halving. So few edges give the answers of the function itself, bit for bit. A
-//! spike that no `f32` sees, because its points have become one, is two edges at one value.
+//! Over `f32`, visibility is a step function of the value, and so is the number of visible points up to a value.
+//! Between two control points opacity is computed by monotone operations, rounding included. It therefore changes
+//! between zero and positive at most once, at a number that bisection finds. So a few edges reproduce the function's
+//! own answers bit for bit. A spike whose points fall on one `f32` value becomes two edges at that value.
 
 use std::cmp::Ordering;
 
 use super::render::RenderTransferFunction;
 
-/// See the module.
+/// Sorted edges of visibility; see the module.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Edges {
-    /// Ascending. After an odd number of them values are visible, each from the edge itself on.
+    /// Ascending. Values are visible after an odd number of edges, each value from the edge itself on.
     at: Vec<f32>,
 }
 
@@ -51,13 +52,13 @@ impl Edges {
     #[must_use]
     pub fn is_visible(&self, low: f32, high: f32) -> bool {
         let ([first, last], is_empty) = ([self.up_to(low), self.up_to(high)], low > high);
-        // All at once: what a range shows comes and goes too often for branches.
+        // No branches: visibility of successive ranges changes too often for branch prediction.
         !is_empty & (((first | last) % 2 == 1) | (first < last))
     }
 }
 
-/// The least number of the closed interval at which something is not as at its beginning; the beginning where all is the
-/// same. It changes at most once.
+/// The least number of the closed interval at which `holds` differs from its answer at `low`; `low` if there is none.
+/// The answer must change at most once.
 fn first_unlike(low: f32, high: f32, holds: impl Fn(f32) -> bool) -> f32 {
     let at_begin = holds(low);
     if holds(high) == at_begin {
@@ -71,13 +72,13 @@ fn first_unlike(low: f32, high: f32, holds: impl Fn(f32) -> bool) -> f32 {
     of_rank(unlike)
 }
 
-/// The place of a number among all `f32`, ascending.
+/// Rank of a number among all `f32` values in ascending order.
 fn rank(value: f32) -> i64 {
     let bits = i64::from(value.to_bits() & 0x7fff_ffff);
     if value.is_sign_negative() { -1 - bits } else { bits }
 }
 
-/// The number at a place.
+/// The number of a rank.
 fn of_rank(rank: i64) -> f32 {
     let magnitude = if rank < 0 { -1 - rank } else { rank };
     let value = f32::from_bits(u32::try_from(magnitude).expect("ranks of numbers have 31 bits"));
@@ -93,7 +94,7 @@ mod tests {
 
     const FUNCTIONS: usize = 4000;
 
-    /// The definition: the ends, and all points between them, at their places among the points.
+    /// Definition of visibility: the ends of the range, and all points between them in the order of the points.
     fn by_points(function: &RenderTransferFunction, low: f32, high: f32) -> bool {
         if low > high {
             return false;
@@ -110,7 +111,8 @@ mod tests {
             || function.visible_points_up_to(high) > function.visible_points_up_to(low)
     }
 
-    /// Steps, spikes without width and one ulp wide, points that `f32` cannot tell apart, opacities that it takes for 0.
+    /// Functions with steps, spikes of zero width and of one ulp, points that `f32` merges, and opacities that `f32`
+    /// rounds to 0.
     fn function(random: &mut Random) -> RenderTransferFunction {
         let start = random.of(&[0.0, -0.0, -3.0, 1e9, -2e38, 1e-40, -1e300]);
         let scale = random.of(&[1.0, 1.0, 1e-9, 1e-44, 3e37, 1e299]);
@@ -129,7 +131,7 @@ mod tests {
         RenderTransferFunction::new(&source, random.of(&[0.0, 0.0, start, 0.25]))
     }
 
-    /// Points, their neighbours, what lies between, and what is no value.
+    /// Values of points, their neighbours, values in between, and values that are not numbers.
     fn values(function: &RenderTransferFunction, random: &mut Random) -> Vec<f32> {
         let mut values = vec![f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, f32::MIN, 0.0, -0.0];
         for (i, p) in function.points.iter().enumerate() {
@@ -171,7 +173,7 @@ mod tests {
                 }
             }
         }
-        // The test sees something of everything.
+        // The random cases cover visible and invisible ranges about equally.
         assert!(asked > 3_000_000 && visible > asked / 8 && visible < asked - asked / 8, "{visible} of {asked}");
         assert!(spikes > 100, "{spikes} spikes that no value sees");
     }

@@ -1,7 +1,7 @@
-//! What a transfer function does over whole intervals of values: extremes and means, exact, `f64`, data values.
+//! Extremes and means of a transfer function over intervals of values: exact, `f64`, data values.
 //!
-//! The planner of levels asks these for bricks, not for samples: two binary searches and two looks into a table of
-//! extremes over runs of 1, 2, 4, ... control points answer for any interval, however narrow a step or spike in it is.
+//! The level-of-detail rules query them once per brick, not per sample. A table holds extremes over runs of 1, 2, 4,
+//! ... control points. A query takes two binary searches and two look-ups, and misses no step or spike, however narrow.
 
 use super::{ControlPoint, TransferFunction};
 
@@ -26,18 +26,18 @@ impl Extent {
         }
     }
 
-    /// Greatest change of a colour channel.
+    /// Greatest change of a colour channel over the interval.
     #[must_use]
     pub fn color_change(&self) -> f64 {
         (0..3).map(|c| self.high[c] - self.low[c]).fold(0.0, f64::max)
     }
 }
 
-/// See the module.
+/// Tables for queries of intervals; see the module.
 #[derive(Debug, Clone)]
 pub struct Intervals {
     function: TransferFunction,
-    /// `runs[k][i]`: extremes of the `2^k` points from point i on.
+    /// `runs[k][i]`: extremes of the `2^k` points that begin at point i.
     runs: Vec<Vec<Extent>>,
     /// Integral from the first point to each point of alpha times red, green and blue, and of alpha.
     gathered: Vec<[f64; 4]>,
@@ -73,7 +73,7 @@ impl Intervals {
         &self.function
     }
 
-    /// Extremes over the closed interval; both sides of every step in it, those at its ends included.
+    /// Extremes over the closed interval. Both sides of every step count, also of steps at the ends.
     #[must_use]
     pub fn extent(&self, low: f64, high: f64) -> Extent {
         let points = self.function.points();
@@ -97,7 +97,8 @@ impl Intervals {
         points.partition_point(|p| p.value < low) == points.partition_point(|p| p.value <= high)
     }
 
-    /// Means over the interval of alpha times red, green and blue, and of alpha; the values themselves where it is a point.
+    /// Means over the interval of alpha times red, green and blue, and of alpha; the values themselves for an interval
+    /// of zero width.
     #[must_use]
     pub fn mean(&self, low: f64, high: f64) -> [f64; 4] {
         let width = high - low;
@@ -132,8 +133,8 @@ fn weighted([r, g, b, alpha]: [f64; 4]) -> [f64; 4] {
     [r * alpha, g * alpha, b * alpha, alpha]
 }
 
-/// Integral of alpha times colour, and of alpha, between two points of one segment. All channels are linear there, so that
-/// their products are quadratic, and Simpson's rule is exact.
+/// Integral of alpha times colour, and of alpha, between two points of one segment. All channels are linear there, so
+/// their products are quadratic and Simpson's rule is exact.
 fn integral(from: &ControlPoint, to: &ControlPoint) -> [f64; 4] {
     let width = to.value - from.value;
     if width == 0.0 {
@@ -183,7 +184,8 @@ mod tests {
             for c in 0..4 {
                 prop_assert!((mean[c] - sum[c]).abs() < 2e-3, "channel {c}: {} and {}", mean[c], sum[c]);
             }
-            // Tight, too, where no step lies in the interval: between samples a linear function changes little.
+            // The extremes are also tight if no step lies in the interval, because a linear function changes little
+            // between samples.
             let steps = function.points().windows(2).any(|p| p[0].value == p[1].value && low <= p[0].value && p[0].value <= high);
             if let (false, Some(seen)) = (steps, seen) {
                 for c in 0..4 {

@@ -1,8 +1,8 @@
-//! Transfer functions: data values to colour and opacity (RENDERING-MODEL, section 3).
+//! Transfer functions: maps from data values to colour and opacity (RENDERING-MODEL, section 3).
 //!
-//! [`TransferFunction`] is the definition, in `f64` and in data units. [`RenderTransferFunction`] is the same function
-//! in `f32` and in render values, with tables for the questions a ray caster asks millions of times.
-//! Colours are display-referred, channels in [0, 1]. `alpha` is the opacity gathered over the unit distance.
+//! [`TransferFunction`] is the definition, in `f64` and data units. [`RenderTransferFunction`] is the same function in
+//! `f32` and render values, with tables for the frequent queries of ray casters. Colours are display-referred, channels
+//! in [0, 1]. `alpha` is the opacity over the unit distance.
 
 pub mod edges;
 pub mod intervals;
@@ -13,12 +13,12 @@ use crate::units::Units;
 pub use intervals::Intervals;
 pub use render::RenderTransferFunction;
 
-/// Opacities above this have the extinction of this one: an opaque alpha of 1 would need an infinite extinction.
+/// Greatest effective opacity: an alpha of 1 would need an infinite extinction.
 pub const ALPHA_LIMIT: f64 = 0.9999;
 /// Most control points of one transfer function.
 pub const POINT_LIMIT: usize = 4096;
 
-/// A coarse level loses what is visible if it shows less than this share of the mean extinction of the finest.
+/// A coarse level loses visible detail if its mean extinction is below this share of that of the finest level.
 const LOST_SHARE: f64 = 0.25;
 
 /// One control point.
@@ -39,11 +39,11 @@ pub struct ControlPoint {
 pub struct TransferFunction {
     points: Vec<ControlPoint>,
     unit_distance: f64,
-    /// Values that are seen whatever their opacity: of surfaces inside the volume.
+    /// Values of iso surfaces inside the volume; they are visible whatever their opacity.
     surfaces: Vec<f64>,
 }
 
-/// Why points make no transfer function.
+/// Reason why points define no transfer function.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[allow(missing_docs, reason = "the messages say it")]
 pub enum TransferFunctionError {
@@ -60,7 +60,7 @@ pub enum TransferFunctionError {
 }
 
 impl TransferFunction {
-    /// A transfer function of these points, sorted by value; `unit_distance` is a world length.
+    /// A transfer function of control points sorted by value; `unit_distance` is a world length.
     ///
     /// # Errors
     /// If there are no points or too many, they are not sorted, or a number is out of range.
@@ -87,7 +87,7 @@ impl TransferFunction {
         Ok(Self { points, unit_distance, surfaces: Vec::new() })
     }
 
-    /// The same function in units of a volume; the unit distance must not run over there.
+    /// The same function in units of a volume. The unit distance must not overflow there.
     #[must_use]
     pub fn in_units(&self, units: &Units) -> Self {
         let points = self.points.iter().map(|&point| ControlPoint { value: units.value(point.value), ..point });
@@ -95,19 +95,20 @@ impl TransferFunction {
         Self { points: points.collect(), unit_distance: self.unit_distance / units.length, surfaces }
     }
 
-    /// The same function of a volume with surfaces at these values: nothing that holds one of them is left out as invisible.
+    /// The same function for a volume with iso surfaces at these values. A region that holds one of them is never
+    /// skipped as invisible.
     #[must_use]
     pub fn with_surfaces(self, surfaces: Vec<f64>) -> Self {
         Self { surfaces, ..self }
     }
 
-    /// The same function without them.
+    /// The same function without iso surfaces.
     #[must_use]
     pub fn without_surfaces(&self) -> Self {
         self.clone().with_surfaces(Vec::new())
     }
 
-    /// Values that are seen whatever their opacity.
+    /// Values of iso surfaces, which are visible whatever their opacity.
     #[must_use]
     pub fn surfaces(&self) -> &[f64] {
         &self.surfaces
@@ -119,7 +120,7 @@ impl TransferFunction {
         &self.points
     }
 
-    /// World length over which `alpha` is gathered.
+    /// World length over which `alpha` is the opacity.
     #[must_use]
     pub fn unit_distance(&self) -> f64 {
         self.unit_distance
@@ -140,15 +141,16 @@ impl TransferFunction {
         (std::array::from_fn(|c| mix(before.color[c], after.color[c])), mix(before.alpha, after.alpha))
     }
 
-    /// Whether voxels of a coarse level show less than a quarter of what those show that they are averages of: values of the coarse
-    /// ones, and values of the others with their shares.
+    /// Whether the voxels of a coarse level show less than a quarter of the extinction of the fine voxels that they
+    /// average. `coarse` holds values; `fine` holds values with their shares.
     #[must_use]
     pub fn loses(&self, coarse: &[f64], fine: impl Iterator<Item = (f64, f64)>) -> bool {
         let kappa = |value: f64| self.kappa(self.classify(value).1);
         let of_fine: f64 = fine.map(|(value, share)| share * kappa(value)).sum();
         let present = || coarse.iter().filter(|value| !value.is_nan());
         let (count, least) = (present().count() as f64, LOST_SHARE * of_fine);
-        // No extinction is negative: once they are enough they stay so, mostly after a quarter of the voxels.
+        // Extinction is never negative: once the sum suffices it stays sufficient, usually after a quarter of the
+        // voxels.
         let mut of_coarse = 0.0;
         for value in present() {
             of_coarse += kappa(*value);

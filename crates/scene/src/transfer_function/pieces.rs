@@ -1,74 +1,78 @@
-//! The transfer function as emission and extinction in closed form: what packets of rays look up.
+//! The transfer function as emission and extinction in closed form: the look-up table of ray packets.
 //!
-//! On the line of values the function falls into *pieces*, on each of which four channels are quadratic: extinction
-//! kappa, and kappa times red, green and blue (the emission). So their antiderivatives are cubic, and the mean of a channel
-//! over an interval of values is a difference of two look-ups over the interval's width, whatever steps and bends lie
-//! between (Engel, Kraus, Ertl 2001, "High-quality pre-integrated volume rendering", reduces to this where attenuation
-//! inside the interval is left out; it is not left out here, see `raycast::cpu::classify`).
-//! Where a quadratic would be further from the definition than a tolerance times the extinction, the piece is
-//! cut; where one quadratic does for several control points, they share it.
+//! The function is cut into *pieces* along the value axis. On each piece four channels are quadratic: extinction kappa,
+//! and kappa times red, green and blue (the emission). Their antiderivatives are cubic. So the mean of a channel over
+//! an interval of values is a difference of two look-ups divided by the interval's width. This holds whatever steps and
+//! bends lie inside. Pre-integration (Engel, Kraus, Ertl 2001, "High-quality pre-integrated volume rendering") reduces
+//! to this if attenuation inside the interval is left out. Here it is not left out; see `engines::packets` in
+//! `supervol-runtime`.
 //!
-//! Beside the channels there are sums over the pieces before: of the heights of steps, of the changes of slope, and of the
-//! variation of colour. Their differences over an interval bound what a rule of integration can miss in it.
+//! A piece ends where a quadratic would deviate from the definition by more than a tolerance times the extinction.
+//! Several control points share a piece if one quadratic fits them.
+//!
+//! The table also holds running sums over the pieces: heights of steps, changes of slope, and variation of colour.
+//! Their differences over an interval bound the error of a quadrature rule in it.
 
 use super::render::with_limit_points;
 use super::{ControlPoint, TransferFunction};
 
-/// Extinction, and extinction times red, green, blue.
+/// Number of channels: extinction, and extinction times red, green, blue.
 pub const CHANNELS: usize = 4;
-/// Parts of a segment between two control points below which no piece is cut.
+/// The shortest piece is the segment between two control points divided by this.
 const LEAST_PARTS: f64 = 65536.0;
-/// Bisections that find where a piece ends.
+/// Bisection steps for the end of a piece.
 const BISECTIONS: usize = 12;
 /// Columns are padded to a power of two, at least this.
 pub const LEAST_STRIDE: usize = 16;
 
-/// What can be looked up for a piece.
+/// Columns of the table: the quantities of a piece.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(usize)]
 pub enum Column {
-    /// The piece's least value; infinite beyond the last piece.
+    /// The piece's least value; infinity in rows beyond the last piece.
     Knot,
-    /// The value from which the polynomials count: the knot; for the first piece the second's.
+    /// The value relative to which the polynomials are given: the knot. For the first piece, the knot of the second
+    /// one.
     Anchor,
     /// Antiderivative of channel 0 at the anchor; the other three channels follow.
     Start,
     /// Channel 0 at the anchor; the other three follow.
     Value = Column::Start as usize + CHANNELS,
-    /// Half the slope of channel 0 there; the other three follow.
+    /// Half the slope of channel 0 at the anchor; the other three follow.
     HalfSlope = Column::Value as usize + CHANNELS,
     /// A third of the quadratic coefficient of channel 0; the other three follow.
     ThirdBend = Column::HalfSlope as usize + CHANNELS,
-    /// Heights of all steps up to the anchor, the greatest channel of each.
+    /// Sum of the heights of all steps up to the anchor; each counts with its greatest channel.
     Steps = Column::ThirdBend as usize + CHANNELS,
-    /// Changes of slope up to the anchor, the greatest channel of each.
+    /// Sum of the changes of slope up to the anchor; each counts with its greatest channel.
     Bends,
-    /// Change of slope per value.
+    /// Change of slope per unit of value.
     BendsPerValue,
     /// Variation of visible colour up to the anchor.
     ColorVariation,
-    /// Variation of visible colour per value.
+    /// Variation of visible colour per unit of value.
     ColorVariationPerValue,
 }
 
 /// Number of columns.
 pub const COLUMNS: usize = Column::ColorVariationPerValue as usize + 1;
 
-/// See the module. Values are render values, extinction is per world length.
+/// The table; see the module. Values are render values; extinction is per world length.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TransferPieces {
     /// Column by column, each [`TransferPieces::stride`] long.
     columns: Vec<f32>,
     stride: usize,
     count: usize,
-    /// Intervals of values narrower than this have the mean of their ends: antiderivatives would cancel.
+    /// Width of a value interval below which the mean is taken from its two ends: the difference of antiderivatives
+    /// would cancel.
     pub narrow: f32,
-    /// Values strictly between these show nothing: those below the function's first point where that is clear, else the
-    /// widest such interval; `[inf, -inf]` where there is none.
+    /// An interval strictly inside which values are transparent: the values below the function's first point if they
+    /// are transparent, else the widest such interval. `[inf, -inf]` if there is none.
     pub clear: [f32; 2],
 }
 
-/// One piece while the table is made.
+/// One piece during construction.
 #[derive(Debug, Clone, Copy)]
 struct Piece {
     knot: f64,
@@ -79,8 +83,8 @@ struct Piece {
 }
 
 impl TransferPieces {
-    /// The pieces of a transfer function; `shift` is what is taken off every data value. Extinction and emission are right
-    /// to `tolerance` times the extinction, the opacity of a ray to a third of that.
+    /// The pieces of a transfer function. `shift` is subtracted from every data value. Extinction and emission are
+    /// exact to `tolerance` times the extinction, the opacity of a ray to a third of that.
     #[must_use]
     pub fn new(source: &TransferFunction, shift: f64, tolerance: f64) -> Self {
         let pieces = pieces_of(source, shift, tolerance);
@@ -110,7 +114,7 @@ impl TransferPieces {
         self.count
     }
 
-    /// Whether there are steps.
+    /// Whether the function has steps.
     #[must_use]
     pub fn has_steps(&self) -> bool {
         self.column(Column::Steps, 0)[self.count - 1] > 0.0
@@ -122,7 +126,7 @@ impl TransferPieces {
         self.stride
     }
 
-    /// One column, by the number of its first channel's plus a channel.
+    /// One column. `column` names channel 0; `channel` is added to its index.
     #[inline]
     #[must_use]
     pub fn column(&self, column: Column, channel: usize) -> &[f32] {
@@ -168,7 +172,7 @@ fn clear_interval(pieces: &[Piece]) -> [f32; 2] {
         }
         let begin = *begin.get_or_insert(piece.knot);
         let end = pieces.get(i + 1).map_or(f64::INFINITY, |next| next.knot);
-        // What begins below the first point is infinitely wide: nothing is wider.
+        // An interval that begins below the first point is infinitely wide: none is wider.
         if begin == best[0] || end - begin > best[1] - best[0] {
             best = [begin, end];
         }
@@ -179,7 +183,7 @@ fn clear_interval(pieces: &[Piece]) -> [f32; 2] {
 /// Intervals below this share of the function's width are narrow.
 const NARROW_SHARE: f64 = 5e-5;
 
-/// What has gathered before a piece.
+/// Running sums over the pieces before a piece.
 #[derive(Default)]
 struct Sums {
     antiderivative: [f64; CHANNELS],
@@ -189,7 +193,7 @@ struct Sums {
 }
 
 impl Sums {
-    /// Goes through the knot between two pieces.
+    /// Crosses the knot between two pieces.
     fn cross(&mut self, before: &Piece, after: &Piece, tolerance: f64) {
         let y = after.knot - before.anchor;
         let (mut step, mut bend) = (0.0f64, 0.0f64);
@@ -198,7 +202,7 @@ impl Sums {
             step = step.max((v1 - (v0 + y * (s0 + y * b0))).abs());
             bend = bend.max((s1 - (s0 + 2.0 * y * b0)).abs());
         }
-        // What the fits leave between two pieces of one segment is no step.
+        // The misfit between two pieces of one segment is not a step.
         let scale = before.channels[0][0].abs().max(after.channels[0][0].abs());
         if step > 4.0 * tolerance * scale {
             self.steps += step;
@@ -207,7 +211,7 @@ impl Sums {
         self.bends += bend;
     }
 
-    /// Goes over `y` values of a piece.
+    /// Advances by `y` within a piece, in units of value.
     fn advance(&mut self, piece: &Piece, y: f64) {
         for (sum, [value, slope, bend]) in self.antiderivative.iter_mut().zip(piece.channels) {
             *sum += y * (value + y * (slope / 2.0 + y * bend / 3.0));
@@ -221,7 +225,7 @@ fn bend_of(piece: &Piece) -> f64 {
     piece.channels.iter().map(|c| 2.0 * c[2].abs()).fold(0.0, f64::max)
 }
 
-/// Greatest change of a colour channel across a knot, 0 where one side is invisible: there is nothing to mistake it for.
+/// Greatest change of a colour channel across a knot; 0 if one side is invisible, because no wrong colour can show.
 fn color_step(before: &Piece, after: &Piece, y: f64) -> f64 {
     let at = |c: &[f64; 3], y: f64| c[0] + y * (c[1] + y * c[2]);
     let kappas = [at(&before.channels[0], y), after.channels[0][0]];
@@ -236,7 +240,7 @@ fn color_step(before: &Piece, after: &Piece, y: f64) -> f64 {
 #[derive(Debug, Clone, Copy)]
 struct Segment {
     ends: [ControlPoint; 2],
-    /// Render values of the ends, as they fall on `f32`: on which side of a knot a sample is, is decided there.
+    /// Render values of the ends as rounded to `f32`, in which samples are compared with knots.
     values: [f64; 2],
 }
 
@@ -251,14 +255,14 @@ impl Segment {
         self.ends.iter().any(|end| end.alpha > 0.0)
     }
 
-    /// Greatest change of a colour channel per value.
+    /// Greatest change of a colour channel per unit of value.
     fn color_slope(&self) -> f64 {
         let change = |c: usize| (self.ends[1].color[c] - self.ends[0].color[c]).abs();
         (0..3).map(change).fold(0.0, f64::max) / (self.values[1] - self.values[0])
     }
 }
 
-/// Channels of a point on the way between two control points.
+/// Channels at the share `x` of the way between two control points.
 fn channels_between(source: &TransferFunction, [a, b]: &[ControlPoint; 2], x: f64) -> [f64; CHANNELS] {
     let kappa = source.kappa(a.alpha + x * (b.alpha - a.alpha));
     let color = |c: usize| a.color[c] + x * (b.color[c] - a.color[c]);
@@ -289,22 +293,23 @@ fn pieces_of(source: &TransferFunction, shift: f64, tolerance: f64) -> Vec<Piece
     pieces
 }
 
-/// Cuts the function into pieces, from its least value on, each as long as it fits.
+/// Cuts the function into pieces in ascending order of value, each as long as one quadratic fits.
 struct Fitter<'a> {
     source: &'a TransferFunction,
-    /// Those not yet passed.
+    /// Segments that are not yet covered by pieces.
     segments: &'a [Segment],
     tolerance: f64,
 }
 
 impl Fitter<'_> {
-    /// The next piece from `begin` on, which is moved to its end; `None` at the function's end.
+    /// The next piece, which starts at `begin`; moves `begin` to its end. `None` at the end of the function.
     fn next_piece(&mut self, begin: &mut f64) -> Option<Piece> {
         while self.segments.first().is_some_and(|s| s.values[1] <= *begin) {
             self.segments = &self.segments[1..];
         }
         let first = *self.segments.first()?;
-        // Over as many control points as fit, which is none for most functions; else a part of the first segment.
+        // The piece covers as many whole segments as fit. For most functions that is none, and it covers a part of the
+        // first segment.
         let mut end = *begin;
         for (i, segment) in self.segments.iter().enumerate() {
             let is_joined = i == 0 || self.segments[i - 1].ends[1] == segment.ends[0];
@@ -319,7 +324,7 @@ impl Fitter<'_> {
                 let middle = 0.5 * (low + high);
                 if self.fits(*begin, middle) { low = middle } else { high = middle }
             }
-            // What not even a short piece fits, it is drawn by.
+            // A piece of the least length is used even if it does not fit.
             let least = *begin + (first.values[1] - first.values[0]) / LEAST_PARTS;
             end = f64::from(low.max(least).min(first.values[1]) as f32);
             if end <= *begin {
@@ -342,9 +347,9 @@ impl Fitter<'_> {
         self.segments[i].at(self.source, value)
     }
 
-    /// Quadratics through both ends and the middle, in x from 0 to 1.
+    /// Quadratics through both ends and the middle; coefficients of 1, x and x^2, x from 0 to 1.
     fn fit(&self, begin: f64, end: f64) -> [[f64; 3]; CHANNELS] {
-        // The right side of a step at the beginning.
+        // At a step, the right side counts.
         let first = self.segments[0].at(self.source, begin);
         let (middle, last) = (self.at(0.5 * (begin + end)), self.at(end));
         std::array::from_fn(|c| {
@@ -353,7 +358,7 @@ impl Fitter<'_> {
         })
     }
 
-    /// Whether quadratics are near enough: looked at inside every segment.
+    /// Whether the quadratics are within the tolerance; tested at nine values of every segment.
     fn fits(&self, begin: f64, end: f64) -> bool {
         let quadratics = self.fit(begin, end);
         let covered = self.segments.iter().take_while(|s| s.values[0] < end);
@@ -409,7 +414,7 @@ mod tests {
         let clear = |points: &[(f64, f64)]| TransferPieces::new(&function(points), 0.0, 1e-3).clear;
         assert_eq!(clear(&[(10.0, 0.0), (20.0, 0.5)]), [f32::NEG_INFINITY, 10.0]);
         assert_eq!(clear(&[(10.0, 0.0), (12.0, 0.0), (20.0, 0.5), (30.0, 0.0)]), [f32::NEG_INFINITY, 12.0]);
-        // Two wings: the wider of two gaps.
+        // Two transparent gaps: the wider one counts.
         let wings = [(0.0, 0.9), (5.0, 0.0), (6.0, 0.0), (7.0, 0.3), (8.0, 0.0), (20.0, 0.0), (30.0, 0.9)];
         assert_eq!(clear(&wings), [8.0, 20.0]);
         assert_eq!(clear(&[(0.0, 0.5), (20.0, 0.0)]), [20.0, f32::INFINITY]);

@@ -1,21 +1,21 @@
-//! The transfer function as a ray caster reads it: `f32`, render values, answers in constant time.
+//! The transfer function in the form of ray casters: `f32`, render values, answers in constant time.
 //!
-//! A *render value* is a data value minus a constant shift, so that `f32` resolves the data's range. Points are found
-//! by a table of bins over `[first point, last point]`: a bin names the last point that lies in an earlier bin, from
-//! which a short scan finds the exact segment. So evaluation is exact whatever the number of bins; only its cost depends
-//! on it. Intervals are answered from sums over the points before them:
-//! - [`RenderTransferFunction::is_visible`]: exact up to rounding, and never falsely "no";
-//! - [`RenderTransferFunction::variation`]: how much opacity and colour change over an interval;
+//! A *render value* is a data value minus a constant shift, so that `f32` resolves the data's range. A table of bins
+//! over `[first point, last point]` locates points. A bin names the last point of an earlier bin; a short scan from
+//! there finds the exact segment. So evaluation is exact for any number of bins; only its cost depends on it. Queries
+//! of intervals use running sums over the points:
+//! - [`RenderTransferFunction::is_visible`]: exact up to rounding, never falsely "no";
+//! - [`RenderTransferFunction::variation`]: total change of opacity and colour over an interval;
 //! - [`RenderTransferFunction::knots_in`]: the values at which the function bends or steps.
 
 use super::edges::Edges;
 use super::{ALPHA_LIMIT, ControlPoint, TransferFunction};
 
-/// Bins per control point: most bins then hold at most one point.
+/// Bins per control point; with 4, most bins hold at most one point.
 const BINS_PER_POINT: usize = 4;
 /// Least number of bins.
 const MIN_BINS: usize = 64;
-/// Change of opacity or colour, by a change of slope, below which a point is no knot.
+/// Change of opacity or colour, caused by a change of slope, below which a point is no knot.
 const KNOT_TOLERANCE: f64 = 1e-6;
 
 /// One control point and the segment to its right.
@@ -24,26 +24,26 @@ const KNOT_TOLERANCE: f64 = 1e-6;
 pub struct RenderPoint {
     /// Red, green, blue, alpha at the point.
     pub rgba: [f32; 4],
-    /// Change of each up to the next point; 0 for the last.
+    /// Change of each channel up to the next point; 0 for the last.
     pub delta: [f32; 4],
     /// Render value.
     pub value: f32,
     /// 1 / width of the segment; 0 for the last and for steps.
     pub inverse_width: f32,
-    /// Variation gathered by all segments before this point.
+    /// Sum of the variation of all segments before this point.
     pub variation_before: f32,
     /// Variation of the segment.
     pub variation: f32,
-    /// Number of points before this one whose alpha is positive.
+    /// Number of points before this one with positive alpha.
     pub visible_before: u32,
     /// Number of knots with a value not greater than this point's.
     pub knots_up_to: u32,
 }
 
-/// See the module.
+/// Transfer function with look-up tables; see the module.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RenderTransferFunction {
-    /// Control points by value, with one more wherever alpha passes [`ALPHA_LIMIT`], where extinction bends.
+    /// Control points by value, with an additional point wherever alpha passes [`ALPHA_LIMIT`], where extinction bends.
     pub points: Vec<RenderPoint>,
     /// Distinct values at which opacity, colour, or their slopes change; ascending.
     pub knots: Vec<f32>,
@@ -51,18 +51,18 @@ pub struct RenderTransferFunction {
     pub bins: Vec<u32>,
     /// Bins per unit of render value.
     pub bins_per_value: f32,
-    /// 1 / unit distance, per world length.
+    /// 1 / unit distance; the unit distance is a world length.
     pub inverse_unit_distance: f32,
-    /// Number of points whose alpha is positive.
+    /// Number of points with positive alpha.
     visible_points: u32,
-    /// Render values of surfaces inside the volume, which are seen whatever their opacity.
+    /// Render values of iso surfaces inside the volume, which are visible whatever their opacity.
     surfaces: Vec<f32>,
-    /// Where it begins and ceases to be visible.
+    /// Values at which the function becomes visible or invisible.
     pub(super) edges: Edges,
 }
 
 impl RenderTransferFunction {
-    /// The render form: `shift` is what is taken off every data value.
+    /// The render form of a transfer function. `shift` is subtracted from every data value.
     #[must_use]
     pub fn new(source: &TransferFunction, shift: f64) -> Self {
         let source_points = with_limit_points(source.points());
@@ -76,11 +76,11 @@ impl RenderTransferFunction {
         let inverse_unit_distance = (1.0 / source.unit_distance()) as f32;
         let bins = vec![0; bin_count];
         let edges = Edges::default();
-        // As the surfaces' own values are rounded.
+        // Rounded like the values of the surfaces themselves.
         let surfaces = source.surfaces().iter().map(|value| (value - shift) as f32).collect();
         let mut table =
             Self { points, knots, bins, bins_per_value, inverse_unit_distance, visible_points, surfaces, edges };
-        // A value maps to its bin by a monotone expression, so every point in an earlier bin lies below the value.
+        // The bin of a value is a monotone expression, so every point in an earlier bin is less than the value.
         let bins_of_points: Vec<usize> = values.iter().map(|&v| table.bin(v)).collect();
         let mut last = 0;
         for bin in 0..bin_count {
@@ -95,11 +95,11 @@ impl RenderTransferFunction {
 
     #[inline]
     fn bin(&self, value: f32) -> usize {
-        // `as` saturates: what lies below the first point maps to 0.
+        // `as` saturates: a value below the first point has bin 0.
         (((value - self.points[0].value) * self.bins_per_value) as usize).min(self.bins.len() - 1)
     }
 
-    /// Index of the last point with a value not greater than `value`, if there is one.
+    /// Index of the last point with a value not greater than `value`; `None` below the first point.
     #[inline]
     #[must_use]
     pub fn segment(&self, value: f32) -> Option<usize> {
@@ -126,9 +126,9 @@ impl RenderTransferFunction {
         std::array::from_fn(|c| p.rgba[c] + x * p.delta[c])
     }
 
-    /// Whether a value of the closed interval can have positive opacity, or is a surface's; false for the empty interval `low > high`. One of its
-    /// ends has, or a point above its lower end has that is not above its upper: points count, not what `f32` makes of the
-    /// segments between them.
+    /// Whether a value of the closed interval can have positive opacity or is the value of an iso surface. False for
+    /// the empty interval `low > high`. True if one end is visible, or if a visible point lies above the lower end and
+    /// not above the upper one. Points decide here, not the rounded values of the segments between them.
     #[inline]
     #[must_use]
     pub fn is_visible(&self, low: f32, high: f32) -> bool {
@@ -140,13 +140,13 @@ impl RenderTransferFunction {
         self.classify(value)[3] > 0.0
     }
 
-    /// Number of points, among those with values not greater than `value`, whose alpha is positive.
+    /// Number of points with positive alpha among those with values not greater than `value`.
     pub(super) fn visible_points_up_to(&self, value: f32) -> u32 {
         let next = |i: usize| self.points.get(i + 1).map_or(self.visible_points, |p| p.visible_before);
         self.segment(value).map_or(0, next)
     }
 
-    /// Total variation of alpha, and of colour as far as it is visible, over the closed interval.
+    /// Total variation of alpha, and of colour weighted by its visibility, over the closed interval.
     #[inline]
     #[must_use]
     pub fn variation(&self, low: f32, high: f32) -> f32 {
@@ -184,7 +184,7 @@ impl RenderTransferFunction {
 #[must_use]
 pub fn absorbance(alpha: f32) -> f32 {
     if alpha < 0.0625 {
-        // Taylor's series; the first term left out is below 2^-24 of the sum.
+        // Taylor series; the first omitted term is below 2^-24 of the sum.
         let terms = 1.0 / 2.0 + alpha * (1.0 / 3.0 + alpha * (1.0 / 4.0 + alpha * (1.0 / 5.0 + alpha * (1.0 / 6.0))));
         alpha + alpha * alpha * terms
     } else {
@@ -192,7 +192,8 @@ pub fn absorbance(alpha: f32) -> f32 {
     }
 }
 
-/// The points, and one more wherever a segment passes [`ALPHA_LIMIT`], so that extinction bends only at points.
+/// The points, with an additional one wherever a segment passes [`ALPHA_LIMIT`], so that extinction bends only at
+/// points.
 ///
 /// # Panics
 /// If there are no points.
@@ -216,7 +217,7 @@ fn channels(point: &ControlPoint) -> [f64; 4] {
     [r, g, b, point.alpha]
 }
 
-/// Values of the points at which something changes: a step, or a slope by enough to matter over the shorter side.
+/// Values of the points with a step, or with a relevant change of slope relative to the shorter side.
 fn knot_values(points: &[ControlPoint], values: &[f32]) -> Vec<f32> {
     let mut knots = Vec::new();
     let mut first = 0;
@@ -235,10 +236,10 @@ fn knot_values(points: &[ControlPoint], values: &[f32]) -> Vec<f32> {
 
 type SegmentEnds<'a> = Option<(&'a ControlPoint, &'a ControlPoint)>;
 
-/// Greatest change of a channel that the change of slope makes over the narrower of the two segments.
+/// Greatest change of a channel that a change of slope causes over the narrower of two segments.
 fn slope_change(left: SegmentEnds<'_>, right: SegmentEnds<'_>) -> f64 {
     let width = |ends: SegmentEnds<'_>| ends.map_or(f64::INFINITY, |(a, b)| b.value - a.value);
-    // The fifth channel is the opacity that extinction sees: it stops rising at the limit.
+    // The fifth channel is the effective opacity, which stops rising at the limit.
     let channel = |p: &ControlPoint, c: usize| if c < 4 { channels(p)[c] } else { p.alpha.min(ALPHA_LIMIT) };
     let slope = |ends: SegmentEnds<'_>, c: usize| {
         ends.map_or(0.0, |(a, b)| (channel(b, c) - channel(a, c)) / (b.value - a.value).max(f64::MIN_POSITIVE))
@@ -292,7 +293,7 @@ mod tests {
     fn knots_are_where_something_changes() {
         let tf = function(&[(0.0, 0.0), (1.0, 0.1), (2.0, 0.2), (3.0, 0.2), (3.0, 0.6), (4.0, 0.6), (5.0, 1.0)]);
         let render = RenderTransferFunction::new(&tf, 0.0);
-        // (1, 0.1) lies on a straight line; one knot is the extinction's bend at the alpha limit.
+        // (1, 0.1) lies on a straight line. One knot is the bend of extinction at the alpha limit.
         assert_eq!(render.knots.len(), 6);
         assert_eq!(render.knots_in(0.0, 3.5), &[2.0, 3.0]);
         assert_eq!(render.knots_in(-1.0, 0.5), &[0.0]);

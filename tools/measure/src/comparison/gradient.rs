@@ -2,12 +2,12 @@
 
 use super::GradientOperator;
 
-/// Smoothing across the direction of the difference in Sobel's operator, as a share of its sum.
+/// Weights of Sobel's smoothing across the direction of the difference; their sum is 1.
 const SOBEL: [f64; 3] = [0.25, 0.5, 0.25];
 
-/// The gradient at a voxel from its neighbours `value([dx, dy, dz])`, offsets -1 to 1; NaN where a tap is.
+/// Gradient at a voxel from its neighbours `value([dx, dy, dz])`, offsets -1 to 1. NaN if a needed neighbour is NaN.
 ///
-/// `Intermediate` has no gradient of its own at voxels: there its two half-voxel taps average to the central difference.
+/// `Intermediate` has no own gradient at voxels: its two half-voxel differences average to the central difference.
 #[must_use]
 pub fn gradient_at_voxel(operator: GradientOperator, value: impl Fn([i32; 3]) -> f64) -> [f64; 3] {
     std::array::from_fn(|axis| match operator {

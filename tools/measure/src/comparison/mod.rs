@@ -1,12 +1,13 @@
-//! Methods of comparison: what most ray casters do instead, never what users get.
+//! Methods of comparison: integration methods of other ray casters, never used by default.
 //!
-//! They plug into the renderer's scalar caster (`supervol_runtime::engines::cells`), by [`Sampling::caster`].
+//! They plug into the renderer's scalar caster (`supervol_runtime::engines::cells`) by [`Sampling::caster`].
 //!
-//! A [`Sampling`] cuts each ray at equal distances and treats every interval by one rule. Everything around it (bricks,
-//! streaming, skipping, camera, clipping, scene) is the pipeline that users get, so that a difference in the picture or in
-//! the time is the method's own. Interval j of a ray covers `[(j - 1 + offset) h, (j + offset) h]` from the ray's entry into
-//! the clipped volume, cut to the ray's segment; h is the step. Jittered rays begin with a whole interval, and each of their
-//! intervals is sampled at a place that is random: so every place is sampled with the weight that it has.
+//! A [`Sampling`] cuts each ray at equal distances and integrates each interval by one rule. All other parts (bricks,
+//! streaming, skipping, camera, clipping, scene) are those of the default. Only the method changes picture or time.
+//!
+//! Interval j of a ray covers `[(j - 1 + offset) h, (j + offset) h]` from the ray's entry into the clipped volume; h is
+//! the step. It is cut to the ray's segment. Jittered rays begin with a whole interval and sample each interval at a
+//! random position. Every position then has its right weight.
 
 pub mod gradient;
 pub mod preintegration;
@@ -16,31 +17,32 @@ mod sampled;
 
 use std::sync::Arc;
 
-use supervol_runtime::engines::packets::{Caster, TERMINATION_OPACITY};
+use supervol_runtime::engines::cpu::Caster;
+use supervol_runtime::engines::rules::TERMINATION_OPACITY;
 
 /// Sampling at equal distances.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sampling {
-    /// Length of an interval, in smallest spacings of level 0.
+    /// Length of an interval, in smallest voxel spacings of level 0.
     pub step_voxels: f64,
-    /// Where intervals begin.
+    /// Offset of the first interval, or jitter.
     pub offset: Offset,
-    /// What an interval contributes.
+    /// Rule of integration of an interval.
     pub rule: Rule,
-    /// When values become colours.
+    /// Order of classification and interpolation.
     pub classification: Classification,
-    /// How values between voxels are made.
+    /// Reconstruction of values between voxels.
     pub reconstruction: Reconstruction,
-    /// How gradients are made, for shading.
+    /// Gradient operator for shading.
     pub gradient: GradientOperator,
-    /// The numbers that a ray gathers in.
+    /// Number format of the sums along a ray.
     pub accumulation: Accumulation,
-    /// A ray ends when its opacity reaches this; above 1, never.
+    /// Opacity at which a ray ends; above 1: never.
     pub termination_opacity: f64,
 }
 
 impl Default for Sampling {
-    /// One midpoint sample per voxel of the trilinear field, gathered in doubles: the textbook's ray caster.
+    /// Classic ray caster: one midpoint sample per voxel of the trilinear field, sums in `f64`.
     fn default() -> Self {
         Self {
             step_voxels: 1.0,
@@ -56,84 +58,84 @@ impl Default for Sampling {
 }
 
 impl Sampling {
-    /// The caster of a frame that is sampled this way.
+    /// A caster that samples in this way.
     #[must_use]
     pub fn caster(self) -> Caster {
         Caster::Custom(Arc::new(self))
     }
 }
 
-/// Where intervals begin, or where in them samples lie.
+/// Offset of the first interval, or jitter inside the intervals.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Offset {
-    /// Length of every ray's first interval, as a share of the step, in (0, 1].
+    /// Length of the first interval of every ray, as a fraction of the step, in (0, 1].
     Fixed(f64),
-    /// Whole intervals, each sampled at the same share of its length, whatever the rule. The share differs from pixel to
-    /// pixel (interleaved gradient noise, Jimenez 2014) and from frame to frame (multiples of the golden ratio): the error
-    /// becomes noise without a pattern, and its mean over frames goes to zero.
+    /// Whole intervals, each sampled at the same fraction of its length, for every rule. The fraction differs from
+    /// pixel to pixel (interleaved gradient noise, Jimenez 2014) and from frame to frame (multiples of the golden
+    /// ratio). The error becomes noise without a pattern; its mean over frames goes to zero.
     Jittered {
         /// Number of the frame.
         frame: u32,
     },
 }
 
-/// What an interval of length h contributes.
+/// Contribution of an interval of length h.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Rule {
-    /// Colour and extinction at the interval's beginning hold all along it: first order.
+    /// Colour and extinction at the start of the interval are used for all of it: first order.
     LeftRiemann,
-    /// Those of its middle do: second order where everything is smooth.
+    /// Colour and extinction at the midpoint are used: second order for smooth fields.
     Midpoint,
-    /// As midpoint, but opacity is `alpha * h / unit_distance` (Levoy 1988) instead of `1 - (1 - alpha)^(h / unit_distance)`:
-    /// wrong for any h but the unit distance.
+    /// Like midpoint, but with opacity `alpha * h / unit_distance` (Levoy 1988) instead of
+    /// `1 - (1 - alpha)^(h / unit_distance)`. Wrong for any h except the unit distance.
     LinearOpacity,
-    /// The value is linear between the interval's ends, and the transfer function is integrated exactly in between
-    /// (Engel, Kraus, Ertl 2001), by prefix sums (average colour times `1 - exp(-tau)`).
+    /// The value is linear between the interval's ends. The transfer function is integrated exactly over it (Engel,
+    /// Kraus, Ertl 2001), by prefix sums: average colour times `1 - exp(-tau)`.
     PreIntegrated,
-    /// The same without attenuation inside the interval: colour `int c kappa` instead of its attenuated share.
+    /// Like `PreIntegrated`, but without attenuation inside the interval: the colour is `int c kappa`.
     PreIntegratedNeglecting,
 }
 
-/// When values become colours.
+/// Order of classification and interpolation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Classification {
-    /// After interpolation: what the model says.
+    /// After interpolation, as the rendering model requires.
     Post,
-    /// Before it: premultiplied colours and opacities of the voxels are interpolated (only with trilinear reconstruction).
+    /// Before interpolation: premultiplied colours and opacities of voxels are interpolated. Only trilinear.
     Pre,
 }
 
-/// How values between voxels are made.
+/// Reconstruction of values between voxels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reconstruction {
     /// The nearest voxel.
     Nearest,
-    /// Trilinear: what the model says.
+    /// Trilinear, as the rendering model requires.
     Trilinear,
-    /// Trilinear with the fractions rounded to 1/256, as texture units do.
+    /// Trilinear with fractions rounded to 1/256, as in texture units.
     TrilinearByteFractions,
-    /// Catmull-Rom spline over 4^3 voxels; may overshoot, so that skipping must be off.
+    /// Catmull-Rom spline over 4^3 voxels. It may overshoot, so skipping must be off.
     CatmullRom,
-    /// Cubic B-spline over 4^3 voxels, which must be B-spline coefficients ([`reconstruction::bspline_coefficients`]),
-    /// or it blurs; skipping must be off.
+    /// Cubic B-spline over 4^3 voxels. Skipping must be off. Without B-spline coefficients as voxels
+    /// ([`reconstruction::bspline_coefficients`]) it blurs.
     CubicBSpline,
 }
 
-/// How gradients are made.
+/// Gradient operator.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum GradientOperator {
-    /// Central differences at the voxels, interpolated: what the model says.
+    /// Central differences at the voxels, interpolated, as the rendering model requires.
     Central,
-    /// Differences of the interpolated field half a voxel to both sides.
+    /// Differences of the interpolated field, half a voxel to either side.
     Intermediate,
     /// Sobel's operator at the voxels (differences smoothed across by 1 2 1), interpolated.
     Sobel,
 }
 
-/// The numbers that a ray gathers colour and opacity in; rounded after every interval.
+/// Number format of a ray's colour and opacity sums, rounded after each interval.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Accumulation {
-    /// 64-bit floating point: what users get.
+    /// 64-bit floating point: the default.
     Double,
     /// 32-bit floating point.
     Single,

@@ -1,40 +1,41 @@
 //! Pre-integration: the exact integral of the transfer function over an interval in which the value is linear.
 //!
-//! With s linear from s_f to s_b over the length h, the optical depth is `tau = h (K(s_b) - K(s_f)) / (s_b - s_f)`,
-//! K the integral of kappa (Engel, Kraus, Ertl 2001, "High-Quality Pre-Integrated Volume Rendering", eq. 7). The colour
-//! `C = (int c kappa ds / int kappa ds) (1 - exp(-tau))` is the average colour, attenuated as if it were spread evenly:
-//! two one-dimensional prefix sums stand for the two-dimensional table, so that their cost does not grow with the bit
-//! depth of the values. It wins where the value is linear inside an interval, however steep the transfer function; it
-//! loses where it bends there.
-//! Values are data values, `f64`. Within one bin of the sums K is Hermite's cubic through the exact ends and slopes.
+//! The value s is linear from s_f to s_b over the length h. The optical depth is
+//! `tau = h (K(s_b) - K(s_f)) / (s_b - s_f)`, K the integral of kappa (Engel, Kraus, Ertl 2001, "High-Quality
+//! Pre-Integrated Volume Rendering", eq. 7). The colour `C = (int c kappa ds / int kappa ds) (1 - exp(-tau))` is the
+//! average colour, attenuated as if it were spread evenly. Two one-dimensional prefix sums replace the two-dimensional
+//! table, so the cost does not grow with the bit depth of the values. The method wins where the value is linear inside
+//! an interval, however steep the transfer function is. It loses where the value bends.
+//!
+//! Data values are `f64`. Within one bin of the sums, K is a cubic Hermite polynomial with exact ends and slopes.
 
 use supervol_scene::transfer_function::TransferFunction;
 use supervol_scene::transfer_function::render::with_limit_points;
 
-/// Bins of one straight piece of the transfer function, unless there are many pieces.
+/// Bins of one linear piece of the transfer function; fewer if there are many pieces.
 const PIECE_BINS: usize = 256;
-/// Most bins in all.
+/// Largest total number of bins.
 const BIN_LIMIT: usize = 1 << 17;
-/// Ends of an interval closer together than this share of the transfer function's width have one value: the difference
-/// of the sums would hold rounding only.
+/// Smallest difference of end values, as a fraction of the transfer function's width. Closer values count as equal,
+/// because the difference of the sums would be mostly rounding.
 const POINT_WIDTH: f64 = 1e-7;
 /// Gauss-Legendre points and weights on [0, 1].
 const GAUSS: [(f64, f64); 3] =
     [(0.112_701_665_379_258_3, 5.0 / 18.0), (0.5, 8.0 / 18.0), (0.887_298_334_620_741_7, 5.0 / 18.0)];
 
-/// Whether light emitted inside an interval is attenuated inside it.
+/// Attenuation inside an interval of the light emitted in it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Attenuation {
-    /// It is.
+    /// With attenuation.
     Included,
-    /// It is not (Engel et al. 2001, eq. 9): colours come out too bright where tau is large.
+    /// Without attenuation (Engel et al. 2001, eq. 9): colours are too bright where tau is large.
     Neglected,
 }
 
-/// Red, green, blue times kappa, and kappa.
+/// Red, green and blue times kappa, and kappa.
 type Emission = [f64; 4];
 
-/// One straight piece of the transfer function.
+/// One linear piece of the transfer function.
 #[derive(Debug, Clone)]
 struct Piece {
     low: f64,
@@ -43,7 +44,7 @@ struct Piece {
     bins: usize,
 }
 
-/// Ends of one bin: the integral up to it and the integrand there.
+/// Edge of a bin: integral up to this value, and integrand at it.
 #[derive(Debug, Clone, Copy)]
 struct BinEdge {
     integral: Emission,
@@ -62,7 +63,7 @@ pub struct PreIntegration {
 }
 
 impl PreIntegration {
-    /// The sums of a transfer function.
+    /// Prefix sums of a transfer function.
     #[must_use]
     pub fn new(source: &TransferFunction) -> Self {
         let points = with_limit_points(source.points());
@@ -93,7 +94,7 @@ impl PreIntegration {
         table
     }
 
-    /// Integral of kappa times colour, and of kappa, from the first control point to `value`; negative before it.
+    /// Integral of kappa times colour, and of kappa, from the first control point to `value`; negative below it.
     fn integral(&self, value: f64) -> Emission {
         let inside = value.clamp(self.low, self.high);
         let mut sum = self.integral_inside(inside);
@@ -123,7 +124,7 @@ impl PreIntegration {
         })
     }
 
-    /// Premultiplied colour and opacity of an interval of world length `h` with these values at its ends.
+    /// Premultiplied colour and opacity of an interval of world length `h` with end values `front` and `back`.
     #[must_use]
     pub fn interval(&self, front: f64, back: f64, h: f64, attenuation: Attenuation) -> ([f64; 3], f64) {
         let width = back - front;
@@ -158,7 +159,7 @@ mod tests {
         TransferFunction::new(points.collect(), 1.5).unwrap()
     }
 
-    /// Midpoints, many of them.
+    /// Integral by many midpoint samples.
     fn brute_force(tf: &TransferFunction, front: f64, back: f64, h: f64) -> (f64, f64) {
         let n = 200_000;
         let (mut red, mut tau) = (0.0, 0.0);
@@ -187,7 +188,7 @@ mod tests {
         }
     }
 
-    /// S02: tau over `1 - exp(-tau)`.
+    /// S02: the brightness factor is tau over `1 - exp(-tau)`.
     #[test]
     fn neglecting_attenuation_is_too_bright_by_the_known_factor() {
         for (tau, factor) in [(0.05, 1.025), (0.5, 1.271), (2.0, 2.313)] {

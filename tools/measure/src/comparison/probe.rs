@@ -1,4 +1,4 @@
-//! One sample of the field, at any t of a macro cell.
+//! One sample of the field, at any ray parameter t inside a macro cell.
 
 use glam::Vec3;
 use supervol_runtime::engines::cells::cell::{Cell, trilinear};
@@ -9,22 +9,22 @@ use super::gradient::gradient_at_voxel;
 use super::reconstruction::{bspline_weights, catmull_rom_weights, tricubic};
 use super::{GradientOperator, Reconstruction, Sampling};
 
-/// Fractions that a texture unit tells apart along each axis.
+/// Number of fractions per axis that a texture unit distinguishes.
 const TEXTURE_FRACTIONS: f64 = 256.0;
 
-/// What can be asked of the field along a ray.
+/// Sample queries along a ray.
 pub(crate) trait Probe {
-    /// Render value at t; `None` where it is absent.
+    /// Render value at t; `None` if the value is absent.
     fn value(&self, t: f64) -> Option<f32>;
 
-    /// Colour and opacity at t, classified before interpolation; `None` where it is absent.
+    /// Colour and opacity at t, classified before interpolation; `None` if the value is absent.
     fn classified(&self, t: f64) -> Option<[f32; 4]>;
 
-    /// Gradient at t, index space of the level; `None` where it is unknown.
+    /// Gradient at t, index space of the level; `None` if it is unknown.
     fn gradient(&self, t: f64) -> Option<Vec3>;
 }
 
-/// A brick of which every voxel has one value.
+/// A uniform brick: all voxels have one value.
 pub(crate) struct UniformProbe {
     pub(crate) value: f32,
     pub(crate) rgba: [f32; 4],
@@ -62,7 +62,7 @@ impl<'a, T: StoredVoxel> BrickProbe<'a, T> {
         Self { visit, voxels, cells: cells_of_macro_cell(macro_cell), sampling }
     }
 
-    /// The trilinear cell at t, and the fractions in it.
+    /// Index of the trilinear cell at t, and the fractions inside it.
     fn place(&self, t: f64) -> ([i64; 3], [f64; 3]) {
         self.visit.cell_at(&self.cells, t)
     }
@@ -88,7 +88,7 @@ impl<'a, T: StoredVoxel> BrickProbe<'a, T> {
         (!value.is_nan()).then_some(f64::from(value))
     }
 
-    /// Difference of the interpolated field half a voxel to both sides.
+    /// Differences of the interpolated field, half a voxel to either side.
     fn intermediate(&self, cell: [i64; 3], p: [f64; 3]) -> Option<Vec3> {
         let mut gradient = Vec3::ZERO;
         for axis in 0..3 {
@@ -105,7 +105,7 @@ impl<'a, T: StoredVoxel> BrickProbe<'a, T> {
         Some(gradient)
     }
 
-    /// Operators at the voxels, interpolated.
+    /// Gradients at the voxels, interpolated.
     fn interpolated_gradient(&self, cell: [i64; 3], p: [f64; 3]) -> Option<Vec3> {
         let base = self.visit.base(cell);
         let components = match self.sampling.gradient {
@@ -131,7 +131,7 @@ impl<'a, T: StoredVoxel> BrickProbe<'a, T> {
     }
 }
 
-/// Trilinear interpolation; `None` where an absent corner has weight.
+/// Trilinear interpolation; `None` if an absent corner has weight.
 fn interpolate(corners: [f32; 8], p: [f64; 3]) -> Option<f64> {
     if corners.iter().any(|c| c.is_nan()) {
         return Cell::new(corners, p, p).map(|cell| trilinear(&cell.corners, p));
@@ -159,7 +159,7 @@ impl<T: StoredVoxel> Probe for BrickProbe<'_, T> {
         let corners = self.visit.corners(self.voxels, self.visit.base(cell));
         let colors = corners.map(|value| {
             let [r, g, b, alpha] = self.visit.level().transfer_function().classify(value);
-            // Colours are weighted by their opacity: what is transparent has none to give.
+            // Colours are weighted by their opacity: a transparent voxel contributes no colour.
             if value.is_nan() { [f32::NAN; 4] } else { [r * alpha, g * alpha, b * alpha, alpha] }
         });
         let mut sum = [0.0; 4];

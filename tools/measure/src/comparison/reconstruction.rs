@@ -1,15 +1,15 @@
-//! Cubic reconstruction: weights of four neighbours, and the prefilter that makes a B-spline interpolate.
+//! Cubic reconstruction: weights of four neighbours, and the prefilter of interpolating B-splines.
 //!
-//! `u` in [0, 1] is the position between the second and the third of four neighbours.
+//! `u` in [0, 1] is the position between the second and third of four neighbours.
 
-/// Weights of the Catmull-Rom spline (Catmull and Rom 1974): interpolates, may overshoot.
+/// Weights of the Catmull-Rom spline (Catmull and Rom 1974). It interpolates and may overshoot.
 #[must_use]
 pub fn catmull_rom_weights(u: f64) -> [f64; 4] {
     let (u2, u3) = (u * u, u * u * u);
     [-0.5 * u3 + u2 - 0.5 * u, 1.5 * u3 - 2.5 * u2 + 1.0, -1.5 * u3 + 2.0 * u2 + 0.5 * u, 0.5 * u3 - 0.5 * u2]
 }
 
-/// Weights of the cubic B-spline: never leaves the range of the coefficients, interpolates only prefiltered ones.
+/// Weights of the cubic B-spline. It stays in the range of the coefficients and interpolates only after prefiltering.
 #[must_use]
 pub fn bspline_weights(u: f64) -> [f64; 4] {
     let v = 1.0 - u;
@@ -19,17 +19,17 @@ pub fn bspline_weights(u: f64) -> [f64; 4] {
 
 /// Pole of the cubic B-spline's inverse filter: `sqrt(3) - 2`.
 const POLE: f64 = -0.267_949_192_431_122_7;
-/// Samples after which the pole's powers are below rounding.
+/// Number of samples after which powers of the pole are below rounding.
 const HORIZON: usize = 30;
 
-/// Turns voxels (x fastest) into the coefficients whose B-spline passes through them, in place.
+/// Converts voxels (x fastest) into coefficients whose B-spline passes through the voxels, in place.
 ///
-/// Unser, Aldroubi, Eden (1991): along each axis one causal and one anticausal recursive filter. Beyond its ends a line is
-/// mirrored about its first and last voxel, while the model holds the outermost value: the two differ within a few voxels
-/// of the border.
+/// Unser, Aldroubi, Eden (1991): one causal and one anticausal recursive filter along each axis. The filter mirrors
+/// each line about its first and last voxel, but the rendering model repeats the outermost value. The two differ within
+/// a few voxels of the border.
 ///
 /// # Panics
-/// If `voxels` is not as long as `dims` says.
+/// If the length of `voxels` does not match `dims`.
 pub fn bspline_coefficients(dims: [usize; 3], voxels: &mut [f64]) {
     assert_eq!(voxels.len(), dims.iter().product::<usize>(), "voxels of a grid of {dims:?}");
     let strides = [1, dims[0], dims[0] * dims[1]];
@@ -50,7 +50,7 @@ pub fn bspline_coefficients(dims: [usize; 3], voxels: &mut [f64]) {
 
 fn filter_line(line: &mut [f64]) {
     let n = line.len();
-    // The sum over the mirrored signal before the line, as far as it matters.
+    // Sum over the mirrored signal before the line, up to rounding.
     let mirrored = |i: usize| {
         let period = 2 * (n - 1);
         let i = i % period;
@@ -68,7 +68,7 @@ fn filter_line(line: &mut [f64]) {
     line.iter_mut().for_each(|v| *v *= 6.0);
 }
 
-/// Tensor product of weights over 4^3 values, x fastest.
+/// Weighted sum over 4^3 values (x fastest) with the tensor product of the weights.
 #[must_use]
 pub fn tricubic(values: &[f64; 64], weights: [[f64; 4]; 3]) -> f64 {
     let [wx, wy, wz] = weights;
@@ -110,7 +110,7 @@ mod tests {
         for (z, y, x) in [(1, 1, 1), (2, 3, 4), (3, 4, 6), (4, 5, 7)] {
             let values = std::array::from_fn(|i| {
                 let at = [x + i % 4 - 1, y + i / 4 % 4 - 1, z + i / 16 - 1];
-                // The weight of the fourth neighbour is 0 here: any voxel will do.
+                // The weight of the fourth neighbour is 0 here, so any voxel is right.
                 let at: [usize; 3] = std::array::from_fn(|a| at[a].min(dims[a] - 1));
                 coefficients[at[0] + dims[0] * (at[1] + dims[1] * at[2])]
             });

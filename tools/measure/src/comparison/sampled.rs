@@ -1,8 +1,8 @@
-//! A ray that is sampled at equal distances: what a [`Sampling`] does inside the macro cells that are not skipped.
+//! Sampling of a ray at equal distances: a [`Sampling`] inside the macro cells that are not skipped.
 //!
-//! Rules that look at one point of an interval belong to the macro cell that the point lies in, with the whole interval's
-//! length. Pre-integration needs the values at both ends: there intervals are cut at the faces of macro cells as well, so
-//! that what is skipped, and how a volume is bricked, changes nothing.
+//! For one-point rules, an interval belongs to the macro cell of its sample point, with its whole length.
+//! Pre-integration needs the values at both ends, so its intervals are also cut at the faces of macro cells. Skipping
+//! and brick size then change nothing.
 
 use std::sync::Arc;
 
@@ -10,7 +10,8 @@ use supervol_format::Geometry;
 use supervol_runtime::engines::cells::modes::ShadeSetup;
 use supervol_runtime::engines::cells::shade::shade;
 use supervol_runtime::engines::cells::{BrickVisit, Integration, Integrator, LevelVisit, StoredVoxel};
-use supervol_runtime::engines::packets::{RayCounters, RayState};
+use supervol_runtime::engines::ray::RayState;
+use supervol_runtime::stream::counters::RayCounters;
 use supervol_runtime::stream::residency::Voxels;
 use supervol_scene::clip::Segment;
 use supervol_scene::scene::ResolvedScene;
@@ -19,22 +20,22 @@ use super::preintegration::{Attenuation, PreIntegration};
 use super::probe::{BrickProbe, Probe, UniformProbe};
 use super::{Accumulation, Classification, Offset, Rule, Sampling};
 
-/// Least step, in smallest spacings: bounds the samples of a ray.
+/// Least step, in smallest voxel spacings: limits the number of samples of a ray.
 pub const STEP_LIMIT_VOXELS: f64 = 1e-4;
 
-/// What all rays of a frame share.
+/// Data shared by all rays of a frame.
 #[derive(Debug)]
 struct Tables {
     sampling: Sampling,
     /// World length of an interval.
     step: f64,
     unit_distance: f64,
-    /// For the rules that look at both ends of an interval.
+    /// Tables for rules with two-ended intervals.
     preintegration: Option<(PreIntegration, Attenuation)>,
 }
 
 impl Tables {
-    /// The tables of a scene over a volume.
+    /// Tables of a scene over a volume.
     fn new(sampling: Sampling, scene: &ResolvedScene, geometry: &Geometry) -> Self {
         let attenuation = match sampling.rule {
             Rule::PreIntegrated => Some(Attenuation::Included),
@@ -50,22 +51,22 @@ impl Tables {
     }
 }
 
-/// One ray.
+/// State of one ray.
 struct SampledRay<'a> {
     tables: &'a Tables,
     segment: Segment,
-    /// Length of the first interval, as a share of the step; in (0, 1].
+    /// Length of the first interval, as a fraction of the step, in (0, 1].
     offset: f64,
-    /// Where in an interval its sample lies, from 0 to 1.
+    /// Position of the sample in its interval, from 0 to 1.
     place: f64,
 }
 
-/// Interleaved gradient noise (Jimenez 2014), in [0, 1): neighbouring pixels differ much, as in blue noise.
+/// Interleaved gradient noise (Jimenez 2014), in [0, 1). Neighbouring pixels differ strongly, as in blue noise.
 fn gradient_noise([x, y]: [u32; 2]) -> f64 {
     (52.982_918_9 * (0.067_110_56 * f64::from(x) + 0.005_837_15 * f64::from(y)).fract()).fract()
 }
 
-/// `(sqrt(5) - 1) / 2`: multiples of it fill the unit interval evenly.
+/// `(sqrt(5) - 1) / 2`: its multiples fill the unit interval evenly.
 const GOLDEN_RATIO: f64 = 0.618_033_988_749_894_9;
 
 impl<'a> SampledRay<'a> {
@@ -83,26 +84,26 @@ impl<'a> SampledRay<'a> {
         Self { tables, segment: visit.segment(), offset, place }
     }
 
-    /// t at which interval j ends, not cut to the segment.
+    /// Ray parameter t at the end of interval j, not cut to the segment.
     fn end(&self, j: u64) -> f64 {
         self.segment.t0 + (j as f64 + self.offset) * self.tables.step
     }
 
-    /// Ends of interval j.
+    /// Start and end of interval j.
     fn interval(&self, j: u64) -> [f64; 2] {
         let begin = if j == 0 { self.segment.t0 } else { self.end(j - 1) };
         [begin.min(self.segment.t1), self.end(j).min(self.segment.t1)]
     }
 
-    /// Where an interval is sampled.
+    /// Sample position t of an interval.
     fn sample_at(&self, [a, b]: [f64; 2]) -> f64 {
         a + self.place * (b - a)
     }
 
-    /// The first interval whose `place` is not before t; `place` grows from interval to interval.
+    /// The first interval with `place` at or after t. `place` must increase with the interval.
     fn first(&self, t: f64, place: impl Fn(u64) -> f64) -> u64 {
         let intervals = ((t - self.segment.t0) / self.tables.step - self.offset).floor();
-        // `as` saturates: what lies before the segment is interval 0.
+        // `as` saturates: positions before the segment give interval 0.
         let mut j = (intervals as u64).saturating_sub(1);
         while place(j) < t {
             j += 1;
@@ -110,7 +111,7 @@ impl<'a> SampledRay<'a> {
         j
     }
 
-    /// Rules that look at one point of each interval.
+    /// Gathers by a rule with one sample point per interval.
     fn gather_points<P: Probe>(
         &self,
         probe: &P,
@@ -151,7 +152,7 @@ impl<'a> SampledRay<'a> {
         }
     }
 
-    /// Rules that look at both ends of each interval.
+    /// Gathers by a rule that uses both ends of each interval.
     fn gather_intervals<P: Probe>(
         &self,
         probe: &P,
@@ -175,7 +176,7 @@ impl<'a> SampledRay<'a> {
                 if opacity > 0.0 {
                     let plain = color.map(|c| (c / opacity) as f32);
                     let lit = shaded(visit.shade_setup(), plain, || probe.gradient(0.5 * (front_t + back_t)));
-                    // Without lighting the colour passes through in f64.
+                    // Without lighting, the colour stays in `f64`.
                     let color = if lit == plain { color } else { lit.map(|c| f64::from(c) * opacity) };
                     self.accumulate(state, color, opacity);
                 }
@@ -203,7 +204,7 @@ impl<'a> SampledRay<'a> {
         }
     }
 
-    /// Adds an interval's premultiplied colour and opacity behind what the ray has gathered, and rounds the sums.
+    /// Composites an interval's premultiplied colour and opacity behind the ray's sums, then rounds the sums.
     fn accumulate(&self, state: &mut RayState, color: [f64; 3], opacity: f64) {
         let round = rounding(self.tables.sampling.accumulation);
         for (gathered, c) in state.color.iter_mut().zip(color) {
@@ -217,7 +218,7 @@ impl<'a> SampledRay<'a> {
     }
 }
 
-/// To the nearest number that can be stored.
+/// Rounding to the nearest number of a format.
 fn rounding(accumulation: Accumulation) -> fn(f64) -> f64 {
     match accumulation {
         Accumulation::Double => |v| v,
@@ -227,7 +228,7 @@ fn rounding(accumulation: Accumulation) -> fn(f64) -> f64 {
     }
 }
 
-/// The colour after shading, where the frame is shaded and the gradient is known.
+/// The shaded colour; unchanged if shading is off or the gradient is unknown.
 fn shaded(setup: &ShadeSetup<'_>, color: [f32; 3], gradient: impl FnOnce() -> Option<glam::Vec3>) -> [f32; 3] {
     let Some(lighting) = setup.lighting else { return color };
     match gradient() {

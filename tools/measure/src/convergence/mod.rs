@@ -1,16 +1,17 @@
-//! Orders of convergence: how fast each rule comes to the exact integral along a ray as its samples become more.
+//! Orders of convergence: how fast the error of each integration rule falls with the number of samples.
 //!
-//! Per field, transfer function and rule one [`OrderRow`]: error over samples per voxel, and the fitted order (the
-//! slope on logarithmic axes). Two measurements:
-//! - `rays`: the rules of other ray casters, in `f64`, on single rays through Marschner-Lobb's signal;
-//! - `pictures`: the default path, in pictures of the same signal against the reference integrator.
+//! Each field, transfer function and rule gives one [`OrderRow`]: error over samples per voxel, and the fitted order
+//! (the slope on logarithmic axes). Two measurements:
+//! - `rays`: the rules of other ray casters, in `f64`, on single rays through the Marschner-Lobb signal;
+//! - `pictures`: the default integration, in pictures of the same signal, against the reference integrator.
 //!
-//! The table of known orders was computed independently on 24 random rays; which ones, under which transfer functions
-//! and by which norm was not recorded. Here: the worst channel of the worst of 24 rays, the norm that gives back the
-//! known numbers of samples best, at 2.75, 5.5, ... 88 samples per voxel. The order of one set of 24 rays depends on
-//! the set, most of all where a rule jumps over a step of the transfer function; so several sets are drawn, and a row
-//! has their mean order and its standard deviation from set to set. Known orders that are still not met are in
-//! [`OTHER_ORDERS`].
+//! The table of known orders was computed independently on 24 random rays. Its rays, transfer functions and norm were
+//! not recorded. Here the error is that of the worst channel of the worst of 24 rays, at 2.75, 5.5, ... 88 samples per
+//! voxel: this norm reproduces the known numbers of samples best.
+//!
+//! The order depends on the set of 24 rays, most strongly where a rule jumps over a step of the transfer function. So
+//! several sets are drawn; a row holds their mean order and its standard deviation. Known orders that are not
+//! reproduced are in [`OTHER_ORDERS`].
 
 mod pictures;
 mod rays;
@@ -21,7 +22,7 @@ use supervol_scene::transfer_function::{ControlPoint, TransferFunction, Transfer
 use crate::context::{ChartError, Context};
 use crate::measure::{INVISIBLE, order_of};
 
-/// By how much a measured order may miss the known one.
+/// Largest allowed difference between a measured order and the known one.
 pub const ORDER_TOLERANCE: f64 = 0.15;
 
 /// One curve of error over samples.
@@ -31,19 +32,19 @@ pub struct OrderRow {
     pub field: &'static str,
     /// `smooth`, `hat of width 0.1` or `step`.
     pub transfer_function: &'static str,
-    /// How an interval is integrated.
+    /// Integration rule of an interval.
     pub rule: &'static str,
-    /// Observed order: minus the slope of the curve on logarithmic axes.
+    /// Observed order: the negative slope of the curve on logarithmic axes.
     pub order: f64,
-    /// Standard deviation of the order from one set of 24 rays to the next; 0 where there is one set of rays only.
+    /// Standard deviation of the order between sets of 24 rays; 0 if there is only one set.
     pub order_spread: f64,
-    /// The order known from an independent computation; null where there is none.
+    /// Order known from an independent computation; null if there is none.
     pub expected_order: Option<f64>,
-    /// Samples per voxel from which on the error stays below half a grey level; null: more than were tried.
+    /// Samples per voxel from which on the error stays below half a grey level; null if more than tried.
     pub samples_per_voxel_needed: Option<f64>,
-    /// The same, known; null where it is more than 88, or not known.
+    /// Known value of `samples_per_voxel_needed`; null if it is above 88 or unknown.
     pub expected_samples: Option<f64>,
-    /// Samples per voxel and error, share of full scale.
+    /// Samples per voxel, and error as a fraction of full scale.
     pub curve: Vec<(f64, f64)>,
 }
 
@@ -73,7 +74,7 @@ impl OrderRow {
     }
 }
 
-/// Every row, those of single rays first.
+/// All rows, single rays first.
 ///
 /// # Errors
 /// If a picture cannot be made.
@@ -88,7 +89,7 @@ pub(crate) const FUNCTIONS: [&str; 3] = ["smooth", "hat of width 0.1", "step"];
 
 /// A transfer function of [`FUNCTIONS`]; its unit distance is a world length.
 ///
-/// The smooth one is one straight piece from end to end: nothing bends inside the signal's range.
+/// The smooth function is one linear piece, without a bend inside the signal's range.
 fn function(name: &str, unit_distance: f64) -> Result<TransferFunction, TransferFunctionError> {
     let points: &[(f64, f64)] = match name {
         "smooth" => &[(0.0, 0.0), (1.0, 0.3)],
@@ -99,7 +100,7 @@ fn function(name: &str, unit_distance: f64) -> Result<TransferFunction, Transfer
     TransferFunction::new(points.iter().map(point).collect(), unit_distance)
 }
 
-/// A known order, and samples per voxel needed where they are known.
+/// A known order, and the needed samples per voxel if known.
 type Known = (f64, Option<f64>);
 
 /// Known orders and samples per voxel needed (`None`: more than 88), by field, transfer function, and rule: left
@@ -117,9 +118,9 @@ const KNOWN: [[[Known; 4]; 3]; 2] = [
     ],
 ];
 
-/// Known orders that this measurement does not give back within [`ORDER_TOLERANCE`]: field, transfer function, rule.
+/// Known orders that this measurement does not reproduce within [`ORDER_TOLERANCE`]: field, transfer function, rule.
 ///
-/// Found, with the spread of sets, and known:
+/// Measured orders with their spread between sets, and known orders:
 ///
 /// | field | transfer function | rule | found | known |
 /// |---|---|---|---|---|
@@ -132,9 +133,8 @@ const KNOWN: [[[Known; 4]; 3]; 2] = [
 /// | trilinear | step | midpoint | 1.03 +- 0.24 | 0.81 |
 /// | trilinear | step | pre-integration | 1.94 +- 0.49 | 2.20 |
 ///
-/// The known orders are those of a single set of rays. All but the hat's midpoint rule lie within about twice the
-/// spread, so that another set explains them; theory has 1 for the left rule, 1 for midpoints over a step, 2 for the
-/// others.
+/// The known orders come from one set of rays. All but the hat's midpoint rule lie within about twice the spread, so
+/// another set explains them. The theoretical order is 1 for the left rule and for midpoints over a step, otherwise 2.
 pub const OTHER_ORDERS: &[[&str; 3]] = &[
     ["analytic", "hat of width 0.1", "left Riemann"],
     ["analytic", "step", "left Riemann"],

@@ -1,5 +1,5 @@
-//! The default path in pictures of ML 40^3: cells, split at the transfer function's control points, with 1, 2, 4
-//! Gauss pairs between two splits. What users get takes as many pairs as each part needs; here their number is fixed.
+//! Convergence of the default integration in pictures of ML 40^3. Cells are split at the transfer function's control
+//! points, with 1, 2 or 4 Gauss pairs per part. The default adapts the number of pairs to each part; here it is fixed.
 
 use supervol_runtime::render::options::Backend;
 
@@ -12,10 +12,10 @@ use crate::volume::{Point, Volume, build_options, image_size, transfer_function}
 
 /// Name of the rule.
 pub(super) const RULE: &str = "cells (default), fixed number of Gauss pairs";
-/// World length over which alpha is gathered, voxels: four times as opaque as on single rays, so that the error of
-/// few pairs stands out of the rounding of `f32`.
+/// World length over which alpha is gathered, voxels. Opacity is four times that on single rays, so that the error of
+/// few pairs exceeds the rounding of `f32`.
 const UNIT_DISTANCE: f64 = 0.25;
-/// Opacity per voxel of the fog by which the rays' lengths are measured.
+/// Opacity per voxel of the fog that measures the lengths of rays.
 const FOG: f64 = 0.001;
 
 /// One row per transfer function.
@@ -41,7 +41,7 @@ pub(super) fn rows(context: &Context<'_>) -> Result<Vec<OrderRow>, ChartError> {
     Ok(rows)
 }
 
-/// Length of all rays of a view inside the volume, in voxels: from the opacity of a thin fog.
+/// Total length of all rays of a view inside the volume, in voxels, computed from the opacity of a thin fog.
 fn voxels_crossed(volume: &Volume, view: &[String; 2]) -> Result<f64, ChartError> {
     let scene = volume.scene(&[&view[0], &view[1], &transfer_function(1.0, &[(0.0, [0.0; 3], FOG)])])?;
     let fog = volume.finest(&scene, Backend::Cpu)?;

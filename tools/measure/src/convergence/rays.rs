@@ -1,7 +1,7 @@
-//! Single rays through Marschner-Lobb's signal, in `f64`: the four rules against an integral that has converged.
+//! Single rays through the Marschner-Lobb signal, in `f64`: four rules against a converged integral.
 //!
-//! Lengths along rays are in voxels of the 40^3 grid, also where the field is the signal itself. A ray is a chord of
-//! the cube [-1, 1]^3 through a random point of its inner half in a random direction.
+//! Lengths along rays are in voxels of the 40^3 grid, for the analytic signal too. A ray is a chord of the cube
+//! [-1, 1]^3 through a random point of its inner half, in a random direction.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -19,13 +19,13 @@ pub(super) const RULES: [&str; 4] =
     ["left Riemann", "midpoint", "pre-integration with attenuation", "pre-integration neglecting it"];
 /// Voxels of the grid along each axis.
 const EDGE: usize = 40;
-/// Rays of a set.
+/// Number of rays in a set.
 const SET: usize = 24;
-/// Rungs of the ladder: samples per voxel.
+/// Samples per voxel, from coarse to fine.
 const SAMPLES_PER_VOXEL: [f64; 6] = [2.75, 5.5, 11.0, 22.0, 44.0, 88.0];
-/// Intervals per voxel of the converged integral of the signal: its error is a 64th of that of the last rung.
+/// Intervals per voxel of the converged integral of the signal. Its error is 1/64 of the error at the finest sampling.
 const CONVERGED_PER_VOXEL: f64 = 704.0;
-/// Intervals of the converged integral of the interpolated field between two faces of cells, where it bends.
+/// Intervals of the converged integral of the interpolated field between two cell faces, where the field bends.
 const CONVERGED_PER_PIECE: u32 = 400;
 /// Seed of the rays.
 const SEED: u64 = 24;
@@ -33,7 +33,7 @@ const SEED: u64 = 24;
 /// Premultiplied red, green and blue, and opacity.
 type Gathered = [f64; 4];
 
-/// What a ray runs through.
+/// Field along a ray.
 enum Field {
     Analytic,
     Trilinear(Vec<f64>),
@@ -56,7 +56,7 @@ impl Field {
         }
     }
 
-    /// The value at an index point of the grid.
+    /// Value at a point in index coordinates of the grid.
     fn at(&self, p: DVec3) -> f64 {
         let voxels = match self {
             Self::Analytic => return marschner_lobb_at(p * (2.0 / (EDGE as f64 - 1.0)) - DVec3::ONE),
@@ -85,7 +85,7 @@ struct Chord {
 }
 
 impl Chord {
-    /// A chord of the grid from its first voxels to its last.
+    /// A random chord, from the first to the last voxel centres of the grid.
     fn random(random: &mut Random) -> Self {
         let last = EDGE as f64 - 1.0;
         let through = DVec3::from_array(std::array::from_fn(|_| last * (0.25 + 0.5 * random.unit())));
@@ -99,7 +99,7 @@ impl Chord {
         self.begin + t * self.direction
     }
 
-    /// t of both ends and of every face of a cell in between, ascending.
+    /// Ray parameters t of both ends and of all cell faces between them, ascending.
     fn faces(&self) -> Vec<f64> {
         let mut faces = vec![0.0, self.length];
         for axis in 0..3 {
@@ -117,7 +117,7 @@ struct Classifier {
     sums: PreIntegration,
 }
 
-/// A ray's sums, front to back.
+/// Sums of a ray, front to back.
 struct Ray {
     color: [f64; 3],
     transmittance: f64,
@@ -137,14 +137,14 @@ impl Ray {
     }
 }
 
-/// What an interval of length h adds whose one sample has this value.
+/// Colour and opacity of an interval of length h with one sample of this value.
 fn point(function: &TransferFunction, value: f64, h: f64) -> ([f64; 3], f64) {
     let (color, alpha) = function.classify(value);
     let opacity = -(-function.kappa(alpha) * h).exp_m1();
     (color.map(|c| c * opacity), opacity)
 }
 
-/// The integrals by all four rules, from the values at the ends and in the middles of equal intervals of length h.
+/// Integrals by all four rules, from the values at the ends and midpoints of equal intervals of length h.
 fn by_rules(classifier: &Classifier, ends: &[f64], middles: &[f64], h: f64) -> [Gathered; 4] {
     let mut rays = [Ray::EMPTY; 4];
     for (pair, &middle) in ends.windows(2).zip(middles) {
@@ -156,7 +156,7 @@ fn by_rules(classifier: &Classifier, ends: &[f64], middles: &[f64], h: f64) -> [
     rays.map(|ray| ray.gathered())
 }
 
-/// The integral by so many pre-integrated intervals that it has converged, whatever the transfer function.
+/// The converged integral: pre-integrated intervals, so many that any transfer function converges.
 fn converged(field: &Field, chord: &Chord, classifiers: &[Classifier]) -> Vec<Gathered> {
     let pieces = match field {
         Field::Analytic => vec![0.0, chord.length],
@@ -181,7 +181,7 @@ fn converged(field: &Field, chord: &Chord, classifiers: &[Classifier]) -> Vec<Ga
     rays.iter().map(Ray::gathered).collect()
 }
 
-/// Worst channel's error of one ray, by transfer function, rung and rule.
+/// Error of the worst channel of one ray, by transfer function, sampling and rule.
 type RayErrors = Vec<[[f64; 4]; SAMPLES_PER_VOXEL.len()]>;
 
 fn errors_of_ray(field: &Field, chord: &Chord, classifiers: &[Classifier]) -> RayErrors {
@@ -203,7 +203,7 @@ fn errors_of_ray(field: &Field, chord: &Chord, classifiers: &[Classifier]) -> Ra
     errors
 }
 
-/// The rows of both fields.
+/// Rows of both fields.
 pub(super) fn rows(context: &Context<'_>) -> Result<Vec<OrderRow>, ChartError> {
     let classifier = |name: &&str| {
         let function = function(name, 1.0).map_err(|e| ChartError::Broken(e.to_string()))?;
@@ -232,8 +232,8 @@ pub(super) fn rows(context: &Context<'_>) -> Result<Vec<OrderRow>, ChartError> {
     Ok(rows)
 }
 
-/// The geometric mean over sets of each rung's error, whose slope is the mean of the sets' orders, and the standard
-/// deviation of these.
+/// Geometric mean over sets of the error at each sampling (its slope is the mean order); standard deviation of the
+/// order.
 fn over_sets(errors: &[RayErrors], of_set: impl Fn(&[RayErrors], usize) -> f64) -> (Vec<(f64, f64)>, f64) {
     let curves: Vec<Vec<(f64, f64)>> = errors
         .chunks(SET)

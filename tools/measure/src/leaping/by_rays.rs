@@ -1,21 +1,21 @@
-//! Ways through a brick ray by ray, in `f64`: what packets' leaps are compared with, and an octree's.
+//! Paths through a brick ray by ray, in `f64`: for comparison with the leaps of packets and with an octree.
 //!
-//! The walker of packets knows proximity clouds only. This one leaps out of whatever box it is told, and then walks as many
-//! cells as a packet does before it looks again: the numbers of leaps and the ways walked can be compared with packets',
-//! processor times only among each other.
+//! The walker of packets knows only proximity clouds. This walker leaps out of any given box and then walks as many
+//! cells as a packet does before its next test. Numbers of leaps and walked lengths can be compared with those of
+//! packets. Processor times can be compared only among walkers of this kind.
 
 use supervol_runtime::engines::blocks::BLOCK;
 use supervol_runtime::engines::packets::leap::ProximityCloud;
 use supervol_runtime::engines::packets::trace::{LocalRay, ROUND, Stretch};
 
-/// A box of cells that shows nothing: from one plane up to another, along each axis.
+/// An empty box of cells: lower and upper plane along each axis.
 pub type Box3 = [[i64; 2]; 3];
 
-/// An octree over a brick's blocks, at its best: a node is empty where all its blocks are, and the largest empty one around a
+/// An ideal octree over a brick's blocks. A node is empty if all its blocks are empty. The largest empty node around a
 /// block is known without descending.
 pub struct Octree {
     cells: [usize; 3],
-    /// Blocks along an edge of the largest empty node around each block; 0 where it shows something.
+    /// Edge of the largest empty node around each block, in blocks; 0 for visible blocks.
     edges: Vec<u8>,
 }
 
@@ -49,7 +49,7 @@ impl Octree {
     }
 }
 
-/// What a proximity cloud lets a ray in a block leap out of.
+/// The empty box around a block that a proximity cloud guarantees.
 #[must_use]
 pub fn around(cloud: &ProximityCloud<BLOCK>, block: [usize; 3]) -> Option<Box3> {
     let distance = cloud.distances[block[0] + cloud.cells[0] * (block[1] + cloud.cells[1] * block[2])];
@@ -62,12 +62,12 @@ fn block_at(place: usize, [nx, ny, _]: [usize; 3]) -> [usize; 3] {
 }
 
 fn planes(first_block: i64, end_block: i64) -> [i64; 2] {
-    // What lies before the first block lies outside the brick.
+    // Space before the first block is outside the brick.
     let first_block = if first_block <= 0 { -1 } else { first_block };
     [first_block, end_block].map(|block| block * BLOCK as i64)
 }
 
-/// The stretches of each ray, in order; `box_around` says what shows nothing around a block.
+/// The stretches of each ray, in order. `box_around` gives the empty box around a block.
 pub fn stretches(
     rays: &[LocalRay],
     core: [usize; 3],
@@ -89,12 +89,12 @@ pub fn stretches(
     rays.iter().map(of_ray).collect()
 }
 
-/// A ray on its way through a brick.
+/// State of a ray on its way through a brick.
 struct Way {
     origin: [f64; 3],
     direction: [f64; 3],
     inverse: [f64; 3],
-    /// Cells of the brick along each axis begin at -1.
+    /// Last cell of the brick along each axis; the first one is -1.
     last_cell: [i64; 3],
     cell: [i64; 3],
     t: f64,
@@ -117,7 +117,7 @@ impl Way {
         self.cell.map(|cell| cell.max(0) as usize / BLOCK)
     }
 
-    /// Goes to where the ray leaves a box around its cell, or ends.
+    /// Moves to the point at which the ray leaves a box around its cell, or to the end of the ray.
     fn leave(&mut self, planes: Box3) {
         let exits: [f64; 3] = std::array::from_fn(|a| match self.direction[a] {
             0.0 => f64::INFINITY,

@@ -1,9 +1,13 @@
-//! What it costs to know where nothing shows, and what that saves: `supervol bench --leaping`.
+//! Cost and benefit of empty-space skipping: `supervol bench --leaping`.
 //!
-//! Two tables. *Rebuilding*: processor time of the proximity clouds of so many macro cells, as a new transfer function asks for
-//! them: a scene's bricks, over and over. *Ways*: the rays of a picture through every brick of level 0, by the walker of
-//! packets alone, without voxels: how often they leap, how much of their way is left to walk, and what that takes. Then the
-//! same ray by ray, over an octree, too: processor times of either kind of walker compare among each other only.
+//! Two tables:
+//! - *Rebuilding*: processor time to build the proximity clouds of a number of macro cells, as after a change of the
+//!   transfer function. The bricks of a scene are repeated until the number is reached.
+//! - *Ways*: the rays of a picture through every brick of level 0, by the walker of packets alone, without voxels. It
+//!   shows the number of leaps, the share of the way walked cell by cell, and the processor time.
+//!
+//! The second table also walks ray by ray, over clouds and over an octree. Times can be compared only within one kind
+//! of walker.
 
 mod by_rays;
 
@@ -33,59 +37,59 @@ use crate::scenes::CARP;
 use crate::stability::leaping::{ahead_of, local_ray, rays_of};
 use by_rays::Octree;
 
-/// Macro cells of which clouds are made.
+/// Numbers of macro cells whose clouds are built.
 const MACRO_CELLS: [usize; 4] = [1 << 18, 1 << 20, 1 << 22, 1 << 24];
 /// Scenes of the report.
 const REPORTED: [&str; 3] = ["vessels", "carp", "seismic"];
-/// Times that each is measured; the least is kept.
+/// Repetitions of each measurement; the least time is kept.
 const REPEATS: usize = 3;
 
-/// What is measured.
+/// Options of the measurement.
 pub struct Options<'a> {
     /// The volumes.
     pub subject: Subject,
-    /// Voxels along an edge of synthetic ones, if not their own number.
+    /// Voxels along an edge of synthetic volumes; `None`: the default of each volume.
     pub edge: Option<u64>,
-    /// Pixels of the pictures whose rays are sent.
+    /// Width and height of the pictures, pixels; one ray per pixel.
     pub image: [u32; 2],
-    /// The carp, as it comes.
+    /// Gzipped NIfTI file of the carp.
     pub carp_nifti_gz: &'a [u8],
 }
 
-/// What a scene costs.
+/// Results of one scene.
 #[derive(Debug, Clone, Serialize)]
 pub struct Measured {
-    /// Name of the scene, or of the file.
+    /// Name of the scene or of the file.
     pub scene: String,
-    /// Macro cells, and processor time of their clouds, milliseconds.
+    /// Number of macro cells, and processor time to build their clouds, milliseconds.
     pub rebuilding: Vec<(usize, f64)>,
-    /// Macro cells of level 0, how many show something, and processor time of the clouds of their blocks, milliseconds.
+    /// Macro cells of level 0, visible ones among them, and processor time of the clouds of their blocks, milliseconds.
     pub blocks: (usize, usize, f64),
-    /// What the rays do.
+    /// Results for the rays, by kind of skipping.
     pub ways: Vec<Ways>,
 }
 
-/// What rays do with one kind of cloud.
+/// Results for the rays with one kind of skipping.
 #[derive(Debug, Clone, Serialize)]
 pub struct Ways {
-    /// Which kind.
+    /// Name of the kind.
     pub kind: &'static str,
-    /// Leaps.
+    /// Number of leaps.
     pub leaps: u64,
-    /// Share of the ways in the volume that is walked cell by cell.
+    /// Fraction of the ray length inside the volume that is walked cell by cell.
     pub walked: f64,
     /// Processor time, milliseconds.
     pub cpu_ms: f64,
 }
 
-/// One brick, and the rays of the picture that meet it.
+/// One brick and the picture's rays that cross it.
 struct Met<'a> {
     brick: &'a DecodedBrick,
     core: [usize; 3],
     rays: Vec<LocalRay>,
 }
 
-/// Processor time of something, milliseconds: the least of several times.
+/// Shortest processor time of several runs, milliseconds.
 fn cpu_ms<T>(mut work: impl FnMut() -> T) -> f64 {
     let time = |_| {
         let begun = process::cpu_time();
@@ -131,7 +135,7 @@ pub fn run(context: &Context<'_>, options: &Options<'_>) -> Result<Vec<Measured>
     Ok(all)
 }
 
-/// What the report shows: scenes that are mostly empty, half, and hardly at all, on one thread.
+/// Measurements for the report: a mostly empty scene, a half empty one and a hardly empty one, on one thread.
 ///
 /// # Errors
 /// If a volume cannot be made.
@@ -208,7 +212,7 @@ fn ways(bricks: &[Met<'_>], map: &ValueMap, transfer_function: &RenderTransferFu
     ]
 }
 
-/// What the rays do with something that is made of each brick's cloud; bricks that show nothing are not entered.
+/// Results for the rays with a structure built from each brick's cloud. Bricks without visible cells are not entered.
 fn ways_by<T: Send>(
     kind: &'static str,
     bricks: &[Met<'_>],
@@ -231,7 +235,7 @@ fn ways_by<T: Send>(
     Ways { kind, leaps, walked: walked / whole, cpu_ms }
 }
 
-/// Both tables for people.
+/// Both tables as Markdown.
 #[must_use]
 pub fn markdown(all: &[Measured]) -> String {
     let rebuilding: Vec<[String; 3]> = all
@@ -278,7 +282,7 @@ mod tests {
         };
         assert!(none.leaps == 0 && one_by_one.leaps > macro_cells.leaps && blocks.leaps > ahead.leaps);
         assert!(none.walked > macro_cells.walked && macro_cells.walked > blocks.walked);
-        // Ray by ray as packets do, but for rounding; an octree's nodes end where others begin.
+        // Ray by ray, clouds give the same leaps as packets up to rounding. Octree nodes end at other planes.
         assert!(by_rays.leaps.abs_diff(ahead.leaps) <= ahead.leaps / 100, "{} and {}", by_rays.leaps, ahead.leaps);
         assert!((by_rays.walked / ahead.walked - 1.0).abs() < 0.01, "{} and {}", by_rays.walked, ahead.walked);
         assert!(octree.leaps > by_rays.leaps && octree.walked < macro_cells.walked);

@@ -1,7 +1,7 @@
-//! What is drawn: volumes of several densities, each unshaded and shaded, or somebody's own volume.
+//! Cases of the comparison: volumes of several densities, each unshaded and shaded, or the user's own volume.
 //!
-//! Both programs get the same voxels: ours in a container, the peer the same container's voxels in a file that NumPy
-//! reads. The drawn domain ends at the centres of the outermost voxels, as the peer's does.
+//! Both programs get the same voxels: Supervol a container, the peer the voxels of this container in a file that NumPy
+//! reads. The drawn domain ends at the centres of the outermost voxels, as the peer's domain does.
 //!
 //! | scene | volume | transfer function: no opacity up to, rising to |
 //! |---|---|---|
@@ -10,9 +10,9 @@
 //! | `vessels` | branching tubes, 512^3, nearly all of it empty: sparse | 0.2, 0.3 a voxel at 0.9 |
 //! | `carp` | computed tomography, 256 x 512 x 256 | flesh as a veil, bones nearly opaque |
 //!
-//! The first three are the scenes for which times are quoted: spacing 1, seen from 2.6 edges away at an azimuth of 30 and an
-//! elevation of 20 degrees, angle of view 30 degrees, so that the volume fills the picture's height (its lowest corner lies
-//! just outside); one ramp from blue to yellow.
+//! Published times refer to the first three scenes: spacing 1, angle of view 30 degrees, one ramp from blue to yellow.
+//! The eye is 2.6 edges from the centre at azimuth 30 and elevation 20 degrees. The volume fills the picture's height;
+//! its lowest corner lies just outside.
 
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -39,36 +39,36 @@ use crate::volume::{Point, Volume, build_options, transfer_function};
 
 /// Vertical angle of view of every scene, degrees.
 const FOV_Y: f64 = 30.0;
-/// Core of the bricks: what `supervol build` makes.
+/// Core of the bricks, voxels: the default of `supervol build`.
 const CORE: u32 = 64;
 /// Seed of the synthetic volumes.
 const SEED: u64 = 1;
-/// Distance of the eye from the middle of a synthetic volume, in edges of the volume.
+/// Distance of the eye from the centre of a synthetic volume, in edges of the volume.
 const EDGES_AWAY: f64 = 2.6;
-/// Direction of the eye from the middle of a synthetic volume, degrees around z from x, and above the xy plane.
+/// Direction from the centre of a synthetic volume to the eye: azimuth around z from x, and elevation, degrees.
 const AZIMUTH_ELEVATION: [f64; 2] = [30.0, 20.0];
-/// Most memory that the reference's copy of a volume may take: a volume of 1024^3 in doubles, and some.
+/// Largest memory for the reference's copy of a volume, bytes: 1024^3 voxels in `f64` fit.
 const REFERENCE_MEMORY_BYTES: u64 = 9 << 30;
-/// Memory for writing the peer's copy of the voxels.
+/// Memory for writing the peer's copy of the voxels, bytes.
 const EXTRACTION_MEMORY_BYTES: u64 = 256 << 20;
 
-/// What is asked for.
+/// Volumes to draw.
 #[derive(Debug, Clone)]
 pub enum Subject {
-    /// Scenes of these names; all that the scale has where none is named.
+    /// Scenes of these names; if empty, all scenes of the scale.
     Scenes(Vec<String>),
-    /// Somebody's own volume.
+    /// The user's own volume.
     Own {
         /// A container.
         container: PathBuf,
-        /// Its picture; image size and clip box are those of the comparison.
+        /// Its scene; the comparison sets image size and clip box.
         scene: Box<Scene>,
     },
-    /// A cube of so many voxels along an edge of which nothing is stored ([`crate::virtual_volume`]).
+    /// Virtual cube with this many voxels along an edge ([`crate::virtual_volume`]).
     Virtual(Field, u64),
 }
 
-/// Which pictures of a scene are drawn.
+/// Looks of a scene to draw.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Looks {
     /// Unshaded and shaded.
@@ -80,10 +80,10 @@ pub enum Looks {
     Shaded,
 }
 
-/// A volume that is not made yet, and how it is looked at.
+/// A volume that is not built yet, and its looks.
 #[derive(Debug, Clone)]
 pub enum Planned {
-    /// A scene of ours.
+    /// A built-in scene.
     Scene(Recipe),
     /// See [`Subject::Own`].
     Own(PathBuf, Box<Scene>),
@@ -91,20 +91,20 @@ pub enum Planned {
     Virtual(Field, u64),
 }
 
-/// A scene of ours.
+/// A built-in scene.
 #[derive(Debug, Clone)]
 pub struct Recipe {
     name: &'static str,
     voxels: Voxels,
-    /// From the middle to the eye; any length.
+    /// Direction from the centre to the eye, any length.
     direction: DVec3,
     distance: Distance,
     points: &'static [Point],
-    /// Whether a quick run draws it without being told to.
+    /// Whether a quick run includes the scene by default.
     is_quick: bool,
 }
 
-/// How far the eye is from the middle.
+/// Distance of the eye from the centre.
 #[derive(Debug, Clone, Copy)]
 enum Distance {
     /// In half diagonals of the volume.
@@ -121,13 +121,13 @@ enum Voxels {
 
 const DARK: [f64; 3] = [0.25, 0.45, 0.8];
 const BRIGHT: [f64; 3] = [1.0, 0.85, 0.5];
-/// From 0.3 of the range of bytes to its top.
+/// Ramp from 0.3 of the byte range to its top.
 const VEIL: &[Point] = &[(76.5, DARK, 0.0), (255.0, BRIGHT, 0.1)];
-/// From 0.55 of the range of bytes to its top: positive amplitudes.
+/// Ramp from 0.55 of the byte range to its top: positive amplitudes.
 const AMPLITUDES: &[Point] = &[(140.25, DARK, 0.0), (255.0, BRIGHT, 0.3)];
-/// From 0.2 to 0.9 of the range of bytes.
+/// Ramp from 0.2 to 0.9 of the byte range.
 const TUBES: &[Point] = &[(51.0, DARK, 0.0), (229.5, BRIGHT, 0.3)];
-/// Waves differ by their colours, and little by how opaque they are.
+/// Waves with different colours and almost equal opacities.
 const MIST: &[Point] = &[(-30_000.0, DARK, 0.14), (30_000.0, BRIGHT, 0.16)];
 /// Flesh as a veil, bones nearly opaque.
 const FLESH_AND_BONES: &[Point] = &[
@@ -139,11 +139,10 @@ const FLESH_AND_BONES: &[Point] = &[
     (220.0, [1.0, 1.0, 1.0], 0.8),
 ];
 
-/// What a run draws, in this order. `edge`: voxels along an edge of the synthetic volumes, where they are not to have
-/// their own number.
+/// Volumes of a run, in order. `edge`: voxels along an edge of the synthetic volumes; `None`: each volume's default.
 ///
 /// # Errors
-/// If a scene's name is none.
+/// If a scene name is unknown.
 pub fn planned(context: &Context<'_>, subject: &Subject, edge: Option<u64>) -> Result<Vec<Planned>, ChartError> {
     let only = match subject {
         Subject::Own { container, scene } => return Ok(vec![Planned::Own(container.clone(), scene.clone())]),
@@ -186,23 +185,23 @@ pub fn planned(context: &Context<'_>, subject: &Subject, edge: Option<u64>) -> R
     Ok(all.into_iter().map(Planned::Scene).collect())
 }
 
-/// A volume as both programs get it.
+/// A built volume, in the form for each program.
 pub struct Built {
-    /// Name of the scene, or of the file.
+    /// Name of the scene or of the file.
     pub name: String,
     /// The container.
     pub volume: Volume,
-    /// Names and scenes; image size and clip box are still to be set.
+    /// Look names and scenes, still without image size and clip box.
     pictures: Vec<(&'static str, Scene)>,
     grid_file: OnceLock<PathBuf>,
     exact: OnceLock<Option<ReferenceVolume>>,
 }
 
 impl Planned {
-    /// Makes the container, or opens it.
+    /// Builds the container or opens it.
     ///
     /// # Errors
-    /// If it cannot be made, or is too thin to be compared.
+    /// If the container cannot be built, or is too thin for the comparison.
     pub fn build(&self, context: &Context<'_>, looks: Looks, carp_nifti_gz: &[u8]) -> Result<Built, ChartError> {
         let (volume, pictures) = match self {
             Self::Scene(recipe) => {
@@ -283,7 +282,7 @@ impl Recipe {
 }
 
 impl Built {
-    /// Its pictures.
+    /// Pictures of the volume.
     #[must_use]
     pub fn cases(&self) -> Vec<Case<'_>> {
         self.pictures.iter().map(|(look, scene)| Case { built: self, look, scene }).collect()
@@ -295,17 +294,17 @@ impl Built {
         self.volume.facts.dims
     }
 
-    /// Whether some voxels are absent.
+    /// Whether the volume has absent voxels.
     #[must_use]
     pub fn has_holes(&self) -> bool {
         let container = &self.volume.container;
         container.descriptor().dims().voxels() != Some(container.manifest().present_voxels)
     }
 
-    /// A file with the voxels of level 0 in the data's own units, as `numpy.load` reads it; written at the first call.
+    /// NumPy file with the voxels of level 0 in data units, for `numpy.load`; written at the first call.
     ///
     /// # Errors
-    /// If it cannot be written.
+    /// If the file cannot be written.
     pub fn grid_file(&self, context: &Context<'_>) -> Result<&Path, ChartError> {
         if let Some(path) = self.grid_file.get() {
             return Ok(path);
@@ -322,7 +321,7 @@ impl Built {
         Ok(self.grid_file.get_or_init(|| path))
     }
 
-    /// The volume for the reference integrator; `None` where it would take too much memory. Loaded at the first call.
+    /// The volume for the reference integrator, loaded at the first call; `None` if it needs too much memory.
     ///
     /// # Errors
     /// If a brick cannot be read.
@@ -339,41 +338,41 @@ impl Built {
     }
 }
 
-/// One picture that both programs draw.
+/// One picture, drawn by both programs.
 #[derive(Clone, Copy)]
 pub struct Case<'a> {
     /// The volume.
     pub built: &'a Built,
-    /// `unshaded`, `shaded`, or `default` for somebody's own volume.
+    /// `unshaded`, `shaded`, or `default` for the user's own volume.
     pub look: &'static str,
     scene: &'a Scene,
 }
 
 impl Case<'_> {
-    /// Volume and look, for messages and names of files.
+    /// Volume and look, for messages and file names.
     #[must_use]
     pub fn name(&self) -> String {
         format!("{}-{}", self.built.name, self.look)
     }
 
-    /// The smallest spacing: the unit of steps.
+    /// Smallest voxel spacing, world length: the unit of steps.
     #[must_use]
     pub fn smallest_spacing(&self) -> f64 {
         self.built.volume.facts.geometry.smallest_spacing()
     }
 
-    /// The scene at this many pixels, inside the centres of the outermost voxels.
+    /// The scene with this image size, clipped to the centres of the outermost voxels.
     ///
     /// # Errors
-    /// If it is none: a mistake in the recipe.
+    /// If the scene is invalid: an error in the recipe.
     pub fn scene(&self, size: [u32; 2]) -> Result<ResolvedScene, ChartError> {
         self.resolved(self.scene.clone(), size)
     }
 
-    /// The same, seen from another place; world coordinates, `fov_y` in degrees.
+    /// The same scene from another camera, in world coordinates; `fov_y` in degrees.
     ///
     /// # Errors
-    /// If these make no camera.
+    /// If the camera is invalid.
     pub fn seen_from(
         &self,
         eye: DVec3,
@@ -396,7 +395,7 @@ impl Case<'_> {
     }
 }
 
-/// A source without its place in the world: spacing 1, origin 0, no rotation.
+/// A source in index space: spacing 1, origin 0, no rotation.
 struct InIndexSpace {
     source: Box<dyn VolumeSource>,
     info: SourceInfo,
@@ -429,7 +428,7 @@ mod tests {
         plan[0].build(context, Looks::Both, &[]).expect("a small volume")
     }
 
-    /// Times are quoted for these pictures: whoever changes them makes old records worthless.
+    /// Published times refer to these pictures: a change makes old records worthless.
     #[test]
     fn quoted_scenes_have_one_camera_and_their_own_ramp() {
         let folder = tempfile::tempdir().expect("a temporary folder");

@@ -1,9 +1,9 @@
-//! A private Python environment with pinned packages, made by the user's own Python.
+//! Private Python environment with pinned packages, made by the user's own Python.
 //!
-//! It lives in one folder, which nothing else uses and which may be deleted at any time; it is made once and found again.
-//! Nothing is installed elsewhere. Every program that is started has a time limit. Whatever is missing (Python, its module
-//! `venv`, the network, a wheel for this platform) is an answer in one sentence, not a failure of the command. Where this
-//! process is ended by a signal, so is what it has started ([`end_all`]).
+//! It lives in one folder, which nothing else uses and which may be deleted at any time. It is made once and then
+//! reused; nothing is installed elsewhere. Every started program has a time limit. A missing part (Python, its module
+//! `venv`, the network, a wheel for this platform) is reported in one sentence and does not fail the command. If a
+//! signal ends this process, the started programs are ended too ([`end_all`]).
 
 use std::ffi::OsStr;
 use std::fs::File;
@@ -14,13 +14,13 @@ use std::time::{Duration, Instant};
 
 use super::PeerOptions;
 
-/// Time that a program which should answer at once may take.
+/// Time limit of a program that should answer at once.
 const ANSWER_LIMIT: Duration = Duration::from_secs(60);
-/// Time that an installation may take: downloads of some 200 MB.
+/// Time limit of an installation, which downloads about 200 MB.
 const INSTALL_LIMIT: Duration = Duration::from_secs(900);
-/// How often a running program is looked at.
+/// Interval between two checks of a running program.
 const POLL: Duration = Duration::from_millis(20);
-/// Bytes of a program's output that are kept, from its end.
+/// Bytes of a program's output that are kept: the last ones.
 const OUTPUT_LIMIT: usize = 4096;
 
 /// A package and its exact version.
@@ -32,10 +32,10 @@ pub struct Package {
     pub version: &'static str,
 }
 
-/// The environment's own Python with `package` installed.
+/// Python of the environment, with `package` installed.
 ///
 /// # Errors
-/// One sentence that says what is missing.
+/// One sentence that names the missing part.
 pub fn prepare(options: &PeerOptions, package: Package, say: &(dyn Fn(&str) + Sync)) -> Result<PathBuf, String> {
     let python = python_of(&options.environment);
     if installed_version(&python, package).as_deref() == Some(package.version) {
@@ -57,12 +57,12 @@ pub fn prepare(options: &PeerOptions, package: Package, say: &(dyn Fn(&str) + Sy
     }
 }
 
-/// Where an environment has its Python.
+/// Path of the environment's Python.
 fn python_of(environment: &Path) -> PathBuf {
     if cfg!(windows) { environment.join("Scripts").join("python.exe") } else { environment.join("bin").join("python") }
 }
 
-/// Version of a package, `None` where it or the environment is missing.
+/// Version of an installed package; `None` if the package or the environment is missing.
 fn installed_version(python: &Path, package: Package) -> Option<String> {
     if !python.exists() {
         return None;
@@ -74,12 +74,12 @@ fn installed_version(python: &Path, package: Package) -> Option<String> {
 /// Runs a program to its end and returns its standard output.
 ///
 /// # Errors
-/// One clause: the program cannot be started, fails (with the last line it said), or takes longer than `limit` and is ended.
+/// One clause: the program cannot be started, fails (with its last line of output), or exceeds `limit` and is ended.
 pub fn run<S: AsRef<OsStr>>(program: &Path, arguments: &[S], limit: Duration) -> Result<String, String> {
     run_telling(program, arguments, limit, &|_| ())
 }
 
-/// The same; while the program runs, `tell` is called with the time since its start.
+/// Like [`run`]; while the program runs, `tell` is called with the time since its start.
 ///
 /// # Errors
 /// As [`run`].
@@ -91,7 +91,7 @@ pub fn run_telling<S: AsRef<OsStr>>(
 ) -> Result<String, String> {
     let name = program.display();
     let cannot = |what: &str, e: std::io::Error| format!("{name}: {what}: {e}");
-    // Files, not pipes: a program that says more than a pipe holds would wait for a reader until its limit.
+    // Files instead of pipes: a program that fills a pipe would block until its time limit.
     let spool = || tempfile::tempfile().map_err(|e| cannot("no temporary file", e));
     let (mut out, mut err) = (spool()?, spool()?);
     let writer = |file: &File| file.try_clone().map(Stdio::from).map_err(|e| cannot("no temporary file", e));
@@ -120,15 +120,15 @@ pub fn run_telling<S: AsRef<OsStr>>(
     Err(format!("{name} failed ({status}): {last}"))
 }
 
-/// Process groups of programs that run now.
+/// Process groups of the running programs.
 static RUNNING: Mutex<Vec<u32>> = Mutex::new(Vec::new());
 
 fn running() -> MutexGuard<'static, Vec<u32>> {
     RUNNING.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Ends every program that [`run`] has started, with what it has started itself. None begins while the guard lives: for
-/// whoever is about to end this process.
+/// Ends every program started by [`run`] and its child processes. No program can start while the guard lives. Call it
+/// just before this process ends.
 #[must_use]
 pub fn end_all() -> impl Drop {
     let running = running();
@@ -139,21 +139,21 @@ pub fn end_all() -> impl Drop {
 #[cfg(unix)]
 fn end_group(group: u32) {
     let group = i32::try_from(group).ok().and_then(rustix::process::Pid::from_raw);
-    // It may have ended by itself.
+    // The program may have ended by itself.
     let _gone = group.map(|group| rustix::process::kill_process_group(group, rustix::process::Signal::KILL));
 }
 
 #[cfg(not(unix))]
 fn end_group(_: u32) {}
 
-/// A program that runs, in a process group of its own where there are some.
+/// A running program, in its own process group if the system has process groups.
 struct Child(std::process::Child);
 
 impl Child {
     fn spawn(command: &mut Command) -> std::io::Result<Self> {
         #[cfg(unix)]
         std::os::unix::process::CommandExt::process_group(command, 0);
-        // Begun and noted at once, so that [`end_all`] misses none.
+        // Started and registered under one lock, so that [`end_all`] misses none.
         let mut running = running();
         let child = command.spawn()?;
         running.push(child.id());
@@ -164,7 +164,7 @@ impl Child {
         self.0.try_wait()
     }
 
-    /// It may just have ended by itself; either way it is gone and reaped.
+    /// The program may have ended by itself; either way it is gone and reaped.
     fn end(&mut self) -> std::io::Result<()> {
         end_group(self.0.id());
         self.0.kill().and_then(|()| self.0.wait()).map(drop)

@@ -8,13 +8,16 @@
 //!   `-> rows:   cost, distance of each picture from the reference, ratio of costs
 //! ```
 //!
-//! Both programs read the same voxels, look from the same place, cast one ray per pixel with the same number of threads and
-//! draw the same domain: VTK's volume ends at the centres of its outermost voxels, ours half a voxel further out, so that
-//! ours is clipped to theirs. They run one after the other, case by case, so that a busy machine is busy for both.
-//! Costs are processor time of all threads; pictures are compared as the rays gathered them: colour and opacity before the
-//! background, not rounded to 8 bits. Errors are those of the timed pictures themselves, at pixels drawn at random.
+//! Both programs read the same voxels, use the same camera and draw the same domain. They cast one ray per pixel with
+//! the same number of threads. VTK's volume ends at the centres of its outermost voxels, Supervol's half a voxel
+//! further out, so Supervol's is clipped. The programs run alternately, case by case, so that a busy machine slows
+//! both.
 //!
-//! A peer that cannot be measured (no Python, no network, no display library) is reported with the reason; the rest goes on.
+//! Costs are processor time of all threads. Pictures are compared as gathered along the rays: colour and opacity before
+//! the background, not rounded to 8 bits. Errors belong to the timed pictures and are measured at random pixels.
+//!
+//! If a peer cannot be measured (no Python, no network, no display library), the report gives the reason and the rest
+//! of the comparison continues.
 
 pub mod cases;
 pub mod environment;
@@ -37,76 +40,76 @@ use ours::Sampler;
 use pixels::ExactPixels;
 use vtk::Peer;
 
-/// What is compared, with whom.
+/// Options of a comparison.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// Whether other programs are measured, and how they are found.
+    /// The peer programs; `None`: only Supervol is measured.
     pub peer: Option<PeerOptions>,
-    /// A gzipped NIfTI file of the real volume among the scenes (a carp).
+    /// Gzipped NIfTI file of the real volume among the scenes (a carp).
     pub carp_nifti_gz: &'static [u8],
-    /// What is drawn.
+    /// Volumes to draw.
     pub subject: Subject,
-    /// Which pictures of each scene.
+    /// Looks of each scene.
     pub looks: Looks,
-    /// Voxels along an edge of the synthetic volumes; `None`: each has its own number.
+    /// Voxels along an edge of the synthetic volumes; `None`: the default of each volume.
     pub edge: Option<u64>,
-    /// How it is measured.
+    /// Options of the measurement.
     pub run: Run,
 }
 
-/// How pictures are measured.
+/// Options of the measurement.
 #[derive(Debug, Clone)]
 pub struct Run {
-    /// Threads of either program; at least 1.
+    /// Threads of each program; at least 1.
     pub threads: usize,
-    /// Whether Supervol also samples as the peer does.
+    /// Whether Supervol also samples like the peer.
     pub same_sampling: SameSampling,
     /// Sizes and repeats.
     pub sizes: Sizes,
 }
 
-/// Whether Supervol also draws each picture the peer's way: samples at equal distances.
+/// Whether Supervol also draws each picture with the peer's sampling: samples at equal distances.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum SameSampling {
-    /// Its default only.
+    /// Supervol's default only.
     #[default]
     No,
-    /// The default, and the peer's way.
+    /// Supervol's default, and the peer's sampling.
     Yes,
 }
 
-/// How the peer is found.
+/// Python and environment of the peer.
 #[derive(Debug, Clone)]
 pub struct PeerOptions {
-    /// The Python that makes the environment.
+    /// Python that makes the environment.
     pub python: PathBuf,
-    /// Folder of the environment; made where it is not there.
+    /// Folder of the environment; created if needed.
     pub environment: PathBuf,
 }
 
 /// Cost of one picture.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Cost {
-    /// Timed pictures, without the first.
+    /// Number of timed pictures, without the first.
     pub repeats: usize,
     /// Processor time of all threads.
     pub cpu: Spread,
     /// Wall time.
     pub wall: Spread,
-    /// Processor time of the first picture: caches, tables and gradients that later pictures share are made in it.
+    /// Processor time of the first picture, ms: it also makes caches, tables and gradients that later pictures reuse.
     pub first_cpu_ms: f64,
-    /// Processor time of the ray casting alone, where it can be told apart: without handing the picture out.
+    /// Processor time of the ray casting alone, without reading the picture back; null if it cannot be separated.
     pub cast_cpu: Option<Spread>,
 }
 
-/// How far a picture is from another, in grey levels of 255, over the four channels before the background.
+/// Distance between two pictures over four channels before the background, grey levels of 255.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Levels {
     /// Greatest difference of any channel of any pixel.
     pub linf: f64,
     /// 99.9th percentile of the differences of all channels of all pixels.
     pub p999: f64,
-    /// Root of the mean square.
+    /// Root mean square difference.
     pub rmse: f64,
     /// Mean signed difference.
     pub bias: f64,
@@ -115,33 +118,33 @@ pub struct Levels {
 /// One program's picture of one case.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Row {
-    /// Name of the scene, or of the file.
+    /// Name of the scene or of the file.
     pub scene: String,
     /// Voxels along x, y, z.
     pub dims: [u64; 3],
-    /// `unshaded`, `shaded`, or `default` for the default picture of somebody's own volume.
+    /// `unshaded`, `shaded`, or `default` for the user's own volume.
     pub shading: &'static str,
     /// `Supervol` or the peer.
     pub program: &'static str,
-    /// How the program samples.
+    /// Sampling of the program.
     pub sampling: String,
-    /// Cost.
+    /// Cost of the picture.
     pub cost: Cost,
-    /// Processor time over that of Supervol's default in the same case: above 1, Supervol's default is faster.
+    /// Processor time divided by that of Supervol's default in the same case; above 1, Supervol's default is faster.
     pub ratio_to_default: f64,
-    /// Processor time over that of Supervol when it samples as this row does; null where it was not made to.
+    /// Processor time divided by that of Supervol with the same sampling; null if that was not measured.
     pub ratio_to_same_sampling: Option<f64>,
-    /// Distance from the reference, at [`Self::error_pixels`] pixels; null where the volume is too large for it.
+    /// Distance from the reference, at [`Self::error_pixels`] pixels; null if the volume is too large.
     pub from_reference: Option<Levels>,
-    /// Pixels at which that distance was measured.
+    /// Number of pixels at which this distance was measured.
     pub error_pixels: usize,
-    /// Intervals of these pixels' rays at which the reference gave up.
+    /// Intervals on the rays of these pixels at which the reference did not converge.
     pub reference_capped_pieces: u64,
     /// Distance from Supervol's default, at all pixels.
     pub from_default: Levels,
 }
 
-/// Everything that was measured.
+/// Results of a comparison.
 #[derive(Debug, Clone, Serialize)]
 pub struct Comparison {
     /// Day of the run, UTC, year-month-day.
@@ -150,51 +153,51 @@ pub struct Comparison {
     pub supervol: &'static str,
     /// Processor, its number of logical cores, operating system.
     pub machine: String,
-    /// Threads of either program.
+    /// Threads of each program.
     pub threads: usize,
-    /// Pixels of the pictures.
+    /// Width and height of the pictures, pixels.
     pub image_size: [u32; 2],
-    /// The peer: what it is, or why it was not measured; null where nobody asked.
+    /// The peer, or the reason why it was not measured; null if it was not requested.
     pub peer: Option<PeerReport>,
-    /// One row for each picture.
+    /// One row per picture.
     pub rows: Vec<Row>,
-    /// The timed pictures, by the name of their file.
+    /// The timed pictures with their file names.
     #[serde(skip)]
     pub pictures: Vec<(String, Image)>,
 }
 
-/// What is known of a peer.
+/// Report about a peer.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PeerReport {
     /// Name.
     pub name: &'static str,
     /// Whether every case was measured.
     pub measured: bool,
-    /// Why not, in one sentence; null where it was.
+    /// Reason why a case was not measured, one sentence; null if all were measured.
     pub why_not: Option<String>,
-    /// Versions of the peer and of what it stands on.
+    /// Versions of the peer and of its libraries.
     pub versions: Option<vtk::Versions>,
 }
 
 /// Sizes of a run.
 #[derive(Debug, Clone)]
 pub struct Sizes {
-    /// Timed pictures per row, after the first; at least 1.
+    /// Number of timed pictures per row, after the first; at least 1.
     pub repeats: usize,
-    /// Time after which no further picture of a row is timed.
+    /// Time limit after which no further picture of a row is timed.
     pub row_limit: Duration,
-    /// Pixels of the pictures.
+    /// Width and height of the pictures, pixels.
     pub image: [u32; 2],
-    /// Pixels that are compared with the reference.
+    /// Number of pixels that are compared with the reference.
     pub error_pixels: usize,
-    /// Step lengths of the peer, in smallest spacings.
+    /// Steps of the peer, in smallest voxel spacings.
     pub steps_voxels: Vec<f64>,
-    /// Memory that Supervol's pictures may use, bytes.
+    /// Memory limit of Supervol's pictures, bytes.
     pub host_memory_bytes: u64,
 }
 
 impl Sizes {
-    /// The sizes that a scale asks for.
+    /// Sizes of a scale.
     #[must_use]
     pub fn of(scale: Scale) -> Self {
         let (repeats, image, error_pixels) = match scale {
@@ -215,7 +218,7 @@ impl Sizes {
 /// Runs the comparison.
 ///
 /// # Errors
-/// If Supervol's own side fails. A peer that fails is part of the answer.
+/// If Supervol's own part fails. A failing peer is only reported.
 pub fn compare(context: &Context<'_>, options: &Options) -> Result<Comparison, ChartError> {
     let plans = planned(context, &options.subject, options.edge)?;
     let mut peer = options.peer.as_ref().map(|found| Peer::prepare(found, context.say));
@@ -244,7 +247,7 @@ pub fn compare(context: &Context<'_>, options: &Options) -> Result<Comparison, C
     })
 }
 
-/// The pictures of one case by all programs, Supervol's default first.
+/// Pictures of one case by all programs, Supervol's default first.
 fn draw(context: &Context<'_>, case: &Case<'_>, peer: Option<&mut Peer>, run: &Run) -> Result<Vec<Drawn>, ChartError> {
     (context.say)(&format!("{}, {}", case.built.name, case.look));
     let steps: &[f64] = match run.same_sampling {
@@ -261,7 +264,7 @@ fn draw(context: &Context<'_>, case: &Case<'_>, peer: Option<&mut Peer>, run: &R
     Ok(drawn)
 }
 
-/// What a case came to, in one line.
+/// Results of a case in one line.
 fn summary(rows: &[Row]) -> String {
     let one = |row: &Row| {
         let error = row.from_reference.map_or(String::new(), |e| format!(", error {:.2}", e.linf));
@@ -270,13 +273,13 @@ fn summary(rows: &[Row]) -> String {
     format!("  {}", rows.iter().map(one).collect::<Vec<_>>().join("; "))
 }
 
-/// One program's pictures of a case, and their cost.
+/// Picture of one program and one case, with its cost.
 pub struct Drawn {
-    /// Which program.
+    /// The program.
     pub program: &'static str,
-    /// How it samples.
+    /// Its sampling.
     pub sampling: String,
-    /// Its step in smallest spacings, if it has one.
+    /// Its step in smallest voxel spacings; `None` without a step.
     pub step_voxels: Option<f64>,
     /// Cost of the picture.
     pub cost: Cost,
@@ -291,7 +294,7 @@ impl Drawn {
     }
 }
 
-/// How a row is called that samples at equal distances.
+/// Name of the sampling of a row with equal distances.
 fn sampling_name(step_voxels: f64) -> String {
     format!("a sample every {step_voxels} voxel")
 }

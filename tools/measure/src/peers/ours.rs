@@ -1,6 +1,6 @@
-//! Supervol's side: the CPU backend, level 0, from a cache that already holds every brick the picture needs.
+//! Supervol's part of the comparison: the CPU backend, level 0, with all needed bricks in the cache.
 //!
-//! Streamer and cache outlive the pictures, as they do in a viewer that draws frame after frame.
+//! Streamer and cache are kept between pictures, as in a viewer that draws frame after frame.
 
 use std::time::Instant;
 
@@ -17,10 +17,10 @@ use crate::context::{ChartError, Context, Pace};
 use crate::methods::Integrated;
 use crate::volume::finest;
 
-/// Name of our rows.
+/// Program name of Supervol's rows.
 pub const NAME: &str = "Supervol";
 
-/// How Supervol samples in one row.
+/// Sampling of Supervol in one row.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sampler {
     integration: Integrated,
@@ -28,8 +28,8 @@ pub struct Sampler {
 }
 
 impl Sampler {
-    /// The default, and the peer's way of sampling at each of these steps: a point in the middle of each interval, rays
-    /// ended where the peer ends them. Offsets and arithmetic are our own.
+    /// The default, then the peer's sampling at each of these steps: midpoint samples, and the peer's opacity limit for
+    /// ending rays. Offsets and arithmetic are Supervol's own.
     #[must_use]
     pub fn all(steps_voxels: &[f64]) -> Vec<Self> {
         let default = Self { integration: Integrated::DEFAULT, step_voxels: None };
@@ -53,10 +53,10 @@ impl Sampler {
     }
 }
 
-/// Draws a case again and again.
+/// Draws a case several times.
 ///
 /// # Errors
-/// If a picture cannot be made.
+/// If a picture cannot be drawn.
 pub fn draw(context: &Context<'_>, case: &Case<'_>, sampler: Sampler, run: &Run) -> Result<Drawn, ChartError> {
     let options = RenderOptions {
         threads: Some(run.threads),
@@ -68,7 +68,7 @@ pub fn draw(context: &Context<'_>, case: &Case<'_>, sampler: Sampler, run: &Run)
     Ok(Drawn { program: NAME, sampling: sampler.name(), step_voxels: sampler.step_voxels, cost, picture })
 }
 
-/// A first picture, and as many more as are wanted.
+/// A first picture, then the timed pictures.
 fn timed_pictures(
     context: &Context<'_>,
     case: &Case<'_>,
@@ -81,8 +81,8 @@ fn timed_pictures(
     renderer.set_scene(scene);
     let mut one = || -> Result<(f64, f64, Image), ChartError> {
         let (wall, cpu) = (Instant::now(), process::cpu_time());
-        // Tables of the transfer function are made for each picture, as a viewer would while it is edited. What shows in each brick is
-        // known from the picture before, as in VTK.
+        // The tables of the transfer function are made for each picture, as in a viewer that edits it. Brick visibility
+        // is known from the previous picture, as in VTK.
         renderer.begin_anew();
         renderer.advance(None)?;
         let cpu_ms = process::cpu_time().saturating_sub(cpu).as_secs_f64() * 1e3;

@@ -1,8 +1,7 @@
-//! Errors of large pictures, measured at some of their pixels: the reference integrator is too slow for every one.
+//! Errors of large pictures at some of their pixels: the reference integrator is too slow for all pixels.
 //!
-//! The pixels are drawn at random, without repetition, among those whose ray meets the drawn domain; the seed is fixed, so
-//! that every program and every run is measured at the same pixels. What is seldom wrong may be missed: the largest error
-//! is that of these pixels.
+//! The pixels are drawn at random, without repetition, among those with a ray through the drawn domain. The seed is
+//! fixed, so every program and run uses the same pixels. Rare errors may be missed.
 
 use supervol_format::random::Random;
 use supervol_format::{Dims, Geometry};
@@ -16,22 +15,22 @@ use super::cases::Case;
 use crate::context::{ChartError, Pace};
 use crate::measure::{GREY_LEVELS, distance_of};
 
-/// Seed of the choice of pixels.
+/// Seed for drawing the pixels.
 pub const SEED: u64 = 12_345;
-/// Pixels of the reference between two looks at the clock.
+/// Reference pixels between two checks of the clock.
 const CHUNK: usize = 32;
 
-/// Some pixels of a picture as they should be.
+/// Exact values of some pixels of a picture.
 pub struct ExactPixels {
     pixels: Vec<[u32; 2]>,
     exact: Vec<[f32; 4]>,
-    /// Intervals at which the reference gave up: with any, errors may be the reference's own.
+    /// Intervals at which the reference did not converge. If there are any, errors may be the reference's own.
     pub capped_pieces: u64,
 }
 
 impl ExactPixels {
-    /// `count` pixels of a case, or all that meet the volume where these are fewer; `None` where the volume is too large
-    /// for the reference, or nothing of it is in the picture.
+    /// Draws `count` pixels of a case, or all pixels that meet the volume if there are fewer. `None` if the volume is
+    /// too large for the reference or not in the picture.
     ///
     /// # Errors
     /// If the volume cannot be read.
@@ -60,7 +59,7 @@ impl ExactPixels {
         self.pixels.len()
     }
 
-    /// How far a picture is from what it should be, at these pixels.
+    /// Distance of a picture from the exact values at these pixels.
     #[must_use]
     pub fn distance(&self, picture: &Image) -> Levels {
         let at = |&[x, y]: &[u32; 2]| picture.pixels[y as usize * picture.width as usize + x as usize];
@@ -69,7 +68,7 @@ impl ExactPixels {
     }
 }
 
-/// A distance in grey levels.
+/// Distance in grey levels of 255.
 pub fn levels(channels: &[f32], exact: &[f32]) -> Levels {
     let d = distance_of(channels, exact);
     Levels {
@@ -80,7 +79,7 @@ pub fn levels(channels: &[f32], exact: &[f32]) -> Levels {
     }
 }
 
-/// The chosen pixels, in order of choice (Fisher and Yates 1938, as far as needed).
+/// The chosen pixels, in order of choice (partial shuffle of Fisher and Yates 1938).
 fn chosen(scene: &ResolvedScene, case: &Case<'_>, count: usize) -> Vec<[u32; 2]> {
     let facts = &case.built.volume.facts;
     let mut candidates = pixels_that_meet(scene, facts.dims, &facts.geometry);
@@ -94,7 +93,7 @@ fn chosen(scene: &ResolvedScene, case: &Case<'_>, count: usize) -> Vec<[u32; 2]>
     candidates
 }
 
-/// Pixels, row by row, whose ray meets the drawn domain; for several rays a pixel, whose first does.
+/// Pixels with a ray through the drawn domain, row by row. With several rays per pixel, the first one counts.
 fn pixels_that_meet(scene: &ResolvedScene, dims: Dims, geometry: &Geometry) -> Vec<[u32; 2]> {
     let [width, height] = scene.image_size;
     let meets = |&[x, y]: &[u32; 2]| {
@@ -126,10 +125,10 @@ mod tests {
         distinct.dedup();
         assert_eq!(distinct.len(), 100);
         let all = chosen(&scene, &case, usize::MAX);
-        // 16 voxels from 2.6 edges away fill a fifth to two thirds of the picture.
+        // From 2.6 edges away, 16 voxels fill 20 to 67 % of the picture.
         assert!((600..2000).contains(&all.len()), "{}", all.len());
 
-        // Scenes are in index space, whatever spacing the synthetic volume has.
+        // Scenes are in index space, for any spacing of the synthetic volume.
         let survey = &planned(&context, &Subject::Scenes(vec!["seismic".into()]), Some(16)).expect("a scene")[0];
         let survey = survey.build(&context, Looks::Unshaded, &[]).expect("a small volume");
         assert_eq!(survey.volume.facts.geometry, Geometry::IDENTITY);

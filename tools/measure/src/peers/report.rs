@@ -1,4 +1,4 @@
-//! The comparison as a table for people and as JSON for programs.
+//! The comparison as a Markdown table and as JSON.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -7,13 +7,13 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use super::{Comparison, Levels, PeerReport, Row};
 use crate::context::ChartError;
 
-/// Seconds of a day.
+/// Seconds per day.
 const DAY_SECONDS: u64 = 86_400;
 
-/// Writes `peers.json`, `peers.md` and the timed pictures into a folder; makes it where it is not there.
+/// Writes `peers.json`, `peers.md` and the timed pictures into a folder. Creates the folder if needed.
 ///
 /// # Errors
-/// If anything cannot be written.
+/// If a file cannot be written.
 pub fn write(comparison: &Comparison, command: &str, folder: &Path) -> Result<(), ChartError> {
     let cannot = |path: &Path, source| ChartError::Write { path: path.into(), source };
     std::fs::create_dir_all(folder).map_err(|e| cannot(folder, e))?;
@@ -31,7 +31,7 @@ pub fn write(comparison: &Comparison, command: &str, folder: &Path) -> Result<()
     Ok(())
 }
 
-/// A page: what was run, the table, how to read it.
+/// A Markdown page: configuration, table, explanation of the table.
 #[must_use]
 pub fn markdown(comparison: &Comparison, command: &str) -> String {
     let [width, height] = comparison.image_size;
@@ -75,7 +75,7 @@ fn peer(report: &PeerReport) -> String {
     versions.unwrap_or_default() + &why_not.unwrap_or_default()
 }
 
-/// The rows as a table that reads well as text and as Markdown.
+/// The rows as a Markdown table, also readable as plain text.
 #[must_use]
 pub fn table(rows: &[Row]) -> String {
     let head = [
@@ -122,7 +122,7 @@ pub fn table(rows: &[Row]) -> String {
     markdown_table(&head, &rows.iter().map(line).collect::<Vec<_>>())
 }
 
-/// A table whose columns are as wide as their widest cell.
+/// A Markdown table with columns as wide as their widest cell.
 #[must_use]
 pub fn markdown_table<const N: usize>(head: &[&str; N], lines: &[[String; N]]) -> String {
     let cells: Vec<_> = [head.map(String::from)].into_iter().chain(lines.iter().cloned()).collect();
@@ -144,15 +144,15 @@ pub fn markdown_table<const N: usize>(head: &[&str; N], lines: &[[String; N]]) -
     text
 }
 
-/// Today, UTC, year-month-day.
+/// Today's date, UTC, year-month-day.
 #[must_use]
 pub fn today() -> String {
     let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs());
     date_of(seconds / DAY_SECONDS)
 }
 
-/// The date that many days after 1970-01-01 in the Gregorian calendar, counted in eras of 400 years that begin in March,
-/// so that leap days come last (Hinnant 2013, "chrono-compatible low-level date algorithms").
+/// Gregorian date of a number of days after 1970-01-01. Counts eras of 400 years from March, so that leap days come
+/// last (Hinnant 2013, "chrono-compatible low-level date algorithms").
 fn date_of(days: u64) -> String {
     let days = days + 719_468;
     let (era, day_of_era) = (days / 146_097, days % 146_097);

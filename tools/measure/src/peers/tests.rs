@@ -1,4 +1,4 @@
-//! The comparison without a peer, and with one that is not there. No network.
+//! The comparison without a peer, and with a missing one. No network.
 
 use std::path::Path;
 use std::time::Duration;
@@ -35,7 +35,7 @@ fn our_own_side_is_measured_without_a_peer() {
     let all = ["marschner-lobb", "vessels"].map(|scene| [(scene, "unshaded"), (scene, "shaded")]).concat();
     assert_eq!(cases, all);
     for row in defaults {
-        // Half a grey level is what the default promises.
+        // The default promises half a grey level.
         let error = row.from_reference.expect("the volume is small");
         assert!(error.linf <= 0.5 && error.p999 <= error.linf && error.rmse <= error.p999, "{row:?}");
         assert_eq!((row.error_pixels, row.reference_capped_pieces), (300, 0));
@@ -73,7 +73,7 @@ fn a_scene_that_is_none_is_a_wrong_command() {
     assert!(matches!(&error, Some(ChartError::Command(text)) if text.contains("teapot") && text.contains("vessels")));
 }
 
-/// Every way in which a started program can end.
+/// All ways in which a started program can end.
 #[cfg(unix)]
 #[test]
 fn programs_end_in_time_or_are_ended() {

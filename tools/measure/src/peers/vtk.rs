@@ -1,14 +1,15 @@
 //! VTK's CPU ray caster, `vtkFixedPointVolumeRayCastMapper`, in a Python process of its own.
 //!
-//! One process draws one case. It is handed a job as JSON, and hands back numbers as JSON and pictures as raw 16-bit RGBA;
-//! `vtk_render.py` says what it does. What differs from our model, as far as it is known:
-//! - samples are points a fixed distance apart, opacity corrected by a table, everything in 15-bit fixed point;
-//! - gradients are central differences at the voxels, rounded to a table of directions, made once per volume (in the first
-//!   picture); highlights use the camera's direction instead of each ray's;
+//! One process draws one case. It reads a job as JSON and writes numbers as JSON and pictures as raw 16-bit RGBA;
+//! `vtk_render.py` describes the details. Known differences from Supervol's model:
+//! - samples are points at equal distances, opacity is corrected by a table, all arithmetic is 15-bit fixed point;
+//! - gradients are central differences at the voxels, rounded to a table of directions, made once (in the first
+//!   picture);
+//! - highlights use the camera's direction instead of each ray's;
 //! - a ray ends when its opacity reaches [`TERMINATION_OPACITY`], which may cost two grey levels;
-//! - it knows no absent voxels: volumes that have some are not compared.
+//! - there are no absent voxels: volumes with absent voxels are not compared.
 //!
-//! Nothing it says is trusted: sizes of pictures and lists are checked.
+//! Its answers are not trusted: sizes of pictures and lists are checked.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -25,22 +26,22 @@ use super::environment::{self, Package};
 use super::{Cost, Drawn, PeerOptions, PeerReport, Run, Spread};
 use crate::context::{ChartError, Context, Pace};
 
-/// Name of the peer's rows.
+/// Program name of the peer's rows.
 pub const NAME: &str = "VTK";
-/// What is installed.
+/// The installed package.
 pub const PACKAGE: Package = Package { name: "vtk", version: "9.7.2" };
-/// VTK ends a ray when what gets through falls below 255 of 32768.
+/// Opacity at which VTK ends a ray: its transmittance falls below 255 of 32768.
 pub const TERMINATION_OPACITY: f64 = 1.0 - 255.0 / 32768.0;
 
 /// Full scale of a channel of VTK's pictures.
 const ONE: f32 = 32767.0;
 const SCRIPT: &str = include_str!("vtk_render.py");
-/// Time that the pictures of one case may take.
+/// Time limit of the pictures of one case.
 const CASE_LIMIT: Duration = Duration::from_secs(600);
-/// Longest answer that is read, bytes.
+/// Largest answer that is read, bytes.
 const ANSWER_LIMIT_BYTES: u64 = 1 << 20;
 
-/// Versions of what drew the pictures.
+/// Versions of the programs and libraries behind the pictures.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Versions {
     /// VTK.
@@ -49,18 +50,18 @@ pub struct Versions {
     pub python: String,
     /// NumPy.
     pub numpy: String,
-    /// Class of VTK's window.
+    /// Class of VTK's render window.
     pub window: String,
 }
 
-/// The peer, as long as it works: its first failure ends its part, and the comparison goes on without it.
+/// The peer while it works. After its first failure the comparison continues without it.
 pub struct Peer {
     python: Option<PathBuf>,
     report: PeerReport,
 }
 
 impl Peer {
-    /// Makes the environment where it is not there yet.
+    /// Makes the environment if it does not exist yet.
     #[must_use]
     pub fn prepare(options: &PeerOptions, say: &(dyn Fn(&str) + Sync)) -> Self {
         let mut report = PeerReport { name: NAME, measured: true, why_not: None, versions: None };
@@ -71,13 +72,13 @@ impl Peer {
         Self { python: python.ok(), report }
     }
 
-    /// What became of it.
+    /// Report about the peer.
     #[must_use]
     pub fn into_report(self) -> PeerReport {
         self.report
     }
 
-    /// Draws a case at every step length; nothing, where the peer does not work.
+    /// Draws a case at every step; empty if the peer does not work.
     ///
     /// # Errors
     /// If the job cannot be written.
@@ -108,7 +109,7 @@ fn refuse(report: &mut PeerReport, why: &str) {
     report.why_not = Some(why.into());
 }
 
-/// What the script answers.
+/// Answer of the script.
 #[derive(Debug, Deserialize)]
 #[serde(untagged)]
 enum Answer {
@@ -139,12 +140,12 @@ struct Time {
     wall_ms: f64,
 }
 
-/// A job's files.
+/// Files of a job.
 struct Job<'a> {
     script: PathBuf,
     job: PathBuf,
     answer: PathBuf,
-    /// Step in smallest spacings, picture.
+    /// Step in smallest voxel spacings, and picture file.
     steps: Vec<(f64, PathBuf)>,
     run: &'a Run,
 }
@@ -206,7 +207,7 @@ impl<'a> Job<'a> {
     }
 }
 
-/// A scene as the script takes it: perspective, one ray a pixel, light from the eye.
+/// A scene in the form of the script: perspective, one ray per pixel, light from the eye.
 fn picture(scene: &ResolvedScene) -> Result<Value, ChartError> {
     let camera = &scene.camera;
     let Projection::Perspective { fov_y } = camera.projection else {
@@ -245,7 +246,7 @@ impl Step {
     }
 }
 
-/// The answer, checked: as many steps and times as were asked for, every time a positive number, the threads asked for.
+/// Parses and checks the answer: numbers of steps and times as requested, positive times, threads as requested.
 fn parse(text: &str, steps: usize, repeats: usize, threads: usize) -> Result<Done, String> {
     let answer = serde_json::from_str(text).map_err(|e| format!("the answer is not understood: {e}"))?;
     let done = match answer {
@@ -271,7 +272,7 @@ fn parse(text: &str, steps: usize, repeats: usize, threads: usize) -> Result<Don
     Ok(done)
 }
 
-/// A picture of premultiplied RGBA, 16-bit little endian, row 0 on top; [`ONE`] is 1.
+/// Reads a picture of premultiplied RGBA, 16-bit little endian, row 0 on top; [`ONE`] is 1.
 fn read_picture(path: &Path, [width, height]: [u32; 2]) -> Result<Image, String> {
     let expected = u64::from(width) * u64::from(height) * 8;
     let read = || -> std::io::Result<Option<Vec<u8>>> {

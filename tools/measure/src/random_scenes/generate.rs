@@ -1,9 +1,13 @@
-//! One random scene: a small volume and how it is looked at, all from a seed and a number.
+//! Random scene: a small volume and its scene members, generated from a seed and a number.
 //!
-//! What is drawn from: waves, white noise, Marschner and Lobb's signal, and blobs in nothing; four types of voxels, cubes and
-//! cuboids, sometimes with holes; ramps, steps and spikes, faint and nearly opaque; perspective from outside and from
-//! within, parallel rays, some along an axis; half of the scenes shaded, a third clipped. In other modes than `dvr` the same
-//! scenes, in `iso` with surfaces, without lights where there is nothing to light.
+//! Choices:
+//! - fields: waves, white noise, the Marschner-Lobb signal, blobs in empty space;
+//! - voxels: four types, cubes and cuboids, sometimes with holes;
+//! - transfer functions: ramps, steps and spikes, faint to nearly opaque;
+//! - cameras: perspective from outside and inside, parallel rays, some along an axis;
+//! - half of the scenes are shaded, a third clipped.
+//!
+//! Other modes than `dvr` use the same scenes: `iso` with surfaces, and modes without lighting without lights.
 
 use std::f64::consts::TAU;
 
@@ -17,16 +21,16 @@ use supervol_sources::computed::Computed;
 use crate::fixtures::{marschner_lobb_at, point};
 use crate::volume::{Point, image_size, transfer_function};
 
-/// Width and height of the picture, pixels; one ray each.
+/// Width and height of the picture, pixels; one ray per pixel.
 pub const IMAGE: [u32; 2] = [20, 16];
-/// Types of voxels that take their turn.
+/// Voxel types, used in turn.
 const TYPES: [VoxelType; 4] = [VoxelType::F32, VoxelType::U8, VoxelType::U16, VoxelType::I16];
-/// The value of voxels that are absent, where voxels are whole numbers.
+/// Value of absent voxels in integer volumes.
 const NODATA: f64 = 0.0;
 
-/// A volume and a scene.
+/// A volume and its scene.
 pub struct RandomScene {
-    /// Its number within the seed.
+    /// Number of the scene within its seed.
     pub number: u64,
     /// The volume.
     pub source: Computed,
@@ -34,21 +38,21 @@ pub struct RandomScene {
     pub members: Vec<String>,
 }
 
-/// The volume as far as the scene must know it.
+/// Properties of the volume that the scene depends on.
 struct Shape {
     dims: [u64; 3],
     spacing: [f64; 3],
-    /// Least value, and how far values reach above it.
+    /// Least value, and width of the value range.
     values: [f64; 2],
 }
 
 impl Shape {
-    /// World position of the domain's middle.
+    /// World position of the centre of the domain.
     fn middle(&self) -> DVec3 {
         self.at([0.5; 3])
     }
 
-    /// World position at these shares of the domain.
+    /// World position at these fractions of the domain.
     fn at(&self, shares: [f64; 3]) -> DVec3 {
         DVec3::from_array(std::array::from_fn(|a| (shares[a] * self.dims[a] as f64 - 0.5) * self.spacing[a]))
     }
@@ -60,13 +64,13 @@ impl Shape {
 }
 
 impl RandomScene {
-    /// Scene `number` of this seed in mode `dvr`: the same on every machine, but for the last bits of its sines.
+    /// Scene `number` of this seed in mode `dvr`. Equal on all machines, up to the last bits of sines.
     #[must_use]
     pub fn new(seed: u64, number: u64) -> Self {
         Self::in_mode(Mode::Dvr, seed, number)
     }
 
-    /// The same volume, camera and transfer function in some mode.
+    /// The same volume, camera and transfer function in another mode.
     #[must_use]
     pub fn in_mode(mode: Mode, seed: u64, number: u64) -> Self {
         let mut random = Random::new(mix(seed) ^ mix(!number));
@@ -95,7 +99,7 @@ impl RandomScene {
 fn volume(random: &mut Random) -> (Computed, Shape) {
     let dims = [0; 3].map(|_| 14 + random.below(20));
     let voxel_type = TYPES[random.below(4) as usize];
-    // Integers have some hundred values, or some ten thousand.
+    // Integer volumes use some hundred or some ten thousand values.
     let values = match voxel_type {
         VoxelType::F32 => [[0.0, 1.0], [0.0, 1.0], [5000.0, 20.0]][random.below(3) as usize],
         VoxelType::U8 => [1.0, 240.0],
@@ -119,7 +123,7 @@ fn volume(random: &mut Random) -> (Computed, Shape) {
 
 type Field = Box<dyn Fn([u64; 3]) -> f64 + Send + Sync>;
 
-/// Values from 0 to 1.
+/// A random field with values from 0 to 1.
 fn field(random: &mut Random, dims: [u64; 3]) -> Field {
     let frequency = 0.2 + random.unit();
     let wave = move |voxel: [u64; 3]| 0.5 + 0.5 * (frequency * point(voxel).dot(DVec3::new(1.0, 0.7, 1.3))).sin();
@@ -130,7 +134,7 @@ fn field(random: &mut Random, dims: [u64; 3]) -> Field {
             let extent = DVec3::from_array(dims.map(|n| (n - 1) as f64));
             marschner_lobb_at(point(voxel) * 2.0 / extent - DVec3::ONE)
         }),
-        // Mostly exactly nothing.
+        // Most voxels are exactly 0.
         _ => {
             let phase = TAU * random.unit();
             Box::new(move |voxel| {
@@ -145,7 +149,7 @@ fn hash(voxel: [u64; 3], what: u64) -> u64 {
     mix(voxel[0] ^ mix(voxel[1] ^ mix(voxel[2] ^ mix(what))))
 }
 
-/// Ramps, steps and spikes over all values or over few of them.
+/// Ramps, steps and spikes over all or few of the values.
 fn classification(random: &mut Random, shape: &Shape) -> String {
     let width = [1.0, 1.0, 0.2, 0.02][random.below(4) as usize];
     let first = (1.0 - width) * random.unit();
@@ -177,7 +181,7 @@ fn camera(random: &mut Random, shape: &Shape) -> String {
     }
     let target = shape.middle();
     let (eye, view) = match random.below(10) {
-        // From within.
+        // Perspective from inside the volume.
         0 => {
             let eye = shape.at([0; 3].map(|_| 0.1 + 0.8 * random.unit()));
             (eye, format!(r#""fov_y": {:?}"#, 40.0 + 50.0 * random.unit()))
@@ -192,7 +196,7 @@ fn camera(random: &mut Random, shape: &Shape) -> String {
             (target + distance * away, format!(r#""fov_y": {fov_y:?}"#))
         }
     };
-    // Never along the line of sight.
+    // Never parallel to the view direction.
     let up = if away.z.abs() < 0.9 { DVec3::Z } else { DVec3::Y };
     let up = if along_axis { up } else { up + DVec3::new(0.1, 0.2, 0.05) };
     format!(
@@ -203,7 +207,7 @@ fn camera(random: &mut Random, shape: &Shape) -> String {
     )
 }
 
-/// One to three surfaces, some of which are seen through.
+/// One to three surfaces, some transparent.
 fn surfaces(random: &mut Random, shape: &Shape) -> String {
     let [least, reach] = shape.values;
     let surfaces: Vec<String> = (0..1 + random.below(3))
@@ -216,10 +220,10 @@ fn surfaces(random: &mut Random, shape: &Shape) -> String {
     format!(r#""iso": [{}]"#, surfaces.join(", "))
 }
 
-/// How the member begins that lights a scene.
+/// Start of the scene member for shading.
 const SHADING: &str = r#""shading": "#;
 
-/// None, the default, or one to three lights from anywhere on a material that is dull or shiny.
+/// No shading, the default, or one to three lights in any direction on a matt or shiny material.
 fn shading(random: &mut Random) -> String {
     match random.below(10) {
         0..5 => return String::new(),
@@ -240,7 +244,7 @@ fn shading(random: &mut Random) -> String {
     )
 }
 
-/// Nothing, a box, one or two planes near the middle, or both.
+/// No clipping, a box, one or two planes near the centre, or both.
 fn clip(random: &mut Random, shape: &Shape) -> String {
     let mut parts = Vec::new();
     if random.unit() < 0.2 {

@@ -1,8 +1,8 @@
-//! Random scenes: does the default keep the error that is asked for?
+//! Random scenes: whether the default keeps the requested error.
 //!
-//! Each scene ([`RandomScene`]) is built into a container, drawn by the default method in one mode at every error of
-//! [`ERRORS`], and compared with the reference integrator pixel by pixel. Tests run some scenes, `supervol bench
-//! --random-scenes N` as many as wanted; scene K of seed S is the same in both, whatever is run before it.
+//! Each scene ([`RandomScene`]) is built into a container and drawn by the default method in one mode, at every error
+//! of [`ERRORS`]. Each pixel is compared with the reference integrator. Tests draw a few scenes, and
+//! `supervol bench --random-scenes N` draws any number. Scene K of seed S is the same in both.
 
 mod generate;
 
@@ -22,94 +22,94 @@ use crate::stated::{AtLevel, Pixels};
 use crate::volume::{Volume, build_options, finest};
 pub use generate::{IMAGE, RandomScene};
 
-/// Errors that are asked for, grey levels of 255.
+/// Requested errors, grey levels of 255.
 pub const ERRORS: [f64; 4] = [0.1, 0.5, 2.0, 8.0];
-/// Levels that are asked for.
+/// Requested levels of detail.
 const LEVELS: [u8; 2] = [0, 1];
-/// Voxels along an edge of a brick's core: the least, so that rays cross several.
+/// Core of the bricks, voxels along an edge: the smallest one, so that rays cross several bricks.
 const CORE: u32 = 16;
 
-/// Which scenes, and how.
+/// Options of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Options {
     /// Seed of all scenes.
     pub seed: u64,
     /// Number of the first scene.
     pub first: u64,
-    /// How many.
+    /// Number of scenes.
     pub scenes: u64,
-    /// What rays gather.
+    /// Rendering mode.
     pub mode: Mode,
     /// Threads of the renderer and of the reference.
     pub threads: usize,
-    /// Who draws: packets on the CPU, or a GPU, which predicts nothing where the transfer function has steps.
+    /// Backend: packets on the CPU, or a GPU. A GPU predicts no errors for transfer functions with steps.
     pub backend: Backend,
 }
 
-/// What was found.
+/// Results of a run.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Found {
     /// Seed of all scenes.
     pub seed: u64,
-    /// What rays gather.
+    /// Rendering mode.
     pub mode: Mode,
     /// Number of the first scene.
     pub first_scene: u64,
     /// Scenes drawn.
     pub scenes: u64,
-    /// Of these, scenes in which something is seen.
+    /// Drawn scenes that are not entirely empty.
     pub scenes_that_show_something: u64,
-    /// Width and height of each picture, pixels; one ray each.
+    /// Width and height of each picture, pixels; one ray per pixel.
     pub image: [u32; 2],
-    /// Scenes at which the reference integrator did not stand still, so that they say nothing.
+    /// Scenes without a result, because the reference integrator did not converge.
     pub scenes_not_judged: Vec<u64>,
-    /// Wall time of everything, seconds.
+    /// Total wall time, seconds.
     pub seconds: f64,
-    /// By error asked for.
+    /// Results by requested error.
     pub errors: Vec<AtError>,
-    /// By level that is asked for: what is stated of pixels against level 0.
+    /// Stated errors of pixels against level 0, by requested level.
     pub stated: Vec<AtLevel>,
 }
 
-/// All scenes at one error. Errors are in grey levels of 255.
+/// Results of all scenes at one requested error. Errors are in grey levels of 255.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct AtError {
-    /// `--max-error`.
+    /// The requested error (`--max-error`).
     pub asked_grey_levels: f64,
     /// Greatest difference of any channel of any pixel of any scene.
     pub largest_grey_levels: f64,
-    /// The scene with that.
+    /// Scene with the greatest difference.
     pub worst_scene: u64,
-    /// 99.9th percentile of the differences of all channels of all pixels that show something in either picture.
+    /// 99.9th percentile of the channel differences, over all pixels that are not empty in both pictures.
     pub p999_grey_levels: f64,
-    /// Scenes with a greater error than was asked for.
+    /// Scenes with an error above the requested one.
     pub scenes_above: Vec<u64>,
-    /// Against what the renderer predicted, where it did.
+    /// Comparison with the predicted errors; `None` without predictions.
     pub predicted: Option<AgainstPredicted>,
 }
 
-/// Errors against those that the renderer predicted (`error_predicted` of its statistics).
+/// Measured errors against predicted ones (`error_predicted` of the statistics).
 #[derive(Debug, Clone, PartialEq, Serialize, Default)]
 pub struct AgainstPredicted {
-    /// Scenes with a greater error.
+    /// Scenes with an error above the predicted one.
     pub scenes_above: Vec<u64>,
-    /// Greatest error measured over the error predicted.
+    /// Greatest ratio of measured to predicted error.
     pub largest_share: f64,
-    /// Median of the errors predicted.
+    /// Median of the predicted errors.
     pub median_grey_levels: f64,
 }
 
-/// The differences at one error while scenes are drawn.
+/// Differences at one requested error, collected scene by scene.
 struct Differences {
     sizes: Vec<f32>,
-    /// One a scene, grey levels, and what was found against them; those of a GPU that has steps have none.
+    /// Predicted error of each scene, grey levels; empty for a GPU and transfer functions with steps.
     predicted: Vec<f64>,
     against_predicted: AgainstPredicted,
     at: AtError,
 }
 
 impl RandomScene {
-    /// The volume, built into the context's folder, and the scene.
+    /// Builds the volume into the context's folder and resolves the scene.
     ///
     /// # Errors
     /// If the volume cannot be built.
@@ -121,17 +121,17 @@ impl RandomScene {
     }
 }
 
-/// The default at level 0, aimed at an error in grey levels.
+/// Options of the default method at level 0 with this requested error, grey levels of 255.
 #[must_use]
 pub fn aimed_at(grey_levels: f64, threads: usize) -> RenderOptions {
     let max_error = grey_levels / GREY_LEVELS;
     RenderOptions { max_error, predict_error: true, threads: Some(threads), ..finest(Backend::Cpu) }
 }
 
-/// Draws and compares.
+/// Draws the scenes and compares them with the reference.
 ///
 /// # Errors
-/// If a picture cannot be made.
+/// If a picture cannot be drawn.
 pub fn run(context: &Context<'_>, options: Options) -> Result<Found, ChartError> {
     let (start, pace) = (Instant::now(), Pace::new(context.say));
     let mut differences = ERRORS.map(Differences::new);
@@ -229,7 +229,7 @@ impl Differences {
 }
 
 impl Found {
-    /// Scenes with a greater error than asked for, at whatever error, each once.
+    /// Scenes with an error above any requested one, each listed once.
     #[must_use]
     pub fn scenes_above(&self) -> Vec<u64> {
         let mut scenes: Vec<u64> = self.errors.iter().flat_map(|at| at.scenes_above.iter().copied()).collect();
@@ -238,7 +238,7 @@ impl Found {
         scenes
     }
 
-    /// The greatest share of an error asked for that was found.
+    /// Greatest ratio of measured to requested error.
     #[must_use]
     pub fn greatest_share(&self) -> f64 {
         greatest(self.errors.iter().map(|at| at.largest_grey_levels / at.asked_grey_levels))
@@ -261,13 +261,13 @@ pub fn write(found: &Found, page: &str, folder: &Path) -> Result<(), ChartError>
     Ok(())
 }
 
-/// Why nothing that is written into a text fails.
+/// Reason why writing into a string cannot fail.
 const WRITES: &str = "strings take everything";
 
-/// What was found, as a table.
+/// The results as a Markdown table.
 ///
 /// # Panics
-/// Never: a text takes everything.
+/// Never: writing into a string does not fail.
 #[must_use]
 pub fn markdown(found: &Found, command: &str) -> String {
     let [width, height] = found.image;
@@ -308,7 +308,7 @@ pub fn markdown(found: &Found, command: &str) -> String {
     text
 }
 
-/// What is stated of pixels, as a table; nothing where nothing is.
+/// Stated errors of pixels as a table; empty if there are none.
 fn stated_table(stated: &[AtLevel]) -> String {
     if stated.is_empty() {
         return String::new();
@@ -336,7 +336,7 @@ fn stated_table(stated: &[AtLevel]) -> String {
     text
 }
 
-/// How many scenes, and the first of them.
+/// Number of scenes and the numbers of the first ten.
 fn counted(scenes: &[u64]) -> String {
     let named: Vec<String> = scenes.iter().take(10).map(u64::to_string).collect();
     if named.is_empty() { "0".into() } else { format!("{}: {}", scenes.len(), named.join(", ")) }

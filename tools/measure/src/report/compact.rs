@@ -1,12 +1,12 @@
-//! A plot's SVG in a third of its length: the plotting library writes an element with all its attributes for every dash,
-//! tick and mark.
+//! Shorter SVG of a plot, a third of the length: the plotting library writes a full element for each dash, tick and
+//! mark.
 //!
-//! Shapes of one style that follow each other become one path; attributes with their initial values go; fonts are the
-//! page's. What is not known stays as it is. The picture is the same.
+//! Consecutive shapes of one style become one path. Attributes with initial values are removed; fonts are those of the
+//! page. Unknown elements stay unchanged. The picture is the same.
 
 use std::fmt::Write;
 
-/// One element without content, or the text in one.
+/// One element without content, or a text element with its text.
 struct Element<'a> {
     name: &'a str,
     attributes: Vec<(&'a str, &'a str)>,
@@ -18,7 +18,7 @@ impl<'a> Element<'a> {
         self.attributes.iter().find(|(n, _)| *n == name).map_or("", |(_, value)| value)
     }
 
-    /// Numbers of an attribute, with commas or spaces between; whole ones, as the plotting library writes them.
+    /// Numbers of an attribute, separated by commas or spaces; integers, as the plotting library writes them.
     fn numbers(&self, name: &str) -> Option<Vec<i32>> {
         let words = self.get(name).split([',', ' ']).filter(|word| !word.is_empty());
         words.map(|word| word.parse().ok()).collect()
@@ -28,7 +28,7 @@ impl<'a> Element<'a> {
         self.get(name).parse().ok()
     }
 
-    /// The outline as path data.
+    /// Outline as path data.
     fn path(&self) -> Option<String> {
         Some(match self.name {
             "line" => joined(&[self.number("x1")?, self.number("y1")?, self.number("x2")?, self.number("y2")?])?,
@@ -46,7 +46,7 @@ impl<'a> Element<'a> {
         })
     }
 
-    /// Attributes that say how it is painted, without those that have their initial values.
+    /// Attributes of the paint style, without those that have initial values.
     fn style(&self) -> String {
         let mut style = String::new();
         for name in ["fill", "stroke", "stroke-width", "opacity"] {
@@ -87,7 +87,7 @@ impl<'a> Element<'a> {
     }
 }
 
-/// Lines from point to point; level ones as such.
+/// Path of lines from point to point; horizontal lines in their short form.
 fn joined(numbers: &[i32]) -> Option<String> {
     let (&[x, y], rest) = numbers.as_chunks::<2>().0.split_first()?;
     let mut path = format!("M{x} {y}");
@@ -108,7 +108,7 @@ fn joined(numbers: &[i32]) -> Option<String> {
     Some(path)
 }
 
-/// The same picture, shorter.
+/// The same picture as a shorter SVG.
 #[must_use]
 pub fn compact(svg: &str) -> String {
     let mut out = String::with_capacity(svg.len() / 2);
@@ -149,7 +149,7 @@ fn flush(out: &mut String, style: &str, path: &mut String) {
     }
 }
 
-/// An element that is empty, or a text with what follows its tag.
+/// An element without content, or a text element with the text that follows its tag.
 fn parse<'a>(tag: &'a str, behind: &'a str) -> Option<Element<'a>> {
     let inside = tag.strip_prefix('<')?.strip_suffix('>')?;
     let (name, mut rest) = inside.split_once(' ')?;

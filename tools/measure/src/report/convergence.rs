@@ -1,4 +1,4 @@
-//! How fast methods converge: one plot for each field and transfer function, measured orders beside the expected.
+//! Convergence section: one plot per field and transfer function, and the measured orders beside the expected ones.
 
 use super::html::{escape, figure, grid, number, number_or_dash, paragraph, table};
 use super::palette;
@@ -41,7 +41,7 @@ pub(super) fn section(rows: &[OrderRow]) -> String {
         + &grid(&figures)
 }
 
-/// The order and its spread, where it has one.
+/// The order, with its spread if there is one.
 fn order(row: &OrderRow) -> String {
     if row.order_spread == 0.0 {
         return number(row.order);
@@ -68,13 +68,13 @@ fn convergence_figure(rows: &[OrderRow]) -> String {
     )
 }
 
-/// From the first point that is not exact, at the expected order.
+/// Guide line of the expected order, from the first point with an error above 0.
 fn guide(row: &OrderRow) -> Option<Vec<(f64, f64)>> {
     let order = row.expected_order?;
     let &(x0, y0) = row.curve.iter().find(|(x, y)| *x > 0.0 && *y > 0.0)?;
     let least = row.curve.iter().map(|p| p.1).filter(|y| *y > 0.0).fold(f64::INFINITY, f64::min);
     let line = row.curve.iter().filter(|p| p.0 >= x0).map(|&(x, _)| (x, y0 * (x / x0).powf(-order)));
-    // Below the plot's own points a line would lie along its lower edge.
+    // Points far below the plot's own points would lie along its lower edge.
     Some(line.take_while(|p| p.1 >= 0.5 * least).collect())
 }
 

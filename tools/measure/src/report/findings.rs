@@ -1,4 +1,4 @@
-//! Tables of the chart: what the default buys, what codecs and storage cost, every point.
+//! Tables of the chart: benefit of the default, cost of codecs and storage, all points.
 
 use std::fmt::Write;
 
@@ -8,8 +8,8 @@ use crate::methods::{DEFAULT, ERRORS};
 use crate::points::{CPU, Point};
 use crate::stated::AtLevel;
 
-/// Families that integrate a ray in another way than the default's: what it competes with. Variations of the default
-/// (termination, levels, codecs, ...) are not among them.
+/// Families that compete with the default: they integrate rays in another way. Variations of the default (termination,
+/// levels, codecs, ...) are not included.
 const RIVALS: [&str; 7] = [
     "midpoint samples",
     "midpoint samples, jittered",
@@ -20,12 +20,12 @@ const RIVALS: [&str; 7] = [
     "opacity not corrected for the step",
 ];
 
-/// What the default is compared with on one scene and look.
+/// The default and its best rivals on one scene and look.
 struct Comparison<'a> {
     default: &'a Point,
-    /// The cheapest rival that is at least as near to exact.
+    /// The cheapest rival that is at least as accurate.
     as_near: Option<&'a Point>,
-    /// The nearest rival that is at least as cheap.
+    /// The most accurate rival that is at least as cheap.
     as_cheap: Option<&'a Point>,
 }
 
@@ -37,12 +37,12 @@ fn compare(points: &[Point]) -> Option<Comparison<'_>> {
     Some(Comparison { default, as_near, as_cheap })
 }
 
-/// The points of one scene and look after the other.
+/// The points, grouped by scene and look.
 fn looks(points: &[Point]) -> impl Iterator<Item = &[Point]> {
     points.chunk_by(|a, b| (&a.scene, &a.transfer_function) == (&b.scene, &b.transfer_function))
 }
 
-/// The default against its rivals, counted and as a table.
+/// The default against its rivals: counts and a table.
 pub(super) fn findings(points: &[Point]) -> String {
     let all: Vec<Comparison<'_>> = looks(points).filter_map(compare).collect();
     let invisible = all.iter().filter(|c| c.default.linf <= INVISIBLE).count();
@@ -91,7 +91,7 @@ fn comparison_row(c: &Comparison<'_>) -> Vec<String> {
     ]
 }
 
-/// The default's curve over all pictures: what was asked for, what came of it, what it cost.
+/// The default's curve over all pictures: requested error, measured error, cost.
 pub(super) fn errors_asked_for(points: &[Point]) -> String {
     let of_look = |look: &[Point], levels: f64| -> Option<[f64; 3]> {
         let at = |levels: f64| {
@@ -126,7 +126,7 @@ pub(super) fn errors_asked_for(points: &[Point]) -> String {
     )
 }
 
-/// What is stated of pixels that are drawn from some level, beside what is true of them.
+/// Stated and true errors of pixels drawn from a fixed level.
 pub(super) fn stated(scenes: &[(String, Vec<AtLevel>)]) -> String {
     let row = |scene: &str, at: &AtLevel| {
         vec![
@@ -161,7 +161,7 @@ pub(super) fn stated(scenes: &[(String, Vec<AtLevel>)]) -> String {
     ) + &table(&headings, &rows)
 }
 
-/// Bytes read and the first picture's processor time, by codec and storage.
+/// Bytes read, and processor time of the first picture, by codec and storage.
 pub(super) fn storage(points: &[Point]) -> String {
     let mut html = paragraph(
         "A volume is stored in bricks, each encoded on its own. Bytes are those that the first picture read; the first \
@@ -199,7 +199,7 @@ pub(super) fn storage(points: &[Point]) -> String {
     html
 }
 
-/// Every point, folded away by scene.
+/// Tables of all points, folded by scene.
 pub(super) fn all_points(points: &[Point]) -> String {
     let mut html = paragraph(
         "The same numbers as in points.csv and points.json. Errors are shares of full scale; bias is the mean signed \

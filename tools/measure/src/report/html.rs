@@ -1,6 +1,6 @@
-//! The parts of a page: text that cannot break out of its place, tables, figures, the page itself.
+//! Parts of a page: escaped text, tables, figures, and the page itself.
 //!
-//! Pages are one file each: style and pictures inside, no script, nothing fetched.
+//! Each page is one file: style and pictures are inside; there are no scripts and no external resources.
 
 use std::fmt::Write;
 
@@ -24,7 +24,7 @@ impl Section {
     }
 }
 
-/// Text as HTML.
+/// Text escaped for HTML.
 #[must_use]
 pub fn escape(text: &str) -> String {
     let mut html = String::with_capacity(text.len());
@@ -47,7 +47,7 @@ pub fn paragraph(text: &str) -> String {
     format!("<p>{}</p>\n", escape(text))
 }
 
-/// A figure: `content` is HTML (an SVG or pictures), title and reading are plain text.
+/// A figure: `content` is HTML (an SVG or pictures); `title` and `reading` are plain text.
 #[must_use]
 pub fn figure(title: &str, content: &str, reading: &str) -> String {
     format!(
@@ -57,13 +57,13 @@ pub fn figure(title: &str, content: &str, reading: &str) -> String {
     )
 }
 
-/// Figures side by side where there is room.
+/// Figures in a grid, side by side if the page is wide enough.
 #[must_use]
 pub fn grid(figures: &[String]) -> String {
     format!("<div class=\"grid\">{}</div>\n", figures.concat())
 }
 
-/// A table; cells are HTML, headings plain text. Cells that begin with a digit, a sign or a dash are set right.
+/// A table: cells are HTML, headings are plain text. Cells that begin with a digit, a sign or a dash are right-aligned.
 #[must_use]
 pub fn table(headings: &[&str], rows: &[Vec<String>]) -> String {
     let mut html = String::from("<div class=\"wide\"><table><thead><tr>");
@@ -75,7 +75,7 @@ pub fn table(headings: &[&str], rows: &[Vec<String>]) -> String {
         html.push_str("<tr>");
         for cell in row {
             let begins = cell.starts_with(|c: char| c.is_ascii_digit() || ['-', '+', '\u{2013}'].contains(&c));
-            // A number, its spread or its unit; not a sentence that begins with one.
+            // A number, perhaps with spread or unit, but not a sentence that begins with a number.
             let is_number = begins && cell.split_whitespace().count() <= 3;
             let _ = write!(html, "<td{}>{cell}</td>", if is_number { " class=\"n\"" } else { "" });
         }
@@ -85,13 +85,13 @@ pub fn table(headings: &[&str], rows: &[Vec<String>]) -> String {
     html
 }
 
-/// A part that opens on a click.
+/// A section that opens on a click.
 #[must_use]
 pub fn details(summary: &str, content: &str) -> String {
     format!("<details><summary>{}</summary>{content}</details>\n", escape(summary))
 }
 
-/// A word in green or red; the word itself says it too.
+/// PASS in green or FAIL in red.
 #[must_use]
 pub fn verdict(pass: bool) -> &'static str {
     if pass { "<b class=\"pass\">PASS</b>" } else { "<b class=\"fail\">FAIL</b>" }
@@ -121,13 +121,13 @@ pub fn number(value: f64) -> String {
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').into() } else { text }
 }
 
-/// [`number`], or a dash.
+/// [`number`], or a dash for `None`.
 #[must_use]
 pub fn number_or_dash(value: Option<f64>) -> String {
     value.map_or_else(|| "\u{2013}".into(), number)
 }
 
-/// A number of bytes.
+/// A size in bytes, with a binary unit.
 #[must_use]
 pub fn bytes(count: u64) -> String {
     match count {
@@ -137,7 +137,7 @@ pub fn bytes(count: u64) -> String {
     }
 }
 
-/// Machine, date and command, as a section.
+/// Machine, date and command as a section.
 #[must_use]
 pub fn circumstances(here: &Circumstances) -> Section {
     let memory = here.memory_gib.map_or_else(|| "unknown".into(), |gib| format!("{gib:.1} GiB"));
@@ -153,7 +153,7 @@ pub fn circumstances(here: &Circumstances) -> Section {
     Section::new("machine", "Machine and command", format!("<table class=\"facts\">{}</table>\n", rows.concat()))
 }
 
-/// The whole page: title, a summary (HTML), contents, sections.
+/// The whole page: title, summary (HTML), contents, sections.
 #[must_use]
 pub fn page(title: &str, summary: &str, sections: &[Section]) -> String {
     let mut contents = String::new();

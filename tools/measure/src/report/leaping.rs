@@ -1,11 +1,11 @@
-//! What it costs to know where nothing shows, and what that saves: a figure and a table.
+//! Cost and benefit of empty-space skipping: a figure and a table.
 
 use super::html::{escape, figure, number, paragraph, table};
 use super::palette;
 use super::plots::{Plot, Series};
 use crate::leaping::{Measured, Ways};
 
-/// Processor time that the clouds of 16.8 million macro cells may take, milliseconds.
+/// Goal for rebuilding the clouds of 16.8 million macro cells, processor time, milliseconds.
 const REBUILDING_GOAL_MS: f64 = 100.0;
 
 /// The section of the report.

@@ -1,15 +1,15 @@
-//! Where and when something was measured.
+//! Machine, date and command of a measurement.
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// Facts that stand in every report.
+/// Circumstances shown in every report.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Circumstances {
     /// Model name of the processor.
     pub processor: String,
-    /// Processors that threads may run on.
+    /// Number of processors available to threads.
     pub processors: usize,
-    /// Memory of the machine in GiB; `None` where the system does not tell.
+    /// Memory of the machine, GiB; `None` if the system does not report it.
     pub memory_gib: Option<f64>,
     /// Operating system.
     pub system: String,
@@ -17,12 +17,12 @@ pub struct Circumstances {
     pub version: String,
     /// Date, `2026-01-31`, UTC.
     pub date: String,
-    /// The command line that was given.
+    /// The command line.
     pub command: String,
 }
 
 impl Circumstances {
-    /// Here and now.
+    /// Circumstances of this process.
     #[must_use]
     pub fn now(command: &str) -> Self {
         let read = |path: &str| std::fs::read_to_string(path).unwrap_or_default();
@@ -44,8 +44,8 @@ impl Circumstances {
     }
 }
 
-/// Name of this machine's kind, for folders of records: `epyc-zen4-2-cores`. Machines of one name are comparable, not
-/// equal: clocks and caches differ within a family.
+/// Name of this kind of machine, for folders of records: `epyc-zen4-2-cores`. Machines with one name are comparable but
+/// not equal: clocks and caches differ within a family.
 #[must_use]
 pub fn short_name() -> String {
     let known = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
@@ -53,8 +53,7 @@ pub fn short_name() -> String {
     format!("{}-{cores}-cores", processor_name(&known))
 }
 
-/// Product and generation where a processor is one of AMD's since 2017; its model name for others, in small letters and
-/// dashes.
+/// Product and generation of AMD processors since 2017; the model name of other processors, in lower case with dashes.
 fn processor_name(cpuinfo: &str) -> String {
     let name = field(cpuinfo, "model name", ':').unwrap_or_else(|| std::env::consts::ARCH.into());
     let number = |key: &str| field(cpuinfo, key, ':').and_then(|n| n.parse::<u32>().ok());
@@ -68,7 +67,7 @@ fn processor_name(cpuinfo: &str) -> String {
     dashed.split('-').filter(|part| !part.is_empty()).collect::<Vec<_>>().join("-")
 }
 
-/// AMD's generation by the processor's family and model ("Processor Programming Reference" of each; Linux `amd.c`).
+/// Generation of an AMD processor by its family and model ("Processor Programming Reference" of each; Linux `amd.c`).
 fn zen(family: u32, model: u32) -> Option<&'static str> {
     match (family, model) {
         (0x17, 0x00..=0x2f) => Some("zen1"),
@@ -80,7 +79,7 @@ fn zen(family: u32, model: u32) -> Option<&'static str> {
     }
 }
 
-/// The value of the first line `name <separator> value`.
+/// Value of the first line of the form `name <separator> value`.
 fn field(text: &str, name: &str, separator: char) -> Option<String> {
     let value = |line: &str| {
         let (key, value) = line.split_once(separator)?;
@@ -89,7 +88,7 @@ fn field(text: &str, name: &str, separator: char) -> Option<String> {
     text.lines().find_map(value)
 }
 
-/// The civil date of a number of seconds since 1970 (Hinnant 2021, "chrono-compatible low-level date algorithms").
+/// Gregorian date of a number of seconds since 1970 (Hinnant 2021, "chrono-compatible low-level date algorithms").
 fn date_of(seconds: u64) -> String {
     let days = seconds / 86_400 + 719_468;
     let (era, day_of_era) = (days / 146_097, days % 146_097);

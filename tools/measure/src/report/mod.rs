@@ -1,7 +1,7 @@
-//! The report: one page of HTML for the chart, one for the stability suite, made of the same parts.
+//! The report: one HTML page for the chart and one for the stability suite, made of the same parts.
 //!
-//! Pages are for readers who do not know the code: every figure has a title, units, and one sentence on how to read it.
-//! Nothing is computed here but what a table or a figure shows of the points it is given.
+//! Readers need not know the code: each figure has a title, units, and one sentence on how to read it. The report
+//! computes only quantities that its tables and figures show.
 
 mod compact;
 pub mod convergence;
@@ -33,33 +33,33 @@ use palette::FAMILIES;
 use plots::{Named, Plot, Scaling, Series, Side};
 pub use stability::stability_page;
 
-/// How much a report shows.
+/// Extent of a report.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Extent {
-    /// All that was measured.
+    /// All results.
     Whole,
-    /// All plots and findings; few pictures, no table of all points, and the regimes as a table: small enough to be kept
-    /// with the program.
+    /// All plots and findings, few pictures, no table of all points, the regimes as a table. Small enough for the
+    /// repository.
     Summary,
 }
 
-/// What a report is made of.
+/// Inputs of a report.
 pub struct Report<'a> {
-    /// What was measured.
+    /// Results of the chart.
     pub chart: &'a Chart,
-    /// How fast methods converge; may be empty.
+    /// Orders of convergence; may be empty.
     pub convergence: &'a [OrderRow],
-    /// What leaping over nothing costs and saves; may be empty.
+    /// Cost and benefit of empty-space skipping; may be empty.
     pub leaping: &'a [Measured],
-    /// What is read for the error that is asked for; may be empty.
+    /// Reading cost by requested error; may be empty.
     pub reading: &'a [Read],
-    /// What volumes cost to build and to store; may be empty.
+    /// Cost of building and storing volumes; may be empty.
     pub storage: &'a Storage,
-    /// The stability suite, where it has been run.
+    /// Results of the stability suite; `None` if it was not run.
     pub stability: Option<&'a [RegimeRecord]>,
-    /// Where and when.
+    /// Machine, date and command.
     pub here: &'a Circumstances,
-    /// How much of it is shown.
+    /// Extent of the report.
     pub extent: Extent,
 }
 
@@ -135,7 +135,7 @@ fn describe(spec: &SceneSpec) -> String {
     format!("<li><b>{}</b>: {}</li>", escape(spec.name), escape(spec.about))
 }
 
-/// Scenes whose pictures a summary shows.
+/// Scenes with pictures in a summary.
 const PICTURED_SCENES: [&str; 2] = ["seismic", "carp"];
 
 fn shown_pictures(report: &Report<'_>) -> String {
@@ -143,7 +143,7 @@ fn shown_pictures(report: &Report<'_>) -> String {
     if report.extent == Extent::Whole {
         return all.iter().map(|row| pictures::row(row, usize::MAX)).collect();
     }
-    // One picture of each, by the default and by one other method.
+    // One look per scene, with the pictures of the default and of one other method.
     let of = |scene: &&str| all.iter().find(|row| row.scene == **scene).map(|row| pictures::row(row, 2));
     let shown: String = PICTURED_SCENES.iter().filter_map(of).collect();
     paragraph("Some of them; the others are made by the command below without --summary.") + &shown
@@ -170,7 +170,7 @@ fn notes(report: &Report<'_>) -> String {
     format!("<ul class=\"notes\">{}</ul>", all.map(|n| format!("<li>{}</li>", escape(&n))).collect::<String>())
 }
 
-/// One plot for each scene and transfer function.
+/// One plot per scene and look.
 fn speed_against_accuracy(points: &[Point]) -> String {
     let mut html = legend(points);
     for of_scene in points.chunk_by(|a, b| a.scene == b.scene) {
@@ -217,8 +217,8 @@ fn cost_error_plot(points: &[Point]) -> Plot {
     }
 }
 
-/// The points of a family as a line joins them: the default by the error asked for, others by samples, which grow with
-/// every parameter that is swept.
+/// Points of a family in the order of their connecting line. The default is sorted by requested error, other families
+/// by number of samples, which grows with each swept parameter.
 fn in_order_of_cost<'a>(points: &'a [Point], family: &str) -> Vec<&'a Point> {
     let mut of_family: Vec<&Point> = points.iter().filter(|p| p.method == family).collect();
     if family == DEFAULT {
@@ -229,7 +229,7 @@ fn in_order_of_cost<'a>(points: &'a [Point], family: &str) -> Vec<&'a Point> {
     of_family
 }
 
-/// The errors asked for at both ends of the default's curve.
+/// Labels with the requested errors at both ends of the default's curve.
 fn ends_of_curve(points: &[Point]) -> Vec<Named> {
     let curve = in_order_of_cost(points, DEFAULT);
     let (&[first, .., last], [left, right]) = (curve.as_slice(), [Side::Left, Side::Right]) else { return Vec::new() };
@@ -240,7 +240,7 @@ fn ends_of_curve(points: &[Point]) -> Vec<Named> {
     [(first, left), (last, right)].into_iter().filter_map(named).collect()
 }
 
-/// Marks and names of the families that have points.
+/// Marks and names of the families with points.
 fn legend(points: &[Point]) -> String {
     let is_shown = |family: &str| points.iter().any(|p| p.method == family);
     let shown: Vec<_> = FAMILIES.iter().copied().filter(|(family, _)| is_shown(family)).collect();
@@ -292,13 +292,13 @@ mod tests {
             })
         };
         let page = of(Extent::Whole);
-        // The default is a curve, with its ends named and the default error ringed.
+        // The default is a curve with named ends; the default error has a ring.
         for part in
             ["<svg", "data:image/png;base64,", "&lt;left out&gt;", "supervol chart --quick", ">8/255<", ">0.5/255<"]
         {
             assert!(page.contains(part), "no {part}");
         }
-        // A summary shows the same plots, and neither all points nor all pictures.
+        // A summary shows the same plots, but not all points and pictures.
         let summary = of(Extent::Summary);
         let section = |page: &str| {
             page.split("id=\"speed\"").nth(1).map(|rest| rest.split("</section>").next().map(String::from))

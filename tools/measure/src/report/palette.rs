@@ -1,7 +1,7 @@
-//! Colours and marks: one for each family of methods, the same in every figure.
+//! Colours and marks: one combination per family of methods, the same in every figure.
 //!
-//! Colours are those of Okabe and Ito (2008, "Color Universal Design"), which people with any colour vision can tell apart;
-//! shapes tell families with one colour apart.
+//! The colours are those of Okabe and Ito (2008, "Color Universal Design"), distinguishable with any colour vision.
+//! Shapes distinguish families of equal colour.
 
 use plotters::style::RGBColor;
 
@@ -22,32 +22,32 @@ pub enum Mark {
     Cross,
 }
 
-/// How a family is drawn.
+/// Style of a family.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Look {
     /// Colour.
     pub color: RGBColor,
     /// Shape.
     pub mark: Mark,
-    /// Whether its points are joined in the order of their parameters.
+    /// Whether a line joins the points in the order of their parameters.
     pub joined: bool,
 }
 
 /// Black.
 pub const BLACK: RGBColor = RGBColor(0, 0, 0);
-/// Grey of guides and expectations.
+/// Grey for guides and expected values.
 pub const GREY: RGBColor = RGBColor(110, 118, 129);
 const ORANGE: RGBColor = RGBColor(230, 159, 0);
 const SKY: RGBColor = RGBColor(86, 180, 233);
 const GREEN: RGBColor = RGBColor(0, 158, 115);
 const YELLOW: RGBColor = RGBColor(200, 180, 0);
-/// Blue: the default.
+/// Blue for the default.
 pub const BLUE: RGBColor = RGBColor(0, 114, 178);
-/// Vermillion: limits.
+/// Vermillion for limits.
 pub const VERMILLION: RGBColor = RGBColor(213, 94, 0);
 const PURPLE: RGBColor = RGBColor(204, 121, 167);
 
-/// Every family of the chart, in the order of its legend; the names are those of [`crate::methods`].
+/// All families of the chart, in legend order; the names are those of [`crate::methods`].
 pub const FAMILIES: [(&str, Look); 20] = [
     ("default", joined(BLUE, Mark::Circle)),
     ("cells, adaptive", joined(SKY, Mark::Diamond)),
@@ -79,11 +79,11 @@ const fn loose(color: RGBColor, mark: Mark) -> Look {
     Look { color, mark, joined: false }
 }
 
-/// Colours and shapes for names that are no family: 35 looks before the first comes again.
+/// Colours and shapes for other names: 35 different looks before the first repeats.
 const OTHER_COLORS: [RGBColor; 7] = [ORANGE, GREEN, PURPLE, SKY, VERMILLION, BLACK, YELLOW];
 const OTHER_MARKS: [Mark; 5] = [Mark::Square, Mark::Triangle, Mark::Diamond, Mark::Circle, Mark::Cross];
 
-/// How a family is drawn; other names by their place in the figure.
+/// Style of a family; other names get a style by their position in the figure.
 #[must_use]
 pub fn look(name: &str, place: usize) -> Look {
     let found = FAMILIES.iter().find(|(known, _)| *known == name);
@@ -91,7 +91,7 @@ pub fn look(name: &str, place: usize) -> Look {
     found.map_or(other, |(_, look)| Look { joined: true, ..*look })
 }
 
-/// A mark as a small SVG, for legends outside of figures.
+/// A mark as a small SVG, for legends outside figures.
 #[must_use]
 pub fn swatch(look: Look) -> String {
     let RGBColor(r, g, b) = look.color;
@@ -111,7 +111,7 @@ pub fn swatch(look: Look) -> String {
     format!("<svg viewBox=\"0 0 26 14\">{line}{mark}</svg>")
 }
 
-/// Marks and names, side by side; nothing for no items.
+/// Marks and names side by side; empty without items.
 #[must_use]
 pub fn legend(items: &[(&str, Look)]) -> String {
     if items.is_empty() {

@@ -1,4 +1,4 @@
-//! Pictures inside a page: PNG as data URIs, and the difference of two pictures as a picture.
+//! Pictures in a page: PNG as data URIs, and difference pictures.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -9,10 +9,10 @@ use super::{figure, html};
 use crate::chart::PictureRow;
 use crate::measure::distance;
 
-/// Factor of the differences that are shown: white is 1/32 of full scale or more, one grey level of 256 is one eighth.
+/// Amplification of shown differences: white is 1/32 of full scale or more; one grey level of 256 is one eighth.
 const AMPLIFICATION: f64 = 32.0;
 
-/// The picture over black as a data URI, or why not.
+/// The picture over black as a data URI.
 fn data_uri(image: &Image) -> Result<String, png::EncodingError> {
     let mut bytes = Vec::new();
     let mut encoder = png::Encoder::new(&mut bytes, image.width, image.height);
@@ -24,7 +24,7 @@ fn data_uri(image: &Image) -> Result<String, png::EncodingError> {
     Ok(format!("data:image/png;base64,{}", STANDARD.encode(bytes)))
 }
 
-/// Grey: the greatest difference of any channel of a pixel, amplified.
+/// Grey picture of the amplified differences: the greatest channel difference of each pixel.
 ///
 /// # Panics
 /// If the pictures differ in size.
@@ -47,7 +47,7 @@ fn tile(image: &Image, caption: &str) -> String {
     }
 }
 
-/// The exact picture, then the first methods' pictures and their differences.
+/// The exact picture, then the pictures of the first methods and their differences.
 #[must_use]
 pub fn row(row: &PictureRow, methods: usize) -> String {
     let mut tiles = vec![tile(&row.exact, "exact")];

@@ -1,7 +1,7 @@
 //! Plots as inline SVG.
 //!
-//! A [`Plot`] is data: lines and loose points on two axes, each linear or logarithmic. On a logarithmic axis, values that
-//! are 0 or below the axis are drawn at its lower end.
+//! A [`Plot`] is data: lines and single points on two axes, each linear or logarithmic. A logarithmic axis draws values
+//! at or below 0, and values below its range, at its lower end.
 
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
 use plotters::coord::types::RangedCoordf64;
@@ -13,17 +13,17 @@ use super::palette::{self, BLACK as INK, BLUE, GREY, Look, Mark, VERMILLION};
 
 /// Width and height of a plot, SVG units.
 const SIZE: (u32, u32) = (560, 400);
-/// Range that an axis without data shows.
+/// Range of an axis without data.
 const EMPTY: [f64; 2] = [0.1, 10.0];
-/// Ratio of greatest to least from which an axis is logarithmic, where it may choose.
+/// Ratio of greatest to least value from which an automatic axis is logarithmic.
 const LOGARITHMIC_RATIO: f64 = 30.0;
-/// Decades that a logarithmic axis shows at most: what is smaller is drawn at its lower end.
+/// Largest number of decades of a logarithmic axis: smaller values are drawn at its lower end.
 const MOST_DECADES: f64 = 9.0;
 
-/// How an axis runs.
+/// Scaling of an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Scaling {
-    /// Logarithmic where values are positive and span more than a decade and a half.
+    /// Logarithmic if all values are positive and span more than 1.5 decades, otherwise linear.
     Automatic,
     /// Always logarithmic.
     Logarithmic,
@@ -32,11 +32,11 @@ pub enum Scaling {
 /// A line or points.
 #[derive(Debug, Clone)]
 pub struct Series {
-    /// For the legend; empty: none.
+    /// Name for the legend; empty: no legend entry.
     pub name: String,
     /// Colour and mark.
     pub look: Look,
-    /// Points in the order in which a line joins them.
+    /// Points, in the order of the connecting line.
     pub points: Vec<(f64, f64)>,
 }
 
@@ -47,19 +47,19 @@ pub struct Plot {
     pub x_label: String,
     /// Label of the vertical axis, with unit.
     pub y_label: String,
-    /// How the axes run: horizontal, vertical.
+    /// Scaling of the horizontal and the vertical axis.
     pub scaling: [Scaling; 2],
     /// Lines with marks.
     pub series: Vec<Series>,
-    /// Thin grey lines without marks: expectations.
+    /// Thin grey lines without marks: expected values.
     pub guides: Vec<Vec<(f64, f64)>>,
-    /// A staircase: the Pareto front.
+    /// Staircase line of the Pareto front.
     pub front: Vec<(f64, f64)>,
     /// A horizontal limit and its name.
     pub limit: Option<(f64, String)>,
-    /// A point that gets a ring and a name.
+    /// A point with a ring and a name.
     pub ringed: Option<(f64, f64, String)>,
-    /// Points that get a small name.
+    /// Points with a small name.
     pub named: Vec<Named>,
     /// Whether the plot has its own legend.
     pub has_legend: bool,
@@ -68,24 +68,24 @@ pub struct Plot {
 /// A point with a name.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Named {
-    /// Where it is.
+    /// Position in data coordinates.
     pub at: (f64, f64),
     /// Plain text.
     pub name: String,
-    /// Where the name stands.
+    /// Position of the name relative to the point.
     pub side: Side,
 }
 
-/// Where a name stands, seen from its point.
+/// Position of a name relative to its point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Side {
-    /// On its left.
+    /// To the left of the point.
     Left,
-    /// On its right, below.
+    /// To the right of the point, below it.
     Right,
 }
 
-/// An axis: its range and how it runs. On paper a logarithmic axis is a linear one of decimal logarithms.
+/// An axis: range and scaling. In the drawing, a logarithmic axis is a linear axis of decimal logarithms.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Axis {
     range: [f64; 2],
@@ -93,7 +93,7 @@ struct Axis {
 }
 
 impl Axis {
-    /// An axis that shows these values; those that are not finite are left out.
+    /// An axis for these values; values that are not finite are left out.
     fn of(values: impl Iterator<Item = f64>, scaling: Scaling) -> Self {
         let values: Vec<f64> = values.filter(|v| v.is_finite()).collect();
         let positive: Vec<f64> = values.iter().copied().filter(|v| *v > 0.0).collect();
@@ -110,7 +110,7 @@ impl Axis {
         Self { range: [low, greatest + margin], is_logarithmic: false }
     }
 
-    /// Place on paper; what lies beyond an end of the axis is at that end.
+    /// Position in the drawing. Values beyond an end of the axis are moved to that end.
     fn place(&self, value: f64) -> f64 {
         self.on_paper(value.clamp(self.range[0], self.range[1]))
     }
@@ -119,8 +119,8 @@ impl Axis {
         if self.is_logarithmic { value.log10() } else { value }
     }
 
-    /// Values that get a tick: powers of ten, on short axes also 2 and 5 times these; on linear axes, a round distance
-    /// apart.
+    /// Values with a tick. Logarithmic axes: powers of ten, short axes also 2 and 5 times these. Linear axes: round
+    /// steps.
     fn ticks(&self) -> Vec<f64> {
         let [low, high] = self.range;
         if self.is_logarithmic {
@@ -139,7 +139,7 @@ impl Axis {
     }
 }
 
-/// The axis as the plotting library takes it: values are places on paper, ticks are [`Axis::ticks`].
+/// The axis for the plotting library: values are positions in the drawing, ticks are [`Axis::ticks`].
 impl Ranged for Axis {
     type FormatOption = NoDefaultFormatting;
     type ValueType = f64;
@@ -175,7 +175,7 @@ fn extremes(values: &[f64]) -> Option<[f64; 2]> {
 }
 
 impl Plot {
-    /// These lines on logarithmic axes, named below; nothing else.
+    /// A plot of only these lines on logarithmic axes, with a legend.
     #[must_use]
     pub fn of_lines([x_label, y_label]: [&str; 2], series: Vec<Series>) -> Self {
         Self {
@@ -192,8 +192,7 @@ impl Plot {
         }
     }
 
-    /// The plot with the label of its vertical axis above it, where long ones have room, and its legend below it where it
-    /// has one.
+    /// The plot with the label of its vertical axis above it, where long labels fit, and its legend below it.
     #[must_use]
     pub fn html(&self) -> String {
         let named = self.series.iter().filter(|s| self.has_legend && !s.name.is_empty());
@@ -245,7 +244,7 @@ impl Plot {
             chart
                 .draw_series(DashedLineSeries::new(ends.map(|p| at(&p)), 7, 4, VERMILLION.stroke_width(1)))
                 .map_err(failed)?;
-            // On the right: what is fast and near to exact is on the left.
+            // Label at the right: fast and accurate methods are at the left.
             let anchor = Pos::new(HPos::Right, VPos::Bottom);
             let style = ("sans-serif", 12).into_font().color(&VERMILLION).pos(anchor);
             let text = EmptyElement::at(at(&ends[1])) + Text::new(name.clone(), (-4, -4), style);
@@ -285,7 +284,7 @@ fn is_point(&(x, y): &(f64, f64)) -> bool {
     x.is_finite() && y.is_finite()
 }
 
-/// The corners of a front that goes right and then down, continued to the right end of the axis.
+/// Corners of a front that goes right and then down, extended to the right end of the axis.
 fn staircase(front: &[(f64, f64)], right: f64) -> Vec<(f64, f64)> {
     let mut corners = Vec::with_capacity(2 * front.len());
     for (i, &(x, y)) in front.iter().enumerate() {
@@ -298,7 +297,7 @@ fn staircase(front: &[(f64, f64)], right: f64) -> Vec<(f64, f64)> {
 type Paper<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<Axis, Axis>>;
 type DrawingError = DrawingAreaErrorKind<std::io::Error>;
 
-/// Marks at places on paper.
+/// Draws marks at positions in the drawing.
 fn draw_marks(chart: &mut Paper<'_, '_>, places: &[(f64, f64)], look: Look) -> Result<(), DrawingError> {
     let style = look.color.filled();
     let places = places.iter().map(|p| EmptyElement::at(*p));
@@ -314,7 +313,7 @@ fn draw_marks(chart: &mut Paper<'_, '_>, places: &[(f64, f64)], look: Look) -> R
     Ok(())
 }
 
-/// A number at an axis.
+/// Text of a tick.
 fn tick(value: f64) -> String {
     let size = value.abs();
     if value == 0.0 || (9.99e-4..1e5).contains(&size) {
@@ -332,7 +331,7 @@ fn superscript(exponent: i32) -> String {
     exponent.to_string().chars().map(digit).collect()
 }
 
-/// The SVG without its fixed size, so that the page decides, without the namespace that only files need, and short.
+/// The SVG without its fixed size, so that the page sets it, and without the namespace that only files need; shortened.
 fn scalable(svg: &str) -> String {
     let (width, height) = SIZE;
     let sized = format!("<svg width=\"{width}\" height=\"{height}\" ");

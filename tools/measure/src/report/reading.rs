@@ -1,4 +1,4 @@
-//! What is read for the error that is asked for: a table, and a figure of it that summaries leave out.
+//! Reading cost by requested error: a table, and a figure that summaries leave out.
 
 use super::html::{bytes, escape, figure, number, paragraph, table};
 use super::plots::{Plot, Series};
@@ -46,7 +46,7 @@ pub(super) fn section(reads: &[Read], extent: Extent) -> String {
     about + &figure + &table(&headings, &reads.iter().map(row).collect::<Vec<_>>())
 }
 
-/// An error in grey levels; all of them ask for nothing but the size of voxels.
+/// A requested error in grey levels; the largest one means that only voxel size matters.
 fn asked_for(max_error: f64) -> String {
     if max_error < GREY_LEVELS { format!("{}/255", number(max_error)) } else { "none".into() }
 }

@@ -1,4 +1,4 @@
-//! The stability suite as a page of its own, and as a section of the report.
+//! The stability suite as its own page and as a section of the report.
 
 use super::html::{self, Section, escape, grid, number, number_or_dash, paragraph, table, verdict};
 use super::machine::Circumstances;
@@ -7,7 +7,7 @@ use super::{Extent, figure, palette};
 use crate::record::{RecordedGate, RegimeRecord};
 use crate::stability::WAITING;
 
-/// `stability.html`.
+/// Content of `stability.html`.
 #[must_use]
 pub fn stability_page(records: &[RegimeRecord], here: &Circumstances) -> String {
     let summary = paragraph(
@@ -24,7 +24,7 @@ pub fn stability_page(records: &[RegimeRecord], here: &Circumstances) -> String 
     html::page("Supervol: where methods fail", &summary, &sections)
 }
 
-/// The section of the chart's report.
+/// Stability section of the chart's report.
 pub(super) fn section(records: Option<&[RegimeRecord]>, extent: Extent) -> String {
     match records {
         Some(records) if extent == Extent::Whole => overview(records, "") + &curves(records),
@@ -36,10 +36,10 @@ pub(super) fn section(records: Option<&[RegimeRecord]>, extent: Extent) -> Strin
     }
 }
 
-/// Name of the page of its own, beside the report.
+/// File name of the suite's own page, beside the report.
 const PAGE: &str = "stability.html";
 
-/// All regimes; `page` is where their curves are, nothing for the same page.
+/// Table of all regimes. `page`: the page with their curves; empty for the same page.
 fn overview(records: &[RegimeRecord], page: &str) -> String {
     let failed: Vec<&str> = records.iter().filter(|r| !r.pass).map(|r| r.id.as_str()).collect();
     let passed = records.len() - failed.len();
@@ -47,7 +47,7 @@ fn overview(records: &[RegimeRecord], page: &str) -> String {
     let count =
         format!("<p><b>{passed}</b> of {} regimes pass, <b>{}</b> fail{which}.</p>\n", records.len(), failed.len());
     let row = |r: &RegimeRecord| {
-        // What failed is what a reader wants to see first.
+        // The first failed gate, because readers look for it first.
         let first = r.gates.iter().find(|g| !g.pass).or(r.gates.first());
         let value = first.map_or_else(|| "\u{2013}".into(), |g| number_or_dash(g.value));
         vec![

@@ -1,6 +1,5 @@
-//! What volumes cost to build and to store: figures and tables of [`crate::storage`], and figures of other codecs that were
-//! measured before and are kept with the program. A summary has one figure, and of the tables what is built largest and what loses
-//! nothing.
+//! Cost of building and storing volumes: figures and tables of [`crate::storage`], and figures with other codecs from a
+//! stored record. A summary has one figure and two short tables: builds of the largest size, and lossless coding.
 
 use supervol_format::codec::CodecChoice;
 
@@ -13,12 +12,12 @@ use crate::storage::builds::{Built, MEMORY_BYTES};
 use crate::storage::codecs::Rates;
 use crate::storage::{CHOICES, Storage};
 
-/// What building is to reach without loss on two cores to itself, MB/s.
+/// Goal of lossless building on two otherwise idle cores, MB/s.
 const BUILD_GOAL_MB_S: f64 = 150.0;
-/// What `tools/rates.py` measured beside other codecs, brick by brick, and on which day.
+/// Record of `tools/rates.py`, which compares codecs brick by brick, and its date.
 const BESIDE_OTHERS: &str = include_str!("../../../../benches/rates/epyc-zen5-2-cores-2026-11-26.csv");
 const BESIDE_OTHERS_ON: &str = "2026-11-26";
-/// The codecs that lose something in that record, at the greatest error that ours has; and ours.
+/// Lossy codecs of that record, at the greatest error of Supervol's codec; and Supervol's codec.
 const OTHERS: [&str; 2] = ["zfp equal", "SZ3 equal"];
 const OURS: &str = "ours auto";
 
@@ -31,7 +30,7 @@ pub(super) fn section(storage: &Storage, extent: Extent) -> String {
     if extent == Extent::Whole { always + &beside_others() } else { always }
 }
 
-/// A line, or loose points, for each codec that has any.
+/// A line, or single points, for each codec with data.
 fn series_of<'a, T>(
     measured: &'a [T],
     is_joined: bool,
@@ -98,7 +97,7 @@ fn builds(builds: &[Built], extent: Extent) -> String {
         + &table(&headings, &builds.iter().filter(is_shown).map(row).collect::<Vec<_>>())
 }
 
-/// Bits and decoding by codec.
+/// Bits per voxel and decoding speed, by codec.
 fn rates(rates: &[Rates], extent: Extent) -> String {
     let at = |r: &Rates, codec: &str| {
         let found = r.codecs.iter().find(|f| f.codec == codec)?;
@@ -112,7 +111,7 @@ fn rates(rates: &[Rates], extent: Extent) -> String {
         let of_codec = |f| format!("{}; {}", number(r.bits(f)), number(f.decode_mb_s.round()));
         let share = if r.share == 0.0 { "0".into() } else { format!("{} %", number(100.0 * r.share)) };
         let about = [escape(&format!("{}, {}", r.name, r.voxel_type)), share];
-        // Raw voxels have the bits of their type.
+        // Raw voxels have the bits of their type, so they get no column.
         about.into_iter().chain(r.codecs.iter().filter(|f| f.codec != "raw").map(of_codec)).collect()
     };
     let headings: Vec<&str> =
@@ -131,7 +130,7 @@ fn rates(rates: &[Rates], extent: Extent) -> String {
     if extent == Extent::Whole { about + &figure + &table } else { about + &table }
 }
 
-/// Bits of two codecs at the same greatest error: the other's and ours.
+/// Bits of another codec and of Supervol's codec at the same greatest error.
 fn pairs(record: &str, other: &str) -> Vec<(f64, f64)> {
     let fields = |line: &str| line.split(',').map(str::to_owned).collect::<Vec<_>>();
     let lines: Vec<Vec<String>> = record.lines().skip(1).map(fields).collect();
@@ -143,7 +142,7 @@ fn pairs(record: &str, other: &str) -> Vec<(f64, f64)> {
     lines.iter().filter(|line| line.len() > 4 && line[3] == other).filter_map(pair).collect()
 }
 
-/// The record of other codecs.
+/// Figures of the record with other codecs.
 fn beside_others() -> String {
     let series: Vec<Series> = OTHERS
         .iter()
@@ -204,7 +203,7 @@ mod tests {
         let html = section(&measured(), Extent::Whole);
         assert_eq!(html.matches("<tr>").count(), 1 + 3 + 1 + 2, "{html}");
         assert_eq!(html.matches("<svg viewBox=\"0 0 560").count(), 4);
-        // 128^3 bytes in 10 ms, half of them in the container; 4 of 16 bits.
+        // 128^3 bytes in 10 ms; the container has half of the bytes; 4 of 16 bits.
         for part in
             ["<td class=\"n\">210</td>", "0.01 (0.01 to 0.015)", "3.0 MiB", "<td class=\"n\">0.5</td>", "4; 812", "1 %"]
         {
@@ -217,7 +216,7 @@ mod tests {
     #[test]
     fn a_summary_is_one_figure_and_the_least_of_the_tables() {
         let html = section(&measured(), Extent::Summary);
-        // Built by one codec at the largest size; coded without loss.
+        // One codec at the largest size; lossless coding.
         assert_eq!((html.matches("<tr>").count(), html.matches("<figure>").count()), (1 + 1 + 1 + 1, 1), "{html}");
         assert!(html.contains("128\u{b3}") && !html.contains("1 %"), "{html}");
     }

@@ -1,16 +1,16 @@
-//! Regimes of brick borders, and of what is left out: S13, S21, S26, S27.
+//! Regimes of brick borders and skipping: S13, S21, S26, S27.
 //!
-//! A picture must know nothing of the bricks it was made from: not their size, not where they end, not which of them
-//! were skipped.
+//! A picture must not depend on its bricks: not on their size, not on their borders, not on which of them were skipped.
 
 use glam::DVec3;
 use supervol_format::Lod;
 use supervol_format::random::Random;
 use supervol_runtime::engines::cells::CellRule;
-use supervol_runtime::engines::gpu::caster::GpuDevice;
-use supervol_runtime::engines::packets::{Caster, CpuQuality, Skipping};
+use supervol_runtime::engines::cpu::{Caster, CpuQuality};
+use supervol_runtime::engines::gpu::device::GpuDevice;
 use supervol_runtime::lod::LodChoice;
 use supervol_runtime::render::options::{Backend, RenderOptions};
+use supervol_runtime::stream::classify::Skipping;
 use supervol_scene::camera::{Camera, Projection};
 use supervol_scene::image::Image;
 use supervol_scene::scene::ResolvedScene;
@@ -70,17 +70,17 @@ pub fn waves(dims: [u64; 3]) -> supervol_sources::computed::Computed {
     supervol_sources::computed::Computed::new(dims, supervol_format::VoxelType::F32, value)
 }
 
-/// One if the pictures differ in any bit.
+/// 1 if the pictures differ in any bit, otherwise 0.
 fn bits_differ(a: &Image, b: &Image) -> f64 {
     let bits = |image: &Image| -> Vec<u32> { image.pixels.as_flattened().iter().map(|v| v.to_bits()).collect() };
     if bits(a) == bits(b) { 0.0 } else { 1.0 }
 }
 
-/// Grey levels that packets may change with the size of bricks: a quarter of the error they aim at. They compute positions in
-/// `f32` from where a ray enters a brick, and refine by what is in front of the brick (docs/decisions/006-packets.md).
+/// Grey levels by which packets may change with the brick size: a quarter of their requested error. Positions are `f32`
+/// from a ray's entry into a brick; refinement depends on the opacity in front of it (docs/decisions/006-packets.md).
 const PACKET_BRICK_LEVELS: f64 = 0.125;
 
-/// The two casters of the CPU, and their names: what users get, and what that is compared with.
+/// The two CPU casters with their names: the default and the caster of comparison.
 fn casters() -> [(&'static str, RenderOptions); 2] {
     let ray_by_ray = RenderOptions { caster: Caster::Cells(CellRule::DEFAULT), ..finest(Backend::Cpu) };
     [("default", finest(Backend::Cpu)), ("ray by ray in f64", ray_by_ray)]
@@ -121,7 +121,7 @@ fn gradients_at_borders(context: &Context<'_>) -> Result<Outcome, ChartError> {
     Ok(Outcome { curve, gates, note: "Four pictures each: two cameras, two transfer functions.".into() })
 }
 
-/// A steep shell at four tenths of the value range.
+/// A steep shell at 0.4 of the value range.
 fn shell(volume: &Volume) -> String {
     fractions(
         volume,
@@ -172,7 +172,7 @@ fn gpu_note(is_there: bool) -> String {
     if is_there { String::new() } else { "SKIPPED for the GPU: no adapter.".into() }
 }
 
-/// Every fixture that is small, at two levels and eight bricks.
+/// All small fixtures, with two levels and eight bricks.
 fn every_fixture(context: &Context<'_>) -> Result<Vec<Volume>, ChartError> {
     let edge = 19;
     let ricker = Ricker { spikes: 1e-3, dead: Some(0.0), ..Ricker::clean([edge; 3]) };
@@ -194,11 +194,11 @@ fn every_fixture(context: &Context<'_>) -> Result<Vec<Volume>, ChartError> {
     sources.iter().map(build).collect()
 }
 
-/// Widths of the narrowest spike, as shares of the value range; the stored ranges' step is 1/255.
+/// Widths of the narrowest spike, as fractions of the value range; stored ranges have a step of 1/255.
 const SPIKE_WIDTHS: [f64; 5] = [1e-1, 1e-2, 1e-3, 1e-5, 1e-7];
 
-/// Clear but for one to three spikes of this width and sometimes a ramp; half of the time a spike stands on an end of
-/// the value range, where rounding a range inward would lose it.
+/// A transfer function of one to three spikes of this width, sometimes with a ramp, transparent elsewhere. In half of
+/// the cases a spike lies at an end of the value range, where rounding a range inward would lose it.
 fn spiked(volume: &Volume, width: f64, random: &mut Random) -> String {
     let mut centres: Vec<f64> = (0..=random.below(3)).map(|_| random.unit()).collect();
     if random.below(2) == 0 {
@@ -217,7 +217,7 @@ fn spiked(volume: &Volume, width: f64, random: &mut Random) -> String {
         points.push((last.max(0.9), BLUE, 0.0));
         points.push((last.max(1.0), GOLD, 0.2));
     }
-    // CONST has a range of width 0: its spikes stand around the value itself.
+    // CONST has a range of width 0: its spikes lie around the value itself.
     let scale = if volume.facts.value_range.width() > 0.0 { volume.facts.value_range.width() } else { 1.0 };
     let points: Vec<Point> =
         points.iter().map(|&(f, color, alpha)| (volume.facts.value_range.min + f * scale, color, alpha)).collect();
@@ -274,7 +274,7 @@ fn leaping(context: &Context<'_>) -> Result<Outcome, ChartError> {
     Ok(Outcome { curve, gates, note })
 }
 
-/// One picture of a level with leaping and one without.
+/// Two pictures of a level: with leaping and without.
 fn both(all: &ResidentBricks, scene: &ResolvedScene, lod: Lod) -> Result<[Image; 2], ChartError> {
     let picture = |skipping| {
         let quality = CpuQuality { lod: LodChoice::Fixed(lod), skipping, ..CpuQuality::default() };
@@ -283,10 +283,10 @@ fn both(all: &ResidentBricks, scene: &ResolvedScene, lod: Lod) -> Result<[Image;
     Ok([picture(Skipping::On)?, picture(Skipping::Off)?])
 }
 
-/// Transfer functions of each fixture that are also drawn from levels chosen automatically.
+/// Number of transfer functions per fixture that are also drawn with automatic levels.
 const AUTOMATIC_PICTURES: usize = 5;
 
-/// A picture from afar, levels chosen automatically, read through the streamer, with leaping and without.
+/// Two pictures from afar with automatic levels, read through the streamer: with leaping and without.
 fn both_automatic(volume: &Volume, members: &[&str], direction: DVec3) -> Result<[Image; 2], ChartError> {
     let camera = volume.looking_from(direction, 6.0);
     let scene = volume.scene(&[&[camera.as_str()], members].concat())?;
@@ -297,7 +297,7 @@ fn both_automatic(volume: &Volume, members: &[&str], direction: DVec3) -> Result
     Ok([picture(Skipping::On)?, picture(Skipping::Off)?])
 }
 
-/// Points by spike width and the greatest difference, grey levels; `None` without an adapter.
+/// Points by spike width, and the greatest difference, grey levels; `None` without a GPU adapter.
 fn leaping_on_gpu(context: &Context<'_>, volumes: &[Volume]) -> Result<Option<(Vec<CurvePoint>, f64)>, ChartError> {
     if GpuDevice::open().is_err() {
         return Ok(None);
@@ -322,7 +322,7 @@ fn leaping_on_gpu(context: &Context<'_>, volumes: &[Volume]) -> Result<Option<(V
     Ok(Some((points, worst)))
 }
 
-/// Mean over the segment `[t0, t1]` of `clamp(origin + t * rate, 0, top)`: RAMP along a ray, in closed form.
+/// Mean of `clamp(origin + t * rate, 0, top)` over the segment `[t0, t1]`: RAMP along a ray, closed form.
 fn ramp_mean(origin: f64, rate: f64, top: f64, [t0, t1]: [f64; 2]) -> f64 {
     // The antiderivative of clamp(s, 0, top), up to a constant.
     let primitive = |s: f64| {
@@ -341,7 +341,7 @@ fn ramp_mean(origin: f64, rate: f64, top: f64, [t0, t1]: [f64; 2]) -> f64 {
     (primitive(b) - primitive(a)) / (b - a)
 }
 
-/// A number this many units in the last place away.
+/// The number `ulps` units in the last place away.
 fn nudged(v: f64, ulps: i64) -> f64 {
     f64::from_bits((v.to_bits() as i64 + ulps) as u64)
 }
@@ -352,18 +352,18 @@ fn corner_rays(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let rays_each = context.pick(1_000_000, 20_000) / ULPS.len() as u64;
     let volume = Volume::build(context, "S26", &fixtures::ramp([EDGE; 3]), &build_options(16))?;
     let all = ResidentBricks::load(&volume.container)?;
-    // Opacity is the mean, as a share of the range.
+    // Opacity equals the mean, as a fraction of the range.
     let tf = fractions(&volume, 1.0, &[(0.0, BLUE, 0.0), (1.0, GOLD, 1.0)]);
     let mut scene = volume.scene(&[r#""mode": "mean""#, &volume.outside(), &image_size(1, 1), &tf])?;
     let mut random = Random::new(26);
     let (mut curve, mut worst_length, mut worst_mean, mut bad) = (Vec::new(), 0.0f64, 0.0f64, 0.0);
     let mut worst_share = 0.0f64;
-    // Only rays that are cast one by one tell their lengths.
+    // Only the ray-by-ray caster reports lengths.
     let by_cells = CpuQuality { caster: Caster::Cells(CellRule::DEFAULT), ..at_level(Lod(0)) };
     for ulps in ULPS {
         let (mut length, mut mean, mut share) = (0.0f64, 0.0f64, 0.0f64);
         for _ in 0..rays_each {
-            // Corners of bricks lie at 15.5 and 31.5; signs differ from axis to axis.
+            // Brick corners lie at 15.5 and 31.5; signs differ between axes.
             let target = DVec3::from_array([0, 1, 2].map(|_| {
                 let corner = if random.below(2) == 0 { 15.5 } else { 31.5 };
                 nudged(corner, if random.below(2) == 0 { ulps } else { -ulps })

@@ -1,7 +1,6 @@
-//! When values become colours (S01, S03, S04): before interpolation or after it, and how narrow a transfer function
-//! may be.
+//! Classification (S01, S03, S04): before or after interpolation, and narrow transfer functions.
 //!
-//! RAMP is linear, so that its pictures have closed forms; ML is measured against the reference integrator.
+//! RAMP is linear, so its pictures have closed forms. ML is compared with the reference integrator.
 
 use supervol_format::VoxelType;
 use supervol_runtime::render::options::{Backend, RenderOptions};
@@ -47,11 +46,11 @@ pub const REGIMES: &[Regime] = &[
     },
 ];
 
-/// Value of S01's step: the middle of RAMP 8^3.
+/// Value of S01's step: the centre of RAMP 8^3.
 const EDGE: f64 = 3.5;
 /// Voxels of S01 along each axis.
 const RAMP: u64 = 8;
-/// Opacity per voxel below the step and from it on.
+/// Opacity per voxel below and above the step.
 const EDGE_ALPHA: [f64; 2] = [0.05, 0.6];
 
 fn order_of_classification(context: &Context<'_>) -> Result<Outcome, ChartError> {
@@ -93,7 +92,7 @@ fn order_of_classification(context: &Context<'_>) -> Result<Outcome, ChartError>
     Ok(Outcome { curve, gates, note })
 }
 
-/// Seen along z: for each pixel column but the two at the edge its place relative to the edge in voxels, and the
+/// View along z. For each pixel column except the outermost two: its position relative to the edge, voxels, and the
 /// greatest distance from the closed form, grey levels.
 fn across_the_edge(volume: &Volume, pixels: u32, options: &RenderOptions) -> Result<Vec<(f64, f64)>, ChartError> {
     let colors = [[0.1, 0.2, 0.9], [0.9, 0.6, 0.1]];
@@ -107,7 +106,8 @@ fn across_the_edge(volume: &Volume, pixels: u32, options: &RenderOptions) -> Res
         ],
     );
     let width = (RAMP - 1) as f64;
-    // A few rows are enough: all are alike. The picture is as wide as from the first voxel to the last.
+    // A few rows are enough, because all are equal. The picture's width is the distance from the first to the last
+    // voxel.
     let rows = 4;
     let height = width * f64::from(rows) / f64::from(pixels);
     let scene = volume.scene(&[&looking_along(volume, 2, height), &image_size(pixels, rows), &tf])?;
@@ -128,7 +128,7 @@ fn across_the_edge(volume: &Volume, pixels: u32, options: &RenderOptions) -> Res
     Ok(profile)
 }
 
-/// Seen along x, clear before the edge: voxels by which the length of what is behind it is wrong.
+/// View along x, transparent before the edge: error of the length behind the edge, voxels.
 fn edge_shift(volume: &Volume, options: &RenderOptions) -> Result<f64, ChartError> {
     let alpha: f64 = 0.1;
     let grey = [0.5; 3];
@@ -166,8 +166,7 @@ fn bent_segments(context: &Context<'_>) -> Result<Outcome, ChartError> {
         }
     }
     curve.extend(steps.iter().map(|&step| CurvePoint::new("default", step, GREY_LEVELS * default.linf, None)));
-    // While a step is longer than the ray's way through the hat, the error falls by chance: the order is that of the
-    // finest steps.
+    // The error falls irregularly while a step exceeds the ray's path through the hat, so only the finest steps count.
     let order = order_of(&errors[errors.len() - 3..]).unwrap_or(f64::NAN);
     let gates = vec![
         Gate::at_most("default, distance from the reference, grey levels", GREY_LEVELS * default.linf, HALF_A_LEVEL),
@@ -180,15 +179,15 @@ fn bent_segments(context: &Context<'_>) -> Result<Outcome, ChartError> {
     Ok(Outcome { curve, gates, note: note.into() })
 }
 
-/// Voxels of S04 along its ramp, and codes from voxel to voxel: 12 bit (4,095 at the end) and 16 bit (65,520).
+/// Bits and codes per voxel of S04's ramp: 12 bit (4,095 at the end) and 16 bit (65,520).
 const CODES_PER_VOXEL: [(u32, f64); 2] = [(12, 65.0), (16, 1040.0)];
 /// Opacity at the top of the spike.
 const SPIKE_ALPHA: f64 = 0.9;
-/// Unit distances that the ray spends in the spike: so many that few Gauss pairs are not exact up to rounding.
+/// Path length in the spike, in unit distances: so long that few Gauss pairs are not exact up to rounding.
 const SPIKE_DEPTH: f64 = 6.0;
-/// Spikes of which the root mean square error is taken: a single one may be met by chance.
+/// Number of spikes in the root mean square error: one spike may be hit by chance.
 const SPIKES: u32 = 8;
-/// Red at the spike's three points.
+/// Red at the three points of the spike.
 const SPIKE_RED: [f64; 3] = [0.0, 0.3, 1.0];
 
 fn narrow_spikes(context: &Context<'_>) -> Result<Outcome, ChartError> {
@@ -211,7 +210,7 @@ fn narrow_spikes(context: &Context<'_>) -> Result<Outcome, ChartError> {
         let mut errors = Vec::new();
         for pairs in [1, 2, 4, 8, 16] {
             let error = through(&fixed_pairs(pairs))?.red;
-            // Two parts, either side of the spike's top, of that many pairs of samples.
+            // Two parts, one on each side of the spike's top, each with this many pairs of samples.
             let samples = f64::from(4 * pairs);
             curve.push(CurvePoint::new(&series("default, fixed number of pairs"), samples, error, None));
             errors.push((samples, error));
@@ -227,7 +226,7 @@ fn narrow_spikes(context: &Context<'_>) -> Result<Outcome, ChartError> {
         let table = through(&sampled(1.0, Rule::PreIntegrated))?;
         curve.push(CurvePoint::new(&series("pre-integration, one sample per voxel"), 1.0 / slope, table.red, None));
         let default = through(&default_unterminated())?;
-        // Where adaptive pairs end up does not matter here: they are drawn at the last rung.
+        // Adaptive pairs have no fixed number of samples: they are drawn at the last position.
         curve.push(CurvePoint::new(&series("default"), 64.0, default.red, None));
         let order = order_of(&errors[..3]).unwrap_or(f64::NAN);
         gates.extend([
@@ -244,16 +243,16 @@ fn narrow_spikes(context: &Context<'_>) -> Result<Outcome, ChartError> {
     Ok(Outcome { curve, gates, note: note.into() })
 }
 
-/// How wrong the light through spikes is.
+/// Errors of the light through spikes.
 #[derive(Debug, Clone, Copy, Default)]
 struct SpikeError {
     /// Root mean square error of red, grey levels.
     red: f64,
-    /// Greatest error of the opacity, as a share of it.
+    /// Greatest error of the opacity, as a fraction of the opacity.
     opacity: f64,
 }
 
-/// Red and opacity of a ray along the ramp; `length` is the world length that it spends in the spike.
+/// Red and opacity of a ray along the ramp; `length` is its world length inside the spike.
 fn spike_picture(volume: &Volume, code: f64, length: f64, options: &RenderOptions) -> Result<[f64; 2], ChartError> {
     let at = |i: usize| [SPIKE_RED[i], 0.5, 0.2];
     let points = [(code - 0.5, at(0), 0.0), (code, at(1), SPIKE_ALPHA), (code + 0.5, at(2), 0.0)];
@@ -264,7 +263,7 @@ fn spike_picture(volume: &Volume, code: f64, length: f64, options: &RenderOption
     Ok([red, opacity])
 }
 
-/// The integral through the spike, front to back, by many midpoints.
+/// The integral through the spike, front to back, by many midpoint samples.
 fn spike_exactly() -> [f64; 2] {
     const SAMPLES: u32 = 200_000;
     let (mut red, mut transmittance) = (0.0, 1.0);

@@ -1,8 +1,7 @@
-//! Regimes of coded voxels: S19 (wavelets overshoot), S20 (quantised coefficients). Bounds by which space is skipped must be those of
-//! what is drawn, which is what was decoded.
+//! Regimes of coded voxels: S19 (wavelets overshoot), S20 (quantised coefficients). Skipping uses value bounds; they
+//! must hold for the decoded voxels, which are the ones drawn.
 //!
-//! Each cell between eight decoded voxels is held against the bounds of its brick and of the macro cells that it lies in, by
-//! comparing corners one by one.
+//! Each corner of each cell of decoded voxels is checked against the bounds of its brick and of its macro cells.
 
 use supervol_format::brick::{APRON, MACRO_CELL};
 use supervol_format::codec::{Codec, CodecChoice};
@@ -39,22 +38,22 @@ pub const REGIMES: &[Regime] = &[
     },
 ];
 
-/// Least number of cells that each regime looks at, at full size and at the smallest.
+/// Least number of cells that each regime checks, at full and at small scale.
 const CELLS: [f64; 2] = [1e7, 1e5];
-/// The same of bricks that are wavelets: the edges of S19 leave most bricks with one value.
+/// Least number of wavelet bricks, at full and at small scale: most bricks of S19's edges are uniform.
 const CODED: [f64; 2] = [20.0, 10.0];
-/// Distance of neighbouring values that a macro cell's byte can name, as a share of the brick's range.
+/// Step of a macro cell's stored bounds, as a fraction of the brick's range.
 const QUANTUM: f64 = 1.0 / 255.0;
 
-/// What was found in the cells of a container.
+/// Findings in the cells of a container.
 #[derive(Debug, Clone, Copy, Default)]
 struct Findings {
     cells: f64,
-    /// Cells with a corner outside of the bounds of their brick, or of a macro cell that they lie in.
+    /// Cells with a corner outside the bounds of their brick or of one of their macro cells.
     escapes: f64,
-    /// Macro cells, and bricks, whose bounds are wider than what they hold by more than rounding outward takes.
+    /// Macro cells and bricks with bounds wider than their values by more than outward rounding.
     loose: f64,
-    /// Bricks that are coded as wavelets.
+    /// Bricks coded as wavelets.
     wavelets: f64,
 }
 
@@ -78,7 +77,7 @@ impl Findings {
     }
 }
 
-/// A decoded brick, and what the container says of it.
+/// A decoded brick and its container entry.
 struct Decoded {
     entry: BrickEntry,
     extent: [usize; 3],
@@ -104,13 +103,13 @@ impl Decoded {
         })
     }
 
-    /// Macro cells on an axis that the cell between stored voxels `i` and `i + 1` lies in: those that own one of the two, or
-    /// the nearest one at the ends.
+    /// Macro cells on an axis that contain the cell between stored voxels `i` and `i + 1`: the owners of the two
+    /// voxels. At the ends it is the nearest macro cell.
     fn owners(&self, axis: usize, i: usize) -> [usize; 2] {
         [i, i + 1].map(|voxel| (voxel.saturating_sub(APRON) / MACRO_CELL).min(self.macro_cells[axis] - 1))
     }
 
-    /// Range of the corners of the cell that begins at a stored voxel.
+    /// Range of the corners of the cell that begins at this stored voxel.
     fn corners(&self, [x, y, z]: [usize; 3]) -> ValueRange {
         let [nx, ny, _] = self.extent;
         let mut range = ValueRange::EMPTY;
@@ -121,7 +120,7 @@ impl Decoded {
         range
     }
 
-    /// Looks at every cell in which a ray may be inside of the brick's core, or half a voxel around it.
+    /// Checks every cell that a ray inside the brick's core, or half a voxel around it, may use.
     fn findings(&self) -> Findings {
         let drawn = self.extent.map(|n| APRON - 1..n - APRON);
         let mut held = vec![ValueRange::EMPTY; self.bounds.len()];
@@ -144,7 +143,7 @@ impl Decoded {
             }
         }
         let all = held.iter().fold(ValueRange::EMPTY, |a, b| a.union(*b));
-        // One step outward at each end, and what doubles round.
+        // One step outward at each end, plus rounding in `f64`.
         let slack = 2.001 * QUANTUM * all.width();
         let is_loose = |(bounds, held): (&ValueRange, &ValueRange)| bounds.width() > held.width() + slack;
         found.loose = self.bounds.iter().zip(&held).filter(|pair| is_loose(*pair)).count() as f64;
@@ -153,14 +152,14 @@ impl Decoded {
     }
 }
 
-/// A container of wavelets.
+/// A container with wavelet coding.
 fn coded(context: &Context<'_>, name: &str, field: &Computed, max_error: MaxError) -> Result<Volume, ChartError> {
     let codec = CodecChoice::Only(Codec::Wavelet);
     let core = context.pick(64, 32);
     Volume::build(context, name, field, &BuildOptions { codec, max_error, ..build_options(core) })
 }
 
-/// Looks at all cells of all levels, brick by brick.
+/// Checks all cells of all levels, brick by brick.
 fn findings(volume: &Volume) -> Result<Findings, ChartError> {
     let container = &volume.container;
     let mut found = Findings::default();
@@ -172,7 +171,7 @@ fn findings(volume: &Volume) -> Result<Findings, ChartError> {
     Ok(found)
 }
 
-/// STEP along x, or the corner of a box; edges on odd and even voxels, and a height that is no multiple of the steps.
+/// STEP along x, or the corner of a box. Edges lie on odd and even voxels; the height is no multiple of the steps.
 fn edge(dims: [u64; 3], axes: usize, voxel_type: VoxelType) -> Computed {
     let from = dims.map(|n| (n / 3) | 1);
     Computed::new(dims, voxel_type, move |v| if (0..axes).all(|a| v[a] >= from[a]) { 113.0 } else { -14.0 })
@@ -194,7 +193,7 @@ fn overshoot(context: &Context<'_>) -> Result<Outcome, ChartError> {
         all = all.add(here);
     }
     for axes in 1..=3 {
-        // An edge along several axes is a product, and so is what is left of it.
+        // An edge along several axes is a product, and so is its overshoot.
         let of_a_product = |along_one: f64| (1.0 + along_one).powi(axes) - 1.0;
         let expected = [Some(0.125), None, Some(0.42)][axes as usize - 1];
         let lifted = of_a_product(overshoot_of_lifting());
@@ -210,7 +209,7 @@ fn overshoot(context: &Context<'_>) -> Result<Outcome, ChartError> {
     Ok(Outcome { curve, gates: all.gates(context), note })
 }
 
-/// How far a step of height 1 rises above its top when it is lifted once by 5/3 and its details are dropped.
+/// Overshoot of a step of height 1 after one 5/3 lifting step without its details.
 fn overshoot_of_lifting() -> f64 {
     let worst = |edge: usize| {
         let x: Vec<f64> = (0..32).map(|i| if i >= edge { 1.0 } else { 0.0 }).collect();
@@ -219,7 +218,7 @@ fn overshoot_of_lifting() -> f64 {
         let details: Vec<f64> = (0..16).map(|i| x[2 * i + 1] - 0.5 * (at(&even, i) + at(&even, i + 1))).collect();
         let kept: Vec<f64> =
             (0..16usize).map(|i| even[i] + 0.25 * (details[i.saturating_sub(1)] + details[i])).collect();
-        // Without details, kept samples are what they are, and those between are their means: no greater.
+        // Without details, kept samples are unchanged, and samples between them are their means, so no greater.
         kept.into_iter().fold(0.0, f64::max) - 1.0
     };
     (8..24).map(worst).fold(0.0, f64::max)
@@ -243,7 +242,7 @@ fn quantised(context: &Context<'_>) -> Result<Outcome, ChartError> {
         let found = findings(&volume)?;
         curve.push(CurvePoint::new("default", step, found.escapes / found.cells, Some(0.0)));
         let escaped = escaped_macro_cells(&exact, |v| moved(&volume, v))?;
-        // Moving keeps the order of voxels: the greatest is moved up, or the least down, in 3 of 4 cases.
+        // Rounding keeps the order of voxels: in 3 of 4 cases the greatest moves up or the least moves down.
         curve.push(CurvePoint::new("voxels moved, bounds of exact ones", step, escaped, Some(0.75)));
         let escaped = escaped_macro_cells(&exact, |brick| quantised_coefficients(brick, step))?;
         curve.push(CurvePoint::new("coefficients (Haar) quantised, bounds of exact voxels", step, escaped, None));
@@ -258,12 +257,12 @@ fn quantised(context: &Context<'_>) -> Result<Outcome, ChartError> {
     Ok(Outcome { curve, gates: all.gates(context), note })
 }
 
-/// The voxels of the same brick in another container.
+/// Voxels of the same brick in another container.
 fn moved(volume: &Volume, brick: &(BrickKey, Decoded)) -> Result<Vec<f64>, ChartError> {
     Ok(Decoded::read(&volume.container, brick.0)?.values)
 }
 
-/// The voxels of a brick after its coefficients, one step of an orthonormal Haar transform, went to multiples of a step.
+/// Voxels of a brick after quantisation of its coefficients: one step of an orthonormal Haar transform.
 fn quantised_coefficients((_, brick): &(BrickKey, Decoded), step: f64) -> Result<Vec<f64>, ChartError> {
     let mut values = brick.values.clone();
     haar(&mut values, brick.extent);
@@ -272,7 +271,7 @@ fn quantised_coefficients((_, brick): &(BrickKey, Decoded), step: f64) -> Result
     Ok(values)
 }
 
-/// Sums and differences of pairs along each axis, times the square root of a half: its own inverse. A last single voxel stays.
+/// Sums and differences of pairs along each axis, times sqrt(1/2): its own inverse. A last single voxel stays.
 fn haar(values: &mut [f64], extent: [usize; 3]) {
     let strides = [1, extent[0], extent[0] * extent[1]];
     for axis in 0..3 {
@@ -287,7 +286,7 @@ fn haar(values: &mut [f64], extent: [usize; 3]) {
     }
 }
 
-/// Share of the macro cells of level 0 whose voxels, after `change`, leave the range that they had before.
+/// Fraction of the macro cells of level 0 whose voxels, after `change`, leave their former range.
 fn escaped_macro_cells(
     exact: &Volume,
     change: impl Fn(&(BrickKey, Decoded)) -> Result<Vec<f64>, ChartError>,
@@ -304,7 +303,7 @@ fn escaped_macro_cells(
     Ok(escaped / cells)
 }
 
-/// Ranges of what interpolation reaches in each macro cell.
+/// Ranges of the values that interpolation reaches in each macro cell.
 fn reached(brick: &Decoded, values: &[f64]) -> Vec<ValueRange> {
     let [mx, my, mz] = brick.macro_cells;
     let along = |axis: usize, cell: usize| {
@@ -330,7 +329,7 @@ mod tests {
     use super::*;
     use crate::context::Scale;
 
-    /// The regimes would find bounds that are too narrow, or too wide, by a single step.
+    /// The regimes find bounds that are too narrow or too wide by one step.
     #[test]
     fn wrong_bounds_are_found() {
         let folder = tempfile::tempdir().expect("tests need a temporary folder");

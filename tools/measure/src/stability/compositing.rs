@@ -1,12 +1,12 @@
 //! Opacity along a ray (S02, S06, S08, S09): attenuation inside a segment, correction for its length, early
-//! termination, and the numbers that a ray gathers in.
+//! termination, and the number format of the sums.
 //!
-//! The fields are constant along a ray, or two constants one behind the other, so that every right answer is a closed
-//! form; what is measured went through the renderer, from a container to a picture.
+//! The fields are constant along a ray, or two constants one behind the other, so every right answer is a closed form.
+//! The measured values come from the whole renderer: from a container to a picture.
 
 use supervol_format::VoxelType;
 use supervol_runtime::engines::cells::CellRule;
-use supervol_runtime::engines::packets::TERMINATION_OPACITY;
+use supervol_runtime::engines::rules::TERMINATION_OPACITY;
 use supervol_runtime::render::options::RenderOptions;
 use supervol_scene::image::Image;
 use supervol_sources::computed::Computed;
@@ -59,21 +59,21 @@ pub const REGIMES: &[Regime] = &[
     },
 ];
 
-/// Side of the picture in pixels: all rays are alike.
+/// Side of the picture, pixels; all rays are equal.
 const PIXELS: u32 = 4;
-/// Side of the picture, world length: inside all volumes of this file.
+/// Side of the view, world length: smaller than all volumes of this file.
 const VIEW: f64 = 3.0;
-/// Colour of the light whose attenuation is looked at.
+/// Colour of the light with the measured attenuation.
 const RED: f64 = 0.25;
 
-/// The picture of a volume under one opacity per voxel and one colour, seen along z.
+/// The picture of a volume with one opacity per voxel and one colour, seen along z.
 fn under_constant(volume: &Volume, alpha: f64, options: &RenderOptions) -> Result<Image, ChartError> {
     let tf = transfer_function(1.0, &[(0.0, [RED, 0.5, 1.0], alpha)]);
     let scene = volume.scene(&[&looking_along(volume, 2, VIEW), &image_size(PIXELS, PIXELS), &tf])?;
     Ok(volume.render(&scene, options)?.0)
 }
 
-/// The same for what one ray gathers, all rays being alike: red and opacity of the pixel farthest from `exact`.
+/// Red and opacity of one ray: those of the pixel farthest from `exact` (all rays are equal).
 fn gathered(volume: &Volume, alpha: f64, options: &RenderOptions, exact: [f64; 2]) -> Result<[f64; 2], ChartError> {
     let image = under_constant(volume, alpha, options)?;
     let far = |p: &&[f32; 4]| worst([f64::from(p[0]) - exact[0], f64::from(p[3]) - exact[1]]);
@@ -82,8 +82,7 @@ fn gathered(volume: &Volume, alpha: f64, options: &RenderOptions, exact: [f64; 2
     Ok([f64::from(farthest[0]), f64::from(farthest[3])])
 }
 
-/// Optical depths of a segment, and what the light is when its attenuation in there is neglected, over what it should
-/// be.
+/// Optical depth of a segment, and the brightness factor if attenuation inside the segment is neglected.
 const SELF_ATTENUATION: [(f64, f64); 6] =
     [(0.05, 1.025), (0.1, 1.051), (0.25, 1.130), (0.5, 1.271), (1.0, 1.582), (2.0, 2.313)];
 /// Rounding of those factors.
@@ -91,8 +90,7 @@ const FACTOR_ROUNDING: f64 = 5e-4;
 
 fn self_attenuation(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let constant = Volume::build(context, "s02 constant", &fixtures::constant([6, 6, 1], 0.5), &build_options(16))?;
-    // A brick of one value is integrated as one chord; in a ramp the default goes from cell to cell and takes Gauss
-    // pairs.
+    // A uniform brick is integrated as one chord. In a ramp the default goes cell by cell with Gauss pairs.
     let ramp = Volume::build(context, "s02 ramp", &fixtures::ramp([6, 6, 1]), &build_options(16))?;
     let whole =
         |rule| by_samples(Sampling { step_voxels: 1.0, rule, termination_opacity: NEVER, ..Sampling::default() });
@@ -175,16 +173,16 @@ fn opacity_correction(context: &Context<'_>) -> Result<Outcome, ChartError> {
     Ok(Outcome { curve, gates, note })
 }
 
-/// Opacity of the body per voxel: gathered so slowly that a ray ends within a twentieth of the limit's transmittance.
+/// Opacity of the body per voxel: so small that a ray ends within 5 % of the limit's transmittance.
 const BODY_ALPHA: f64 = 0.05;
-/// Voxels of the body of S08, of the white behind it, and the value of the white; the body's values are 0 to 5.
+/// S08: voxels of the body, voxels of the white behind it, value of the white. The body's values are 0 to 5.
 const BODY: (u64, u64, f64) = (200, 12, 100.0);
-/// The body is cut this much longer, in voxels, than its ray needs to reach the limit: rounding must not decide.
+/// Extra thickness of the body beyond the limit, voxels, so that rounding does not decide.
 const BODY_SLACK: f64 = 1e-3;
 
 fn early_termination(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let (depth, white_depth, white) = BODY;
-    // The body's value varies across, so that it is not a uniform brick, which would be one chord.
+    // The body's value varies across the view; a uniform brick would be integrated as one chord.
     let field = move |[x, _, z]: [u64; 3]| if z < depth { x as f64 } else { white };
     let source = Computed::new([6, 6, depth + white_depth], VoxelType::F32, field);
     let volume = Volume::build(context, "s08", &source, &build_options(16))?;
@@ -218,7 +216,7 @@ fn early_termination(context: &Context<'_>) -> Result<Outcome, ChartError> {
     Ok(Outcome { curve, gates, note })
 }
 
-/// Transfer function of S08: black body, white behind it from just above the body's values on.
+/// Transfer function of S08: black for the body's values, white just above them.
 fn body_and_white() -> String {
     let edge = 6.0;
     let body = [0.0; 3];
@@ -228,9 +226,9 @@ fn body_and_white() -> String {
     )
 }
 
-/// What a pixel loses when the body in front is as thick as the limit of opacity needs and no thicker.
+/// Loss of a pixel if the body in front is just thick enough to reach the opacity limit.
 fn worst_loss(volume: &Volume, limit: f64, options: &RenderOptions) -> Result<f64, ChartError> {
-    // The last cell that holds nothing but body ends at the last voxel of the body.
+    // The last cell with only body voxels ends at the last voxel of the body.
     let last = BODY.0 as f64 - 1.0;
     let thickness = (1.0 - limit).ln() / (1.0 - BODY_ALPHA).ln() + BODY_SLACK;
     let cut = format!(r#""clip": {{"box": [[-0.5, -0.5, {:?}], [5.5, 5.5, 400.0]]}}"#, last - thickness);
@@ -243,11 +241,10 @@ fn worst_loss(volume: &Volume, limit: f64, options: &RenderOptions) -> Result<f6
     Ok(worst(losses?))
 }
 
-/// Mean of picture minus whole picture over all channels, the body cut by a slanted plane: from nothing to all of it.
+/// Mean difference from the whole picture over all channels. A slanted plane cuts the body: all its thicknesses occur.
 fn wedge_bias(volume: &Volume, options: &RenderOptions) -> Result<f64, ChartError> {
     let depth = BODY.0 as f64;
-    // The picture is 64 times as wide as high. The plane passes z = depth where the picture begins and z = 0 where it
-    // ends: VIEW apart, about x = 2.5.
+    // The picture is 64 times as wide as high. The plane passes z = depth at its start and z = 0 at its end.
     let slope = depth / VIEW;
     let offset = depth + slope * (2.5 - 0.5 * VIEW);
     let cut = format!(r#""clip": {{"planes": [{{"normal": [{slope:?}, 0, 1], "offset": {offset:?}}}]}}"#);
@@ -258,7 +255,7 @@ fn wedge_bias(volume: &Volume, options: &RenderOptions) -> Result<f64, ChartErro
     Ok(crate::measure::distance(&ended, &whole).bias)
 }
 
-/// Cases of S09: opacity per voxel, voxels, and the sums in 8 bit and in half precision as computed independently.
+/// Cases of S09: opacity per voxel, number of voxels, and independently computed sums in 8 bit and in half precision.
 const SUMS: [(f64, u64, f64, f64); 4] =
     [(1.5e-3, 1_000, 0.0, 0.766), (3e-3, 500, 0.349, 0.775), (5e-4, 4_000, 0.0, 0.512), (1e-4, 20_000, 0.0, 0.250)];
 /// Rounding of those sums.

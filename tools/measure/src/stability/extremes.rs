@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use supervol_format::{Geometry, VoxelType};
-use supervol_runtime::engines::gpu::caster::GpuDevice;
+use supervol_runtime::engines::gpu::device::GpuDevice;
 use supervol_runtime::render::options::Backend;
 use supervol_scene::image::Image;
 use supervol_sources::computed::Computed;
@@ -27,26 +27,26 @@ pub const REGIMES: &[Regime] = &[Regime {
 }];
 
 const DIMS: [u64; 3] = [22, 19, 17];
-/// Values of the field before they are scaled: both signs.
+/// Least value of the unscaled field, so that both signs occur.
 const LEAST: f64 = -0.3;
 
-/// One way to place and scale the field.
+/// Placement and scaling of the field.
 #[derive(Clone, Copy)]
 struct Case {
     series: &'static str,
     voxel_type: VoxelType,
     /// Factor of the values.
     value: f64,
-    /// What the file multiplies stored values with: takes the place of `value` for integers.
+    /// Scale of the stored values in the file; integers use it instead of `value`.
     slope: f64,
     spacing: f64,
-    /// In spacings.
+    /// Origin, in spacings.
     origin: f64,
 }
 
 const PLAIN: Case =
     Case { series: "f32", voxel_type: VoxelType::F32, value: 1.0, slope: 1.0, spacing: 1.0, origin: 0.0 };
-/// Steps of the field in integers.
+/// Integer steps per unit of the field.
 const STEPS: f64 = 30_000.0;
 
 impl Case {
@@ -69,8 +69,8 @@ impl Case {
     }
 }
 
-/// Every series with the powers of two that it goes to: values of 1e-300 to 1e300, spacings of 1e-30 to 1e30, origins up to
-/// 1e18 spacings.
+/// Cases of all series with their powers of two: values 1e-300 to 1e300, spacings 1e-30 to 1e30, origins to 1e18
+/// spacings.
 fn cases(context: &Context<'_>) -> Vec<(i32, Case)> {
     type Place = fn(f64) -> Case;
     let series: [(&[i32], &[i32], Place); 5] = [
@@ -100,7 +100,7 @@ fn cases(context: &Context<'_>) -> Vec<(i32, Case)> {
     all.collect()
 }
 
-/// The members of a scene that say what is shown, and how.
+/// Scene members for mode, transfer function and shading.
 fn looks(volume: &Volume) -> Vec<(&'static str, Vec<String>)> {
     let unit = 1.5 * volume.facts.geometry.smallest_spacing();
     let tf = smooth(volume, unit);
@@ -115,14 +115,14 @@ fn looks(volume: &Volume) -> Vec<(&'static str, Vec<String>)> {
         ("mip", vec![opaque.clone(), mode("mip")]),
         ("mean", vec![opaque, mode("mean")]),
     ];
-    // Percentiles of doubles are counted as single precision, which ends earlier.
+    // Percentiles of `f64` are counted in `f32`, which has a smaller range.
     if volume.container.descriptor().voxel_type != VoxelType::F64 {
         looks.push(("preset", vec![SHADED.into()]));
     }
     looks
 }
 
-/// The pictures of a volume by the default camera, look by look.
+/// Pictures of a volume by the default camera, one per look.
 fn pictures(volume: &Volume, size: &str, backend: Backend) -> Result<Vec<Image>, ChartError> {
     let picture = |(_, members): (_, Vec<String>)| {
         let mut all: Vec<&str> = members.iter().map(String::as_str).collect();
@@ -134,7 +134,7 @@ fn pictures(volume: &Volume, size: &str, backend: Backend) -> Result<Vec<Image>,
 
 fn extremes(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let size = context.pick(image_size(48, 36), image_size(20, 15));
-    // Of each voxel type its own: the percentiles that presets go by are exact for 16 bits only.
+    // One reference per voxel type: the percentiles of presets are exact only for 16 bits.
     let types = [VoxelType::F32, VoxelType::F64, VoxelType::I16];
     let exact = |voxel_type| pictures(&Case { voxel_type, ..PLAIN }.build(context)?, &size, Backend::Reference);
     let exact = types.map(|voxel_type| exact(voxel_type).map(|pictures| (voxel_type, pictures)));
@@ -166,7 +166,7 @@ fn extremes(context: &Context<'_>) -> Result<Outcome, ChartError> {
     Ok(Outcome { curve, gates, note: note.into() })
 }
 
-/// Greatest difference from the reference where one voxel is far beyond all others.
+/// Greatest difference from the reference if one voxel is far beyond all others.
 fn beside_a_spike(context: &Context<'_>, size: &str) -> Result<Gate, ChartError> {
     let mut worst = 0.0f64;
     for power in context.pick(&[10, 20, 30, 37][..], &[20, 37][..]) {
@@ -190,7 +190,7 @@ fn beside_a_spike(context: &Context<'_>, size: &str) -> Result<Gate, ChartError>
     ))
 }
 
-/// Greatest difference from the reference where voxels are far longer than wide, or shorter.
+/// Greatest difference from the reference for voxels much longer or shorter than wide.
 fn long_voxels(context: &Context<'_>, size: &str) -> Result<Gate, ChartError> {
     let mut worst = 0.0f64;
     for power in context.pick(&[-19, -10, -4, 4, 10, 19][..], &[-19, 19][..]) {

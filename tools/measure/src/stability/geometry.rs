@@ -1,6 +1,6 @@
 //! Regimes of rays and grids: S24, S25, S36, S37.
 //!
-//! What rounding, a camera in an odd place, or a grid of an odd shape could do to a picture that is otherwise easy.
+//! Effects of rounding, unusual camera positions and unusual grid shapes on pictures that are otherwise easy.
 
 use glam::{DMat3, DVec3};
 use supervol_format::{Geometry, VoxelType};
@@ -57,8 +57,8 @@ pub const REGIMES: &[Regime] = &[
     },
 ];
 
-/// A light that no camera of S24 looks into: straight against the view the halfway vector is the normalised zero, and
-/// the right picture itself jumps.
+/// A light that no camera of S24 faces. If the light is opposite to the view, the halfway vector is a normalised zero,
+/// and even the exact picture jumps.
 const SLANTED_LIGHT: &str = r#""shading": {"lights": [{"direction": [0.3, -0.5, -0.8]}]}"#;
 
 /// Whether every channel is a finite number.
@@ -66,7 +66,7 @@ fn is_finite(image: &Image) -> bool {
     image.pixels.as_flattened().iter().all(|v| v.is_finite())
 }
 
-/// The 6 axes and 12 face diagonals, and directions whose small components must not matter.
+/// The 6 axes, 12 face diagonals, and directions with negligible small components.
 fn directions() -> Vec<DVec3> {
     let mut all = Vec::new();
     for x in -1..=1i32 {
@@ -82,15 +82,15 @@ fn directions() -> Vec<DVec3> {
     all
 }
 
-/// An orthographic camera along `forward` as it is, not normalised again; pixel centres half a voxel apart, the middle
-/// of the picture on a voxel.
+/// Orthographic camera along `forward`, which is not normalised again. Pixel centres are half a voxel apart; the centre
+/// of the picture lies on a voxel.
 fn camera_along(scene: &ResolvedScene, target: DVec3, forward: DVec3) -> Camera {
     let side = if forward.z.abs() > 0.9 { DVec3::Y } else { DVec3::Z };
     let right = forward.cross(side).normalize();
     Camera { eye: target, forward, right, up: right.cross(forward), ..scene.camera }
 }
 
-/// The same camera, moved across and turned by `amount`.
+/// The same camera, shifted sideways and turned by `amount`.
 fn disturbed(camera: &Camera, amount: f64) -> Camera {
     let forward = (camera.forward + amount * (0.7 * camera.right - 0.4 * camera.up)).normalize();
     let right = forward.cross(camera.up).normalize();
@@ -100,11 +100,11 @@ fn disturbed(camera: &Camera, amount: f64) -> Camera {
 
 fn axis_parallel(context: &Context<'_>) -> Result<Outcome, ChartError> {
     const EDGE: u64 = 48;
-    // The gate's exponent comes first.
+    // The gate uses the first exponent.
     let exponents: &[i32] = context.pick(&[7, 2, 4, 10, 15, 30], &[7, 2]);
     let field = Volume::build(context, "S24 waves", &waves([EDGE; 3]), &build_options(16))?;
     let constant = Volume::build(context, "S24 CONST", &fixtures::constant([EDGE; 3], 1.0), &build_options(16))?;
-    // 33 pixels over 16.5 voxels: rays at all integers and halves from 16 to 32, two faces of bricks (15.5 and 31.5).
+    // 33 pixels over 16.5 voxels: rays at all integers and halves from 16 to 32, and two brick faces (15.5 and 31.5).
     let pixels = context.pick(49, 33);
     let height = format!(
         r#""camera": {{"eye": [0,0,0], "target": [1,0,0], "up": [0,0,1], "height": {}}}"#,
@@ -138,7 +138,7 @@ fn axis_parallel(context: &Context<'_>) -> Result<Outcome, ChartError> {
     Ok(Outcome { curve, gates, note })
 }
 
-/// Pixels of CONST further than half a grey level from `1 - exp(-kappa chord)`, the chord computed here.
+/// Pixels of CONST more than half a grey level from `1 - exp(-kappa chord)`, with the chord computed here.
 fn missed_columns(constant: &Volume, size: &str, camera: &str, direction: DVec3) -> Result<f64, ChartError> {
     const ALPHA: f64 = 0.02;
     let tf = transfer_function(1.0, &[(1.0, GOLD, ALPHA)]);
@@ -152,7 +152,7 @@ fn missed_columns(constant: &Volume, size: &str, camera: &str, direction: DVec3)
     }))
 }
 
-/// Pixels whose opacity is further than half a grey level from `opacity(chord(origin, direction))`.
+/// Pixels with an opacity more than half a grey level from `opacity(chord(origin, direction))`.
 fn pixels_off(
     camera: &Camera,
     picture: &Image,
@@ -169,7 +169,7 @@ fn pixels_off(
     off.count() as f64
 }
 
-/// Length of t in which `origin + t * direction` lies between -1/2 and `high`; components below 1e-20 count as none.
+/// Length in t of the part of `origin + t * direction` between -1/2 and `high`. Components below 1e-20 count as 0.
 fn chord_in_box(origin: DVec3, direction: DVec3, high: [f64; 3]) -> f64 {
     let mut interval = [f64::NEG_INFINITY, f64::INFINITY];
     for a in 0..3 {
@@ -189,7 +189,7 @@ fn camera_inside(context: &Context<'_>) -> Result<Outcome, ChartError> {
     const EDGE: u64 = 48;
     let volume = Volume::build(context, "S25", &fixtures::sphere(EDGE), &build_options(16))?;
     let size = context.pick(image_size(64, 48), image_size(24, 18));
-    // Nothing is seen beyond 20 voxels from the middle: the outermost bricks' corners are empty.
+    // Nothing is visible more than 20 voxels from the centre: the corners of the outermost bricks are empty.
     let range = volume.facts.value_range;
     let at = |radius: f64| (radius - range.min) / range.width();
     let tf =
@@ -225,7 +225,7 @@ fn camera_inside(context: &Context<'_>) -> Result<Outcome, ChartError> {
     Ok(Outcome { curve, gates, note })
 }
 
-/// The grid of S36: spacing 25, 12.5, 4, the y axis leaning by this angle towards x, the z axis a little.
+/// Grid of S36: spacing 25, 12.5, 4. The y axis is sheared by this angle towards x, the z axis slightly.
 fn survey_grid(shear_degrees: f64) -> Geometry {
     let (sin, cos) = shear_degrees.to_radians().sin_cos();
     Geometry {
@@ -287,12 +287,12 @@ fn chords_off(constant: &Volume, geometry: &Geometry, camera: &str, size: &str) 
     let origin = DVec3::from_array(geometry.origin);
     let opacity = |chord: f64| 1.0 - (1.0 - ALPHA).powf(chord / UNIT);
     Ok(pixels_off(&scene.camera, &picture, opacity, |ray_origin, ray_direction| {
-        // Directions are unit vectors of the world, so that t is a world length in index space, too.
+        // Directions are unit vectors of the world, so t is a world length in index space too.
         chord_in_box(index_from_world * (ray_origin - origin), index_from_world * ray_direction, faces)
     }))
 }
 
-/// The sizes of S37, bricks of 16.
+/// Sizes of S37, voxels; bricks of 16.
 const ODD_SIZES: [[u64; 3]; 12] = [
     [1, 1, 1],
     [2, 2, 2],
@@ -309,19 +309,19 @@ const ODD_SIZES: [[u64; 3]; 12] = [
 ];
 
 fn degenerate(context: &Context<'_>) -> Result<Outcome, ChartError> {
-    // Odd, so that the middle ray meets the middle of even the thinnest volume.
+    // Odd, so that the middle ray meets the centre of the thinnest volume.
     let size = context.pick(image_size(29, 21), image_size(17, 13));
     let (mut curve, mut worst, mut not_finite, mut empty) = (Vec::new(), 0.0f64, 0.0, 0.0);
     const TYPES: [VoxelType; 2] = [VoxelType::F32, VoxelType::U8];
     for (i, dims) in ODD_SIZES.into_iter().enumerate() {
-        // The small run takes the two types in turn.
+        // The small scale alternates between the two types.
         for &voxel_type in context.pick(&TYPES[..], &TYPES[i % 2..=i % 2]) {
             let scale = if voxel_type == VoxelType::U8 { 255.0 } else { 1.0 };
             let field = Computed::new(dims, voxel_type, move |v| scale * fixtures::waves_at(fixtures::point(v)));
             let source: &dyn VolumeSource = &field;
             let name = format!("S37 {dims:?} {voxel_type}").replace([',', '[', ']'], "");
             let volume = Volume::build(context, &name, source, &build_options(16))?;
-            // One voxel has one value: a transfer function over the whole of [0, 1] shows it.
+            // A single voxel has one value: a transfer function over all of [0, 1] shows it.
             let tf = transfer_function(1.0, &[(0.0, BLUE, 0.1), (0.5 * scale, GOLD, 0.2), (scale, GOLD, 0.5)]);
             let slanted = orthographic(&volume, volume.middle(), DVec3::new(0.3, 0.9, -0.2), [0.1, 0.0, 1.0], 1.5);
             for camera in [volume.outside(), slanted] {

@@ -1,4 +1,4 @@
-//! Regime of jittered sampling: S43. A method of comparison: the default has no step that could be jittered.
+//! Regime of jittered sampling: S43. Jitter is a method of comparison; the default has no step.
 
 use supervol_format::Lod;
 use supervol_runtime::render::options::{Backend, LevelChoice, RenderOptions};
@@ -24,7 +24,7 @@ pub const REGIMES: &[Regime] = &[Regime {
     run: jitter,
 }];
 
-/// Frames that are averaged at most.
+/// Largest number of averaged frames.
 const FRAMES: u32 = 256;
 
 /// A picture by midpoint samples.
@@ -84,13 +84,13 @@ fn jitter(context: &Context<'_>) -> Result<Outcome, ChartError> {
     Ok(Outcome { curve, gates, note })
 }
 
-/// What averaging jittered frames gives.
+/// Result of averaging jittered frames.
 struct Averaged {
-    /// Frames, and the distance of their mean from the reference, grey levels.
+    /// Number of frames, and distance of their mean from the reference: root mean square, grey levels.
     rmse: Vec<(f64, f64)>,
-    /// Distance of the mean of all frames from the reference, grey levels.
+    /// Greatest difference between the mean of all frames and the reference, grey levels.
     linf: f64,
-    /// Frames that changed when they were made again by one thread.
+    /// Number of frames that differ when drawn again by one thread.
     differing: f64,
 }
 

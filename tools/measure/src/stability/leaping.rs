@@ -1,4 +1,4 @@
-//! Regime of what is leapt over: S22. Rays through one brick at a time, by the walker of packets alone.
+//! Regime of leaping: S22. Rays through one brick at a time, by the walker of packets alone.
 
 use rayon::prelude::*;
 use supervol_format::brick::APRON;
@@ -39,36 +39,36 @@ pub const REGIMES: &[Regime] = &[Regime {
     run: leaping,
 }];
 
-/// How far from a face, in cells, a position may be that lies on it: `f32` over the largest brick.
+/// Largest distance from a face, in cells, of a position on the face: rounding of `f32` over the largest brick.
 const ON_FACE: f64 = 1e-4;
-/// Least share of what could be skipped that must be.
+/// Least fraction of the empty length that must be skipped.
 const LEAST_SKIPPED: f64 = 0.8;
-/// Core voxels of the random bricks: the default, and one that ends within a block on two axes.
+/// Core voxels of the random bricks: the default core, and one that ends inside a block on two axes.
 const CORES: [[usize; 3]; 2] = [[64; 3], [37, 22, 61]];
-/// Shares of blocks that show something.
+/// Fractions of visible blocks.
 const OCCUPANCIES: [f64; 6] = [0.001, 0.005, 0.02, 0.1, 0.25, 0.5];
-/// Random rays that share a brick.
+/// Number of random rays per brick.
 const RAYS_PER_BRICK: usize = 256;
-/// Core of the bricks of volumes.
+/// Core of the bricks of volumes, voxels.
 const BRICK: u32 = 64;
 
-/// What was found along some rays.
+/// Findings along some rays.
 #[derive(Debug, Clone, Copy, Default)]
 struct Findings {
-    /// Rays and bricks: one for each brick that a ray goes through.
+    /// Pairs of a ray and a brick that it crosses.
     ways: f64,
-    /// Leaps.
+    /// Number of leaps.
     leaps: f64,
-    /// Cells that show nothing, one by one.
+    /// Number of empty cells.
     empty_cells: f64,
-    /// World length in cells that show nothing, and how much of it was leapt over.
+    /// World length in empty cells, and the leapt part of it.
     skippable: f64,
     skipped: f64,
-    /// Cells that show something and were leapt over.
+    /// Visible cells that were leapt over.
     jumped_over: f64,
-    /// Rays whose stretches leave a gap, overlap, or do not end where the ray does.
+    /// Rays whose stretches have gaps, overlap, or do not end at the end of the ray.
     untiled: f64,
-    /// Greatest distance, in cells, of a leap's end from the nearest face of blocks or end of the ray.
+    /// Greatest distance of a leap's end from the nearest block face or end of the ray, cells.
     beside_faces: f64,
 }
 
@@ -86,8 +86,8 @@ impl Findings {
         }
     }
 
-    /// Looks at one ray; `shows` says it of a cell, a cube of `side` voxels, or nothing where it is asked about cells
-    /// outside.
+    /// Examines one ray. `shows`: whether a cell (a cube of `side` voxels) is visible. Cells outside the brick may
+    /// occur.
     fn of_ray(
         ray: &LocalRay,
         ways: &[Stretch],
@@ -123,7 +123,7 @@ fn position(ray: &LocalRay, t: f64) -> [f64; 3] {
     std::array::from_fn(|a| f64::from(ray.origin[a]) + t * f64::from(ray.direction[a]))
 }
 
-/// Whether stretches follow one another from 0 to the ray's end.
+/// Whether the stretches cover the ray from 0 to its end without gaps.
 fn is_tiled(ray: &LocalRay, ways: &[Stretch]) -> bool {
     let begins_and_ends = ways.first().is_none_or(|s| s.t[0] == 0.0)
         && ways.last().is_none_or(|s| s.t[1] == ray.length)
@@ -131,7 +131,7 @@ fn is_tiled(ray: &LocalRay, ways: &[Stretch]) -> bool {
     begins_and_ends && ways.windows(2).all(|w| w[0].t[1] == w[1].t[0]) && ways.iter().all(|s| s.t[0] <= s.t[1])
 }
 
-/// Distance of a position from the nearest face of blocks on any axis, in cells; 0 at the ray's end.
+/// Distance of a position from the nearest block face on any axis, cells; 0 at the end of the ray.
 fn beside_faces(ray: &LocalRay, t: f64) -> f64 {
     if t >= f64::from(ray.length) {
         return 0.0;
@@ -141,13 +141,13 @@ fn beside_faces(ray: &LocalRay, t: f64) -> f64 {
     position(ray, t).map(beside).into_iter().fold(f64::INFINITY, f64::min)
 }
 
-/// Whether a position lies in a cell, and on none of its faces.
+/// Whether a position lies inside a cell and on none of its faces.
 fn is_inside(position: [f64; 3], cell: [i64; 3], side: usize) -> bool {
     let low = cell.map(|c| (c * side as i64) as f64);
     (0..3).all(|a| low[a] + ON_FACE < position[a] && position[a] < low[a] + side as f64 - ON_FACE)
 }
 
-/// The cells along a ray, brute force: all crossings of planes, sorted; what lies between two lies in the middle's cell.
+/// Cells along a ray, by brute force: all plane crossings, sorted. The midpoint of two crossings gives the cell.
 fn pieces(ray: &LocalRay, core: [usize; 3], side: usize) -> Vec<([f64; 2], [i64; 3])> {
     let length = f64::from(ray.length);
     let mut ends = vec![0.0, length];
@@ -200,15 +200,15 @@ fn leaping(context: &Context<'_>) -> Result<Outcome, ChartError> {
     Ok(Outcome { curve, gates, note })
 }
 
-/// Which blocks count in a cloud.
+/// Blocks that count in a cloud.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Counts {
     All,
-    /// Those that rays of the brick may still come to.
+    /// Blocks that rays of the brick may still reach.
     Ahead,
 }
 
-/// Rays through bricks of which this share of blocks shows something.
+/// Random rays through bricks with this fraction of visible blocks.
 fn random_bricks(occupancy: f64, bricks: usize, counts: Counts) -> Findings {
     let of_brick = |brick: usize| {
         let mut random = Random::new((brick as u64) << 16 | (occupancy * 1e4) as u64);
@@ -234,8 +234,8 @@ fn random_bricks(occupancy: f64, bricks: usize, counts: Counts) -> Findings {
     (0..bricks).into_par_iter().map(of_brick).reduce(Findings::default, Findings::add)
 }
 
-/// A ray that begins on a face of the brick, or inside, and goes only ways that are allowed; many positions lie on faces of
-/// blocks, every third component is 0 or -0.
+/// A ray that begins on a face of the brick or inside it, in an allowed direction. Many positions lie on block faces;
+/// every third component is 0 or -0.
 fn random_ray(random: &mut Random, core: [usize; 3], allowed: [Ahead; 3]) -> LocalRay {
     loop {
         let ends = core.map(|n| [-0.5, n as f64 - 0.5]);
@@ -273,7 +273,7 @@ fn random_ray(random: &mut Random, core: [usize; 3], allowed: [Ahead; 3]) -> Loc
     }
 }
 
-/// Volumes, each with how rays of a picture go through it.
+/// Volumes, each with the findings along the rays of a picture.
 fn volumes(context: &Context<'_>) -> Result<Vec<(&'static str, Findings)>, ChartError> {
     let synthetic = |name: &str, edge: u64| Synthetic::new(name, Dims([edge; 3]), Some(VoxelType::U8), 1);
     let carp = context.folder.join("s22-carp.nii.gz");
@@ -297,7 +297,7 @@ fn volumes(context: &Context<'_>) -> Result<Vec<(&'static str, Findings)>, Chart
     Ok(found)
 }
 
-/// The rays of a picture that meet the volume, and between which world lengths.
+/// Rays of a picture that meet the volume, with start and end as world lengths.
 pub(crate) fn rays_of(volume: &Volume, scene: &ResolvedScene) -> Vec<(IndexRay, [f64; 2])> {
     let camera = &scene.camera;
     let pixels = (0..camera.height).flat_map(|y| (0..camera.width).map(move |x| (x, y)));
@@ -337,7 +337,7 @@ fn through_brick(
     let cloud = cloud_of_blocks(brick, APRON, ahead_of(&local), map, shows);
     let shows_cell = |cell: [i64; 3]| shows(range_of(brick, cell, map));
     let ways = if cloud.is_empty() {
-        // Such bricks are not entered.
+        // Empty bricks are not entered.
         local.iter().map(|ray| vec![Stretch { t: [0.0, ray.length], is_leap: true }]).collect()
     } else {
         stretches(InstructionSet::best(), &cloud, core, &local)
@@ -346,7 +346,7 @@ fn through_brick(
     local.iter().zip(&ways).map(of_ray).fold(Findings::default(), Findings::add)
 }
 
-/// Which way some rays go.
+/// Directions of these rays on each axis.
 pub(crate) fn ahead_of(rays: &[LocalRay]) -> [Ahead; 3] {
     std::array::from_fn(|a| {
         let goes = |sign: f32| rays.iter().any(|ray| sign * ray.direction[a] > 0.0);
@@ -358,7 +358,7 @@ pub(crate) fn ahead_of(rays: &[LocalRay]) -> [Ahead; 3] {
     })
 }
 
-/// A ray in a brick's own coordinates, if it meets the brick.
+/// A ray in a brick's own coordinates; `None` if it misses the brick.
 pub(crate) fn local_ray(
     ray: &IndexRay,
     [mut from, mut to]: [f64; 2],

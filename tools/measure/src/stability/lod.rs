@@ -1,8 +1,8 @@
-//! Regimes of levels of detail: S14, S15 (two levels in one picture), S16, S17, S18 (what averaging destroys).
+//! Regimes of levels of detail: S14, S15 (two levels in one picture), S16, S17, S18 (losses by averaging).
 //!
-//! The first two force a mix of levels by answering bricks as if they had failed. The other three look at what users get
-//! with levels chosen automatically, from views in which one pixel covers several voxels, and hold it against level 0
-//! averaged over the pixel (16 rays). Their curves' x is voxels of level 0 per pixel.
+//! S14 and S15 force a mix of levels: some bricks are answered as if they had failed. The others test automatic levels
+//! in views in which one pixel covers several voxels. Their reference is level 0 averaged over the pixel (16 rays). The
+//! x of their curves is voxels of level 0 per pixel.
 
 use std::collections::BTreeMap;
 
@@ -92,10 +92,10 @@ fn step_change(context: &Context<'_>) -> Result<Outcome, ChartError> {
             let tf = transfer_function(1.0, &[(3.0, GOLD, alpha)]);
             let right = |key: BrickKey| key.brick().0[0] >= 2;
             let mixed = Mixed { all: &all, coarse: Lod(coarse), is_coarse: &right };
-            // Straight on, every ray has the same length in the volume: the whole picture has one colour.
+            // Seen straight on, all rays have the same length in the volume: the whole picture has one colour.
             let picture = all.picture(&mixed, &volume.scene(&[&facing, &size, &tf])?, at_level(Lod(0)))?;
             jump = jump.max(spread(&picture) / GREY_LEVEL);
-            // Askew and shaded, it is that of level 0 alone.
+            // Seen obliquely and shaded, the picture equals that of level 0.
             let scene = volume.scene(&[&volume.outside(), &size, &tf, SHADED])?;
             let picture = all.picture(&mixed, &scene, at_level(Lod(0)))?;
             jump = jump.max(grey_levels(&picture, &all.level(&scene, Lod(0))?));
@@ -141,7 +141,7 @@ fn seams(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let mut outside = 0.0f64;
     for (volume, tf) in [(&sphere, &shell), (&ml, &soft)] {
         let all = ResidentBricks::load(&volume.container)?;
-        // Along a face between bricks, sinking through it slowly.
+        // Along a face between bricks, crossing it at a small angle.
         let grazing = orthographic(volume, [63.5, 63.5, 63.5], DVec3::new(1.0, 0.02, 0.013), [0.0, 0.0, 1.0], 70.0);
         for (view, camera) in [("outside", volume.outside()), ("grazing", grazing)] {
             let scene = volume.scene(&[&camera, &size, tf])?;
@@ -181,29 +181,29 @@ fn seams(context: &Context<'_>) -> Result<Outcome, ChartError> {
     Ok(Outcome { curve, gates, note })
 }
 
-/// How far any channel of any pixel lies outside the interval that two pictures span there.
+/// Greatest distance of a pixel's channel outside the interval of two pictures.
 fn beyond(picture: &Image, [a, b]: [&Image; 2]) -> f64 {
     let channels = picture.pixels.as_flattened().iter().zip(a.pixels.as_flattened()).zip(b.pixels.as_flattened());
     let outside = channels.map(|((v, a), b)| f64::from((v - a.max(*b)).max(a.min(*b) - v)));
-    // Inside it is below 0; what is no number is nowhere, and counts.
+    // Negative inside the interval. NaN counts as outside.
     greatest(outside.filter(|outside| outside.is_nan() || *outside > 0.0))
 }
 
-/// A view in which one pixel covers a number of voxels.
+/// A view with a fixed number of voxels per pixel.
 struct FarView {
     voxels_per_pixel: u32,
-    /// By levels chosen automatically, one ray per pixel.
+    /// Automatic levels, one ray per pixel.
     automatic: Image,
     /// Level 0, 16 rays per pixel.
     level_0: Image,
-    /// Level 0, one ray per pixel: the rays of the automatic picture.
+    /// Level 0, one ray per pixel: the same rays as the automatic picture.
     same_rays: Image,
-    /// The coarsest level that the automatic picture read bricks of.
+    /// Coarsest level of the bricks that the automatic picture read.
     coarsest_read: usize,
 }
 
-/// Orthographic pictures of about `window` voxels, one pixel covering 1, 2, 4, ... voxels. The number of pixels is odd: the ray of the
-/// middle one runs through what `target` says for pixels of that size.
+/// Orthographic pictures of about `window` voxels, with 1, 2, 4, ... voxels per pixel. `target` gives the index point
+/// in the picture's centre for each pixel size. The number of pixels is odd, so the middle ray passes through it.
 fn far_views(
     volume: &Volume,
     target: impl Fn(u32) -> [f64; 3],
@@ -265,13 +265,13 @@ fn mean_vanishes(context: &Context<'_>) -> Result<Outcome, ChartError> {
     Ok(Outcome { curve, gates, note })
 }
 
-/// Share of the root mean square that a mean over 2, 4, ... samples keeps, by peak frequency.
+/// Fraction of the root mean square that a mean over 2, 4, ... samples keeps, by peak frequency.
 const RMS_KEPT: [(f64, [f64; 5]); 3] = [
     (15.0, [0.98, 0.90, 0.65, 0.28, 0.14]),
     (25.0, [0.94, 0.74, 0.37, 0.17, 0.08]),
     (35.0, [0.89, 0.57, 0.24, 0.12, 0.06]),
 ];
-/// What a measured share may differ from its figure by: the figures have two digits, the cubes a finite number of samples.
+/// Tolerance of a measured fraction: the known numbers have two digits, and the cubes have a finite number of samples.
 const RMS_TOLERANCE: f64 = 0.02;
 
 fn seismic_collapse(context: &Context<'_>) -> Result<Outcome, ChartError> {
@@ -279,7 +279,7 @@ fn seismic_collapse(context: &Context<'_>) -> Result<Outcome, ChartError> {
     for (peak_hz, expected) in RMS_KEPT {
         let dims = [16, 16, context.pick(16384, 4096)];
         let cube = Ricker { peak_hz, ..Ricker::clean(dims) };
-        // x and y fit one brick, so that every level halves z alone.
+        // x and y fit into one brick, so levels halve only z.
         let volume = Volume::build(context, &format!("S17 {peak_hz} Hz"), &cube.source(), &build_options(16))?;
         let scene = volume.scene(&[&image_size(1, 1)])?;
         let finest_rms = level_rms(&volume, 0, &scene)?;
@@ -308,7 +308,7 @@ fn level_rms(volume: &Volume, level: u8, scene: &ResolvedScene) -> Result<f64, C
     Ok((values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt())
 }
 
-/// Mean opacity of a survey by distance; its greatest relative change from one distance to the next; the coarsest level.
+/// Mean opacity of a survey by distance, its greatest relative change between distances, and the coarsest level.
 fn seismic_opacity(context: &Context<'_>) -> Result<(Vec<CurvePoint>, f64, usize), ChartError> {
     let dims = [64, 64, context.pick(512, 256)];
     let source = Ricker::clean(dims).source().with_info(|info| {
@@ -318,7 +318,7 @@ fn seismic_opacity(context: &Context<'_>) -> Result<(Vec<CurvePoint>, f64, usize
     });
     let options = BuildOptions { lod_axes: LodAxes::Auto, ..build_options(16) };
     let volume = Volume::build(context, "seismic S17", &source, &options)?;
-    // A slab of twelve inlines: thin enough that the picture is half transparent.
+    // A slab of twelve inlines: thin enough for a half transparent picture.
     let slab = format!(r#""clip": {{"box": [[-0.5, 25.5, -0.5], [63.5, 37.5, {}]]}}"#, dims[2] as f64 - 0.5);
     let members = [r#""transfer_function": "seismic""#, &slab];
     let (mut curve, mut change, mut coarsest) = (Vec::new(), 0.0f64, 0);
@@ -331,15 +331,15 @@ fn seismic_opacity(context: &Context<'_>) -> Result<(Vec<CurvePoint>, f64, usize
     Ok((curve, change, coarsest))
 }
 
-/// Mean opacities of far pictures by the size of a pixel: of automatic levels, and of level 0. The farthest has 36 pixels, whose rays alone
-/// move its mean by a tenth: each is the mean of pictures that are shifted against each other by parts of a pixel.
+/// Mean opacities of far pictures by pixel size: of automatic levels, and of level 0. The farthest picture has only 36
+/// pixels, and their positions alone change its mean by 10 %. So each value averages pictures with sub-pixel shifts.
 fn mean_opacities(volume: &Volume, members: &[&str], coarsest: &mut usize) -> Result<Vec<(f64, [f64; 2])>, ChartError> {
-    /// Shifts along either side of a pixel.
+    /// Number of shifts along each side of a pixel.
     const SHIFTS: u32 = 4;
     let mut sums = BTreeMap::new();
     for shift in 0..SHIFTS * SHIFTS {
         let parts = [shift % SHIFTS, shift / SHIFTS].map(|i| (f64::from(i) + 0.5) / f64::from(SHIFTS) - 0.5);
-        // Pictures look along y.
+        // The camera looks along y.
         let target_for = |pixel: u32| {
             let [x, y, z] = volume.middle();
             [x + parts[0] * f64::from(pixel), y, z + parts[1] * f64::from(pixel)]
@@ -375,7 +375,7 @@ fn thin_features(context: &Context<'_>) -> Result<Outcome, ChartError> {
             ));
             off = off.max((kept - expected).abs());
         }
-        // Wherever the feature is, it is in the middle of the picture.
+        // The feature is always in the centre of the picture.
         let mut target = volume.middle();
         target[..thin.thin_axes()].fill((edge / 2 + 1) as f64);
         for view in far_views(&volume, |_| target, 32, &[&tf])? {
@@ -397,7 +397,7 @@ fn thin_features(context: &Context<'_>) -> Result<Outcome, ChartError> {
     Ok(Outcome { curve, gates, note })
 }
 
-/// Share of the pixels whose ray shows something in level 0 in which the automatic picture has no opacity at all.
+/// Fraction of the visible pixels of level 0 that are fully transparent in the automatic picture.
 fn pixels_lost(view: &FarView) -> Result<f64, ChartError> {
     let shown = |p: &[f32; 4]| f64::from(p[3]) > 0.5 * GREY_LEVEL;
     let pairs = || view.same_rays.pixels.iter().zip(&view.automatic.pixels).filter(|(fine, _)| shown(fine));

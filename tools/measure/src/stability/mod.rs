@@ -1,8 +1,8 @@
 //! The stability suite: every regime in which a method breaks, with a recipe, a curve into the failure, and a gate.
 //!
-//! A [`Regime`] is one row of the list of regimes (S01 to S48). The report runs them at `Scale::Full`, the tests at
-//! `Scale::Small`: the same code, fewer and smaller cases. A gate is a number that the project has promised; it is
-//! never loosened to pass: a regime that fails is reported failing and has its place in `tests/tests/known_issues.rs`.
+//! A [`Regime`] is one row of the list of regimes (S01 to S48). The report runs them at `Scale::Full`. The tests run
+//! the same code at `Scale::Small`, with fewer and smaller cases. A gate is a number that the project promises; it is
+//! never loosened to pass. A failing regime is reported as failing and listed in `tests/tests/known_issues.rs`.
 
 mod borders;
 pub mod classification;
@@ -28,28 +28,28 @@ use crate::context::{ChartError, Context};
 pub struct Regime {
     /// `S01` to `S48`.
     pub id: &'static str,
-    /// What fails, in a few words.
+    /// The failure, in a few words.
     pub title: &'static str,
-    /// What is done: one or two sentences.
+    /// Procedure of the measurement: one or two sentences.
     pub recipe: &'static str,
-    /// What x is in the curve, with its unit.
+    /// Meaning of the curve's x, with its unit.
     pub x_label: &'static str,
-    /// What is measured in the curve, with its unit.
+    /// Quantity measured in the curve, with its unit.
     pub y_label: &'static str,
-    /// Measures it.
+    /// Measurement of the regime.
     pub run: fn(&Context<'_>) -> Result<Outcome, ChartError>,
 }
 
 /// One point of a curve into the failure.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CurvePoint {
-    /// Which line of the plot the point belongs to: `default`, or the name of a method of comparison.
+    /// Line of the plot: `default`, or the name of a method of comparison.
     pub series: String,
-    /// How far into the regime.
+    /// Position along the regime, from harmless to failing.
     pub x: f64,
-    /// What was measured; null where it is not finite.
+    /// Measured value; null if it is not finite.
     pub measured: f64,
-    /// What was computed independently, or follows from a closed form; null where there is no such number.
+    /// Expected value, computed independently or by a closed form; null if there is none.
     pub expected: Option<f64>,
 }
 
@@ -61,7 +61,7 @@ impl CurvePoint {
     }
 }
 
-/// Which side of its limit a gate's value must lie on.
+/// Side of the limit on which a gate's value must lie.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Side {
@@ -71,51 +71,51 @@ pub enum Side {
     AtLeast,
 }
 
-/// What a gate's value depends on besides the program.
+/// Dependencies of a gate's value besides the program.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum GateKind {
-    /// Nothing: it is the same on every machine and in every run.
+    /// None: the value is the same on every machine and in every run.
     Result,
-    /// How fast the machine is and what else it does: tests do not assert it.
+    /// Speed and load of the machine: tests do not assert the gate.
     Speed,
 }
 
-/// A number that was promised.
+/// A promised number.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Gate {
-    /// What the value is, with its unit: one clause.
+    /// Meaning of the value, with its unit: one clause.
     pub what: String,
-    /// What was measured.
+    /// Measured value.
     pub value: f64,
-    /// What was promised.
+    /// Promised limit.
     pub limit: f64,
-    /// On which side of the limit the value must lie.
+    /// Side of the limit on which the value must lie.
     pub side: Side,
-    /// What the value depends on besides the program.
+    /// Dependencies of the value besides the program.
     pub kind: GateKind,
 }
 
 impl Gate {
-    /// `value <= limit`.
+    /// A gate `value <= limit`.
     #[must_use]
     pub fn at_most(what: impl Into<String>, value: f64, limit: f64) -> Self {
         Self { what: what.into(), value, limit, side: Side::AtMost, kind: GateKind::Result }
     }
 
-    /// `value >= limit`.
+    /// A gate `value >= limit`.
     #[must_use]
     pub fn at_least(what: impl Into<String>, value: f64, limit: f64) -> Self {
         Self { what: what.into(), value, limit, side: Side::AtLeast, kind: GateKind::Result }
     }
 
-    /// The same gate, on a measured time.
+    /// The same gate on a measured time.
     #[must_use]
     pub fn speed(self) -> Self {
         Self { kind: GateKind::Speed, ..self }
     }
 
-    /// Whether it holds; never for NaN.
+    /// Whether the gate holds; never for NaN.
     #[must_use]
     pub fn holds(&self) -> bool {
         match self.side {
@@ -125,14 +125,14 @@ impl Gate {
     }
 }
 
-/// What was measured in a regime.
+/// Result of a regime.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outcome {
     /// The curve into the failure, never empty: methods of comparison beside the default.
     pub curve: Vec<CurvePoint>,
     /// The regime's gates, never empty; the first is the one quoted.
     pub gates: Vec<Gate>,
-    /// What a reader must know: what was measured how, what was found, why a gate fails. May be empty.
+    /// Remarks for the reader: method, findings, reason of a failing gate. May be empty.
     pub note: String,
 }
 
@@ -144,7 +144,7 @@ impl Outcome {
     }
 }
 
-/// Every regime that applies to what exists, by id.
+/// All implemented regimes, by id.
 #[must_use]
 pub fn regimes() -> Vec<&'static Regime> {
     let groups: [&'static [Regime]; 13] = [
@@ -167,7 +167,7 @@ pub fn regimes() -> Vec<&'static Regime> {
     all
 }
 
-/// Regimes of the list that wait, and for what.
+/// Regimes that are not implemented yet, and the missing parts.
 pub const WAITING: &[(&str, &str)] = &[
     ("S28", "an engine that sorts bricks"),
     ("S29", "shear-warp engine"),

@@ -1,10 +1,10 @@
-//! Parallel rays through small volumes: what regimes about one ray share.
+//! Shared parts of regimes with parallel rays through small volumes.
 //!
-//! Where the field is the same all along a ray, or depends on its depth only, the picture has a closed form; so most of
-//! these regimes are one small picture by an orthographic camera, over black, at level 0, by the CPU ray caster.
+//! If the field is constant along a ray, or depends only on depth, the picture has a closed form. Most of these regimes
+//! are one small picture: orthographic camera, black background, level 0, CPU ray caster.
 
 use supervol_runtime::engines::cells::{CellRule, Pairs};
-use supervol_runtime::engines::packets::Caster;
+use supervol_runtime::engines::cpu::Caster;
 use supervol_runtime::render::options::{Backend, RenderOptions};
 use supervol_scene::image::Image;
 
@@ -13,11 +13,10 @@ use crate::context::ChartError;
 pub(crate) use crate::measure::{GREY_LEVELS, HALF_A_LEVEL};
 use crate::volume::{Volume, finest};
 
-/// A termination opacity that no ray reaches: what is looked at is not what ending rays early costs.
+/// Termination opacity that no ray reaches, so that early termination has no effect on the result.
 pub(crate) const NEVER: f64 = 2.0;
 
-/// `"camera"`: orthographic, looking along +x (0), +y (1) or +z (2) at the middle of the volume; `height` is a world
-/// length.
+/// `"camera"`: orthographic, looking along +x (0), +y (1) or +z (2) at the volume's centre. `height` is a world length.
 ///
 /// Looking along z, x runs to the right and y downwards, as voxels lie in memory.
 pub(crate) fn looking_along(volume: &Volume, axis: usize, height: f64) -> String {
@@ -28,17 +27,17 @@ pub(crate) fn looking_along(volume: &Volume, axis: usize, height: f64) -> String
     format!(r#""camera": {{"eye": {eye:?}, "target": {target:?}, "up": {up:?}, "height": {height:?}}}"#)
 }
 
-/// Options for the default path with nothing ended early.
+/// Options of the default integration without early termination.
 pub(crate) fn default_unterminated() -> RenderOptions {
     by_cells(CellRule { termination_opacity: NEVER, ..CellRule::DEFAULT })
 }
 
-/// Options for the default path with a fixed number of Gauss pairs between two splits, and nothing ended early.
+/// Options with a fixed number of Gauss pairs between two splits and without early termination.
 pub(crate) fn fixed_pairs(pairs: u32) -> RenderOptions {
     by_cells(CellRule { pairs: Pairs::Fixed(pairs), termination_opacity: NEVER })
 }
 
-/// Options for cells integrated by this rule.
+/// Options for cells with this rule.
 pub(crate) fn by_cells(rule: CellRule) -> RenderOptions {
     RenderOptions { caster: Caster::Cells(rule), ..finest(Backend::Cpu) }
 }
@@ -48,7 +47,7 @@ pub(crate) fn by_samples(sampling: Sampling) -> RenderOptions {
     RenderOptions { caster: sampling.caster(), ..finest(Backend::Cpu) }
 }
 
-/// A pixel's channels, in `f64`.
+/// Channels of a pixel, in `f64`.
 ///
 /// # Errors
 /// If the picture has no such pixel.
@@ -60,7 +59,7 @@ pub(crate) fn pixel(image: &Image, x: u32, y: u32) -> Result<[f64; 4], ChartErro
     Ok(found.map(f64::from))
 }
 
-/// The greatest of some sizes; NaN counts as infinite, so that no gate can hold for it.
+/// Greatest value; NaN counts as infinite, so that no gate holds for it.
 pub(crate) fn worst(sizes: impl IntoIterator<Item = f64>) -> f64 {
     supervol_scene::image::greatest(sizes)
 }

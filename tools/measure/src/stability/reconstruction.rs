@@ -1,8 +1,7 @@
-//! Values between voxels, and gradients at them (S10, S11, S12): how near filters and operators come to what was
-//! sampled.
+//! Reconstruction of values and gradients between voxels (S10, S11, S12): errors of filters and gradient operators.
 //!
-//! ML and plane waves are known everywhere, so that a filter's error is measured where no voxel lies. The filters and
-//! the operators are the ray caster's own functions.
+//! ML and plane waves are known everywhere, so errors are measured between the voxels. Filters and operators are the
+//! ray caster's own functions.
 
 use std::f64::consts::TAU;
 
@@ -52,20 +51,20 @@ pub const REGIMES: &[Regime] = &[
     },
 ];
 
-/// Half the edge of the box in which points are drawn, signal coordinates: three voxels of 40^3 off the border.
+/// Half edge of the box of random points, signal coordinates: three voxels of 40^3 from the border.
 const HALF_EDGE: f64 = 0.85;
-/// Seed of all random numbers here.
+/// Seed of all random numbers in this file.
 const SEED: u64 = 10;
-/// Nearest, trilinear, Catmull-Rom, prefiltered cubic B-spline: dB at each edge, as computed independently.
+/// Grid edge, and dB of nearest, trilinear, Catmull-Rom and prefiltered cubic B-spline, computed independently.
 const KNOWN_DB: [(usize, [f64; 4]); 3] =
     [(40, [26.0, 29.3, 32.0, 35.6]), (64, [30.0, 36.5, 45.4, 58.3]), (128, [36.0, 48.1, 66.7, 86.7])];
-/// Filters in that order, with half of the last place that their figures are given to.
+/// Filters in that order, with half a unit of the last digit of their known values.
 const FILTERS: [(&str, f64); 4] =
     [("nearest", 0.5), ("trilinear", 0.05), ("Catmull-Rom", 0.05), ("cubic B-spline, prefiltered", 0.05)];
-/// Greatest error of byte fractions on 40^3, share of the range, as computed independently.
+/// Greatest error of byte fractions on 40^3, fraction of the range, computed independently.
 const KNOWN_BYTE_ERROR: f64 = 5.2e-4;
 
-/// ML on a grid: the voxels, and the B-spline's coefficients.
+/// ML on a grid: voxels and B-spline coefficients.
 struct Grid {
     edge: usize,
     voxels: Vec<f64>,
@@ -85,7 +84,7 @@ impl Grid {
         Self { edge, voxels, coefficients }
     }
 
-    /// The voxel before a point of signal coordinates, and the fractions behind it.
+    /// Voxel before a point of signal coordinates, and fractions between it and the next voxels.
     fn place(&self, p: DVec3) -> ([usize; 3], [f64; 3]) {
         let index = (p + DVec3::ONE) * (0.5 * (self.edge as f64 - 1.0));
         let cell = index.floor();
@@ -106,7 +105,7 @@ impl Grid {
     fn cubic(&self, values: &[f64], cell: [usize; 3], weights: [[f64; 4]; 3]) -> f64 {
         let around = std::array::from_fn(|i| {
             let offset = [i & 3, i >> 2 & 3, i >> 4];
-            // The points lie far enough inside for this never to go below 0.
+            // The points are so far inside that this index is never below 0.
             self.read(values, std::array::from_fn(|a| cell[a] + offset[a] - 1))
         });
         tricubic(&around, weights)
@@ -159,7 +158,7 @@ fn filters(context: &Context<'_>) -> Result<Outcome, ChartError> {
     Ok(Outcome { curve, gates, note: note.into() })
 }
 
-/// Widths of the hats of S11, shares of the value range.
+/// Widths of the hats of S11, fractions of the value range.
 const HATS: [f64; 6] = [0.1, 0.03, 0.01, 0.004, 0.002, 0.001];
 
 fn byte_fractions(context: &Context<'_>) -> Result<Outcome, ChartError> {
@@ -210,8 +209,7 @@ fn byte_fractions(context: &Context<'_>) -> Result<Outcome, ChartError> {
     Ok(Outcome { curve, gates, note })
 }
 
-/// Greatest difference of value, share of ML's range (1), that rounding the fractions makes on 40^3, and the points
-/// looked at.
+/// Greatest value error from rounding the fractions on 40^3, fraction of ML's range (1); number of tested points.
 fn greatest_byte_error(points: u32) -> (f64, u32) {
     let grid = Grid::new(40);
     let mut random = Random::new(SEED);
@@ -223,11 +221,12 @@ fn greatest_byte_error(points: u32) -> (f64, u32) {
     (worst((0..points).map(|_| difference(random_point(&mut random)))), points)
 }
 
-/// Directions of S12.
+/// Number of directions of S12.
 const DIRECTIONS: u32 = 4_000;
-/// Cycles per voxel; degrees of central differences and of Sobel's operator, as computed independently, to a tenth.
+/// Cycles per voxel, and errors in degrees of central differences and of Sobel's operator, computed independently, to
+/// 0.1.
 const KNOWN_ANGLES: [(f64, f64, f64); 3] = [(0.1, 1.1, 0.5), (0.2, 4.7, 2.2), (0.3, 12.5, 5.4)];
-/// Half of the last place of those figures.
+/// Half a unit of the last digit of these values, degrees.
 const ANGLE_ROUNDING: f64 = 0.05;
 
 fn isotropy(_context: &Context<'_>) -> Result<Outcome, ChartError> {
@@ -261,7 +260,7 @@ fn isotropy(_context: &Context<'_>) -> Result<Outcome, ChartError> {
     Ok(Outcome { curve, gates, note: note.into() })
 }
 
-/// Greatest angle, degrees, between directions and the gradients of waves that run along them.
+/// Greatest angle between wave directions and measured gradients, degrees.
 fn greatest_angle(gradient: impl Fn(DVec3) -> DVec3) -> f64 {
     let mut random = Random::new(SEED);
     let angle = |direction: DVec3| {
@@ -271,13 +270,13 @@ fn greatest_angle(gradient: impl Fn(DVec3) -> DVec3) -> f64 {
     worst((0..DIRECTIONS).map(|_| angle(DVec3::from_array(random.direction()))))
 }
 
-/// Differences of the trilinear field half a voxel to both sides of the middle of a cell, from a wave `sin(k . x)`
-/// whose phase is 0 there: both taps lie in the middles of faces.
+/// Half-voxel differences of the trilinear field at the centre of a cell, for a wave `sin(k . x)` with phase 0 there.
+/// Both taps lie at face centres.
 fn in_cell_middle(k: DVec3) -> DVec3 {
     let mut gradient = DVec3::ZERO;
     for corner in 0..8 {
         let offset = DVec3::from_array([corner & 1, corner >> 1 & 1, corner >> 2].map(f64::from)) - 0.5;
-        // The middle of a face is the mean of its four corners; the taps are one voxel apart.
+        // The centre of a face is the mean of its four corners; the taps are one voxel apart.
         gradient += 0.25 * k.dot(offset).sin() * offset.signum();
     }
     gradient

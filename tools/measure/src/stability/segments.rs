@@ -1,7 +1,7 @@
-//! Segments of different lengths along a ray (S05, S07): where sampling begins, clipped cells, unequal spacings.
+//! Segments of different lengths along a ray (S05, S07): start of sampling, clipped cells, unequal spacings.
 //!
-//! The picture is an integral over world length: neither the place where a ray's first sample falls, nor the length of
-//! its last step, nor the shape of the voxels that a body is stored in may change it.
+//! The picture is an integral over world length. The position of a ray's first sample, the length of its last step and
+//! the shape of the stored voxels must not change it.
 
 use glam::DVec3;
 use supervol_format::VoxelType;
@@ -39,20 +39,19 @@ pub const REGIMES: &[Regime] = &[
     },
 ];
 
-/// Offsets of S05.
+/// Number of offsets of S05.
 const OFFSETS: u32 = 16;
-/// Direction of its rays: no axis, no diagonal.
+/// Ray direction of S05: along no axis and no diagonal.
 const ACROSS: DVec3 = DVec3::new(0.57, 0.71, 0.41);
 
-/// ML under a transfer function without steps, seen by parallel rays along [`ACROSS`] from a distance, cut by a plane
-/// across them.
+/// ML with a transfer function without steps, seen by parallel rays along [`ACROSS`], cut by a plane across them.
 struct Cut {
     volume: Volume,
     pixels: u32,
 }
 
 impl Cut {
-    /// The picture with the eye and the plane moved along the rays by world lengths.
+    /// The picture with the eye and the plane moved along the rays by these world lengths.
     fn picture(&self, eye_shift: f64, plane_shift: f64, options: &RenderOptions) -> Result<Image, ChartError> {
         let volume = &self.volume;
         let direction = ACROSS.normalize();
@@ -77,7 +76,7 @@ impl Cut {
     }
 }
 
-/// The picture at one of [`OFFSETS`] offsets.
+/// The picture at one of the [`OFFSETS`] offsets.
 type Moved<'a> = dyn Fn(u32) -> Result<Image, ChartError> + 'a;
 
 fn varying_segments(context: &Context<'_>) -> Result<Outcome, ChartError> {
@@ -89,8 +88,7 @@ fn varying_segments(context: &Context<'_>) -> Result<Outcome, ChartError> {
         by_samples(Sampling { rule, offset, termination_opacity: NEVER, ..Sampling::default() })
     };
     let series: [(&str, Box<Moved<'_>>); 3] = [
-        // The default has no samples to move: the eye is moved along the rays, so that lengths along them round
-        // otherwise.
+        // The default has no samples to move. Instead, the eye moves along the rays, which changes the rounding.
         ("default", Box::new(|i| cut.picture(f64::from(i) / f64::from(OFFSETS), 0.1, &default))),
         (
             "pre-integration, one sample per voxel",
@@ -131,10 +129,10 @@ fn varying_segments(context: &Context<'_>) -> Result<Outcome, ChartError> {
     Ok(Outcome { curve, gates, note })
 }
 
-/// Voxels of the body of S07 along each axis at spacing (1, 1, 1); world lengths.
+/// Voxels of S07's body along each axis at spacing (1, 1, 1): also world lengths.
 const BODY: f64 = 32.0;
 
-/// The body at spacing `(1 / k, 1 / k, k)` for k = `factor`: voxel centres over the same domain.
+/// The body at spacing `(1 / k, 1 / k, k)` for k = `factor`; voxel centres cover the same domain.
 fn body(context: &Context<'_>, factor: f64) -> Result<Volume, ChartError> {
     let spacing = [1.0 / factor, 1.0 / factor, factor];
     let dims = spacing.map(|s| (BODY / s) as u64);
@@ -150,7 +148,7 @@ fn body(context: &Context<'_>, factor: f64) -> Result<Volume, ChartError> {
     Volume::build(context, &format!("s07 {factor}"), &source, &build_options(16))
 }
 
-/// The body's picture, clipped to where no grid holds its outermost values beyond its outermost voxels.
+/// The body's picture, clipped so that no grid extends its outermost values beyond its outermost voxels.
 fn body_picture(volume: &Volume, pixels: u32, tf: &str, options: &RenderOptions) -> Result<Image, ChartError> {
     let camera = r#""camera": {"eye": [70, -50, 45], "target": [16, 16, 16], "up": [0, 0, 1], "fov_y": 30}"#;
     let plane = |axis: usize, sign: f64, at: f64| {
@@ -164,7 +162,7 @@ fn body_picture(volume: &Volume, pixels: u32, tf: &str, options: &RenderOptions)
     Ok(volume.render(&scene, options)?.0)
 }
 
-/// Transfer functions of S07, unit distance 1 in the world: without a step, and with one.
+/// Transfer functions of S07, without and with a step; unit distance 1 in the world.
 fn body_functions() -> [String; 2] {
     let (blue, green, gold, red) = ([0.1, 0.3, 0.9], [0.1, 0.9, 0.3], [1.0, 0.7, 0.2], [1.0, 0.2, 0.1]);
     let smooth = [(-10.0, blue, 0.0), (8.0, green, 0.05), (17.3, gold, 0.3), (50.0, [1.0; 3], 0.6)];

@@ -58,13 +58,13 @@ pub const REGIMES: &[Regime] = &[
     },
 ];
 
-/// First code of the ramp of S23, and the window's offset behind it: windows begin in the midst of it.
+/// First code of S23's ramp. The second constant is the window's offset: windows begin inside the ramp.
 const RAMP_CODE: u64 = 32_440;
 const WINDOW_VOXEL: u64 = 184;
 /// 1 % of 65,536 codes.
 const WINDOW_CODES: u64 = 655;
 
-/// The code at x with the lower bits cut off.
+/// The code at x with the lower bits removed.
 fn code(x: u64, bits: u32) -> u64 {
     (RAMP_CODE + x) >> (16 - bits) << (16 - bits)
 }
@@ -99,10 +99,10 @@ fn narrow_windows(context: &Context<'_>) -> Result<Outcome, ChartError> {
     Ok(Outcome { curve, gates, note })
 }
 
-/// What 0.1 % of spikes may move a window by: two of the bins that percentiles are counted in.
+/// Largest shift of a window by 0.1 % of spikes: two bins of the percentile histogram.
 const WINDOW_TOLERANCE: f64 = 2.0 / 128.0;
 
-/// One code per voxel of x; two far corners span the whole range.
+/// One code per voxel of x; two opposite corners span the whole range.
 fn ramp_of_bits(context: &Context<'_>, bits: u32) -> Result<Volume, ChartError> {
     let dims = [1024, 3, 3];
     let ramp = Computed::new(dims, VoxelType::U16, move |v| match v {
@@ -113,7 +113,7 @@ fn ramp_of_bits(context: &Context<'_>, bits: u32) -> Result<Volume, ChartError> 
     Volume::build(context, &format!("S23 {bits} bits"), &ramp, &build_options(64))
 }
 
-/// One pixel per voxel of the window; grey from 0 to 1 over it.
+/// One pixel per voxel of the window, grey from 0 to 1.
 fn window_picture(volume: &Volume) -> Result<Image, ChartError> {
     let middle = [(WINDOW_VOXEL + WINDOW_CODES / 2) as f64, 1.0, 1.0];
     let camera = orthographic(volume, middle, DVec3::Z, [0.0, 1.0, 0.0], 1.0);
@@ -123,7 +123,7 @@ fn window_picture(volume: &Volume) -> Result<Image, ChartError> {
     volume.finest(&scene, Backend::Cpu)
 }
 
-/// Windows of the seismic preset by share of spikes, and how far 0.1 % of them move it.
+/// Windows of the seismic preset by fraction of spikes, and the shift caused by 0.1 % of spikes.
 fn windows_beside_spikes(context: &Context<'_>) -> Result<(Vec<CurvePoint>, f64), ChartError> {
     const GATE_SHARE: f64 = 1e-3;
     let dims = context.pick([96, 96, 128], [48, 48, 64]);
@@ -155,7 +155,7 @@ fn exact_window(mut values: Vec<f64>) -> f64 {
 
 const HOLED_DIMS: [u64; 3] = [40, 37, 34];
 
-/// Where voxels are absent.
+/// Predicate of absent voxels.
 type Hole = fn([u64; 3]) -> bool;
 
 const HOLES: [(&str, Hole); 5] = [
@@ -166,7 +166,7 @@ const HOLES: [(&str, Hole); 5] = [
     ("half of all voxels", |[x, y, z]| mix(x ^ mix(y ^ mix(z))).is_multiple_of(2)),
 ];
 
-/// What absent voxels hold; the last is declared as nodata.
+/// Stored values of absent voxels; the last is declared as nodata.
 const FILLS: [(&str, f64); 4] =
     [("NaN", f64::NAN), ("+infinity", f64::INFINITY), ("-infinity", f64::NEG_INFINITY), ("-999.25", -999.25)];
 
@@ -181,7 +181,7 @@ fn holes(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let whole = Volume::build(context, "S38 whole", &holed(|_| false, 0.0), &build_options(16))?;
     let size = context.pick(image_size(80, 74), image_size(40, 37));
     let tf = transfer_function(1.0, &[(0.0, BLUE, 0.02), (0.5, GOLD, 0.1), (1.0, BLUE, 0.3)]);
-    // Two rays per voxel along z, from the grid's edge to its edge: on voxels and between them.
+    // Two rays per voxel along z, across the whole grid: on voxels and between them.
     let facing = orthographic(&whole, whole.middle(), DVec3::Z, [0.0, 1.0, 0.0], HOLED_DIMS[1] as f64);
     let flat = [facing.as_str(), size.as_str(), tf.as_str()];
     let clean = whole.finest(&whole.scene(&flat)?, Backend::Cpu)?;
@@ -230,16 +230,17 @@ fn share_absent(is_hole: Hole) -> f64 {
     all_voxels().filter(|&v| is_hole(v)).count() as f64 / all_voxels().count() as f64
 }
 
-/// Whether a ray along z at this x and y meets a cell with an absent corner; a ray in the cell's face does.
+/// Whether a ray along z at this x and y meets a cell with an absent corner, including rays in a face of the cell.
 ///
-/// In the face the absent voxel weighs nothing, and the right picture is the whole volume's: there the reference judges.
+/// In such a face the absent voxel has no weight and the exact picture is that of the whole volume: the reference
+/// decides.
 fn footprint(origin: &DVec3, is_hole: Hole) -> bool {
     let reach = |p: f64, n: u64| (0..n).filter(move |&i| (p.clamp(0.0, (n - 1) as f64) - i as f64).abs() <= 1.0);
     reach(origin.x, HOLED_DIMS[0])
         .any(|x| reach(origin.y, HOLED_DIMS[1]).any(|y| (0..HOLED_DIMS[2]).any(|z| is_hole([x, y, z]))))
 }
 
-/// Bricks of level 0 whose entry is not what their voxels, and one around them, say.
+/// Bricks of level 0 whose entry does not match their voxels and one voxel around them.
 fn wrong_ranges(volume: &Volume, is_hole: Hole) -> Result<f64, ChartError> {
     let pyramid = volume.container.pyramid();
     let mut wrong = 0.0;
@@ -272,7 +273,7 @@ fn colour_step(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let volume = Volume::build(context, "S45", &fixtures::step(EDGE), &build_options(16))?;
     let clear_to_red = [(0.0, PURE_BLUE, 0.0), (0.5, PURE_BLUE, 0.0), (0.5, PURE_RED, 0.3), (1.0, PURE_RED, 0.3)];
     let tf = transfer_function(1.0, &clear_to_red);
-    // A row of rays from two voxels left of the edge to two voxels right of it.
+    // A row of rays, from two voxels left of the edge to two voxels right of it.
     let pixels = context.pick(257, 65);
     let height = 4.0 / f64::from(pixels);
     let camera = orthographic(&volume, [15.5, 15.5, 15.5], DVec3::Y, [0.0, 0.0, 1.0], height);
@@ -309,7 +310,7 @@ fn colour_step(context: &Context<'_>) -> Result<Outcome, ChartError> {
     Ok(Outcome { curve, gates, note })
 }
 
-/// Pixels at which opacity does not say on which side of the edge they lie; the pixel on the edge itself is free.
+/// Pixels with the opacity of the wrong side of the edge; the pixel on the edge itself is ignored.
 fn wrong_side(row: &Image, camera: &supervol_scene::camera::Camera) -> f64 {
     let pixel = camera.pixel_height();
     let wrong = row.pixels.iter().enumerate().filter(|(i, p)| {
@@ -319,7 +320,7 @@ fn wrong_side(row: &Image, camera: &supervol_scene::camera::Camera) -> f64 {
     wrong.count() as f64
 }
 
-/// Shapes of stored bricks: the smallest that a container can hold, a full brick of the smallest core, a large one.
+/// Shapes of stored bricks: the smallest possible one, a full brick of the smallest core, a large one.
 const SHAPES: [[usize; 3]; 4] = [[5, 5, 5], [5, 7, 20], [20, 20, 20], [68, 68, 20]];
 
 fn run_lengths(_context: &Context<'_>) -> Result<Outcome, ChartError> {
@@ -364,14 +365,14 @@ fn run_lengths(_context: &Context<'_>) -> Result<Outcome, ChartError> {
     Ok(Outcome { curve, gates, note })
 }
 
-/// Bytes of a brick whose voxels come in runs of one length, neighbours different; runs take no notice of rows.
+/// Bytes of a brick with runs of one length; neighbouring runs differ. Runs continue across rows.
 fn in_runs(shape: BrickShape, run: usize, random: &mut Random) -> Vec<u8> {
     let size = shape.voxel_type.bytes();
     let mut out = Vec::with_capacity(shape.bytes());
     let mut value = random.next_u64();
     for i in 0..shape.voxels() {
         if i % run == 0 {
-            // Another lowest byte than before, so that the run ends here.
+            // Different lowest byte, so that the run ends here.
             value = (random.next_u64() & !0xff) | (value & 0xff).wrapping_add(1 + random.below(255)) & 0xff;
         }
         out.extend_from_slice(&value.to_le_bytes()[..size]);
@@ -379,7 +380,7 @@ fn in_runs(shape: BrickShape, run: usize, random: &mut Random) -> Vec<u8> {
     out
 }
 
-/// Coded bytes over raw bytes; counts what does not come back.
+/// Coded bytes divided by raw bytes. Counts bricks that differ after decoding.
 fn coded_share(shape: BrickShape, voxels: &[u8], choice: CodecChoice, inexact: &mut f64) -> Result<f64, ChartError> {
     let broken = |e| ChartError::Broken(format!("{shape:?}: {e}"));
     let (codec, payload) = encode(choice, shape, voxels).map_err(broken)?;

@@ -1,7 +1,7 @@
-//! How fast containers are built, and in how much memory, by the size of the volume.
+//! Build time and memory of containers, by volume size.
 //!
-//! The volume is a synthetic survey of bytes in a raw file, which the page cache holds when it is read. A build is all that
-//! `supervol build` does: pyramid, ranges, error bounds, checksums, and a file that is synced.
+//! The volume is a synthetic survey of bytes in a raw file, read from the page cache. A build does everything that
+//! `supervol build` does: pyramid, ranges, error bounds, checksums, and a synced file.
 
 use std::fs::File;
 use std::io::Write;
@@ -22,52 +22,52 @@ use crate::measure::Spread;
 
 /// Voxels along an edge.
 const EDGES: [u64; 4] = [64, 128, 256, 512];
-/// The same where there is little time.
+/// Voxels along an edge at the small scale.
 const SMALL_EDGES: [u64; 2] = [24, 48];
-/// Builds of each kind; their median is kept.
+/// Builds of each kind; the median is kept.
 const REPEATS: usize = 3;
-/// Memory that a build may use: what users get who ask for nothing else.
+/// Memory limit of a build, bytes: the default of `supervol build`.
 pub const MEMORY_BYTES: u64 = 1 << 30;
-/// Slices of the survey that are computed and written at a time.
+/// Slices of the survey computed and written at a time.
 const SLICES_AT_ONCE: usize = 16;
-/// The survey is always the same.
+/// Seed of the survey.
 const SEED: u64 = 1;
 
-/// Builds of one size by one codec.
+/// Builds of one size with one codec.
 #[derive(Debug, Clone)]
 pub struct Built {
-    /// As `--codec` names it.
+    /// Codec name, as in `--codec`.
     pub codec: &'static str,
-    /// Voxels along an edge, of one byte each.
+    /// Voxels along an edge; one byte each.
     pub edge: u64,
-    /// Wall time, from a file to a synced container.
+    /// Wall time, from raw file to synced container.
     pub wall: Spread,
     /// Processor time of all threads.
     pub cpu: Spread,
-    /// Most resident memory beside what the process had before the first build; none where the system does not tell.
+    /// Peak resident memory minus the resident memory before the first build; `None` if the system does not report it.
     pub peak_bytes: Option<u64>,
-    /// Bytes of the container.
+    /// Size of the container, bytes.
     pub container_bytes: u64,
 }
 
 impl Built {
-    /// Bytes of the volume.
+    /// Size of the volume, bytes.
     #[must_use]
     pub const fn volume_bytes(&self) -> u64 {
         self.edge.pow(3)
     }
 
-    /// Megabytes of the volume in each second of such a time.
+    /// Throughput in megabytes of the volume per second, for the median of this time.
     #[must_use]
     pub fn megabytes_per_second(&self, time: Spread) -> f64 {
         self.volume_bytes() as f64 / 1e3 / time.median_ms
     }
 }
 
-/// Builds every size by every choice of codecs, small ones first: what an allocator keeps of a build counts in the next one.
+/// Builds every size with every codec, smallest first, because an allocator keeps memory from one build to the next.
 ///
 /// # Errors
-/// If the file cannot be written or not be built.
+/// If the raw file cannot be written or built.
 pub fn measure(context: &Context<'_>) -> Result<Vec<Built>, ChartError> {
     let resident_before = process::resident_bytes();
     let mut all = Vec::new();
@@ -82,7 +82,7 @@ pub fn measure(context: &Context<'_>) -> Result<Vec<Built>, ChartError> {
     Ok(all)
 }
 
-/// A raw file of bytes; removed at the end.
+/// Raw file of bytes, removed on drop.
 struct RawFile {
     path: PathBuf,
     edge: u64,
@@ -118,7 +118,7 @@ impl RawFile {
 
 impl Drop for RawFile {
     fn drop(&mut self) {
-        // Its folder is removed by whoever made it, with all that is in it.
+        // The creator of the folder removes it with all its files.
         let _removed_early = std::fs::remove_file(&self.path);
     }
 }
@@ -157,8 +157,8 @@ fn build_once(file: &RawFile, choice: CodecChoice, output: &Path) -> Result<u64,
     Ok(build(&source, origin, output, &options, &|_| ())?.container_bytes)
 }
 
-/// Has Linux forget the most memory that this process has had so far; false where it does not, so that nothing is known of
-/// the time since.
+/// Resets the peak resident memory that Linux records for this process. `false`: it failed, and later peaks are
+/// unknown.
 fn forget_peak(clear_refs: &Path) -> bool {
     std::fs::write(clear_refs, "5").is_ok()
 }
@@ -179,7 +179,7 @@ mod tests {
         assert_eq!((largest("raw").edge, largest("auto").edge), (48, 48));
         assert!(largest("auto").container_bytes <= largest("zstd").container_bytes);
         assert!(largest("zstd").container_bytes < largest("raw").container_bytes);
-        // Memory is that of a build, not of everything before.
+        // The peak is that of a build, not of the whole process.
         let most = built.iter().filter_map(|b| b.peak_bytes).max().unwrap_or(0);
         assert!(most < 1 << 30, "{most}");
         assert_eq!(std::fs::read_dir(folder.path()).expect("it can be listed").count(), 0);

@@ -1,8 +1,8 @@
-//! What codecs make of the bricks of real and synthetic volumes: bits, and the speed of both ways.
+//! Codecs on bricks of real and synthetic volumes: bits per voxel, encoding speed, decoding speed.
 //!
-//! Of each volume some bricks of level 0 are looked at, evenly spaced among those of more than one value. Voxels are moved to
-//! multiples of a step, as `build --max-error` does, and encoded by each codec. Bits are per voxel that is stored, aprons
-//! included; speeds are bytes of voxels per second of processor time on one thread, the best of several rounds over all bricks.
+//! The bricks are evenly spaced among the bricks of level 0 with more than one value. Voxels are rounded to multiples
+//! of a step, as `build --max-error` does, and encoded by each codec. Bits are per stored voxel, aprons included.
+//! Speeds are bytes of voxels per second of processor time on one thread: the best of several rounds over all bricks.
 
 use std::path::{Path, PathBuf};
 
@@ -26,9 +26,9 @@ use crate::volume::{Volume, build_options};
 
 /// Bricks of each volume.
 const BRICKS: usize = 16;
-/// Rounds over them; the fastest is kept.
+/// Rounds over all bricks; the fastest is kept.
 const ROUNDS: usize = 3;
-/// Greatest errors, as shares of the volume's range.
+/// Allowed errors, as fractions of the value range.
 const SHARES: [f64; 2] = [0.0, 0.01];
 /// Synthetic volumes.
 const SYNTHETIC: [(&str, &str, VoxelType); 4] = [
@@ -37,7 +37,7 @@ const SYNTHETIC: [(&str, &str, VoxelType); 4] = [
     ("survey", "seismic", VoxelType::F32),
     ("vessels", "vessels", VoxelType::U8),
 ];
-/// Volumes of the developers' data folder (its own table says where each is from): name and file.
+/// Volumes of the developers' data folder: name and file. The folder's own table gives their origins.
 const REAL: [(&str, &str); 6] = [
     ("F3", "segy/real/f3_int16_be.sgy"),
     ("Penobscot section", "segy/real/penobscot_xl1155.sgy"),
@@ -47,40 +47,40 @@ const REAL: [(&str, &str); 6] = [
     ("frog, labels", "vti/frog_tissues_labels.vti"),
 ];
 
-/// A brick's voxels, as they are stored.
+/// Stored voxels of a brick.
 #[derive(Debug, Clone)]
 pub struct Brick {
-    /// Type and extent.
+    /// Voxel type and extent.
     pub shape: BrickShape,
-    /// Little endian, x fastest.
+    /// Stored voxels; little endian, x fastest.
     pub voxels: Vec<u8>,
 }
 
-/// What a codec makes of bricks.
+/// Results of one codec.
 #[derive(Debug, Clone)]
 pub struct Figures {
-    /// As `--codec` names it.
+    /// Codec name, as in `--codec`.
     pub codec: &'static str,
-    /// Bytes of all payloads.
+    /// Total size of all payloads, bytes.
     pub bytes: usize,
-    /// Megabytes of voxels decoded in a second of processor time.
+    /// Decoding speed, megabytes of voxels per second of processor time.
     pub decode_mb_s: f64,
-    /// The same encoded.
+    /// Encoding speed, in the same unit.
     pub encode_mb_s: f64,
 }
 
-/// What codecs make of a volume within an error.
+/// Results of all codecs on one volume at one allowed error.
 #[derive(Debug, Clone)]
 pub struct Rates {
-    /// The volume.
+    /// Name of the volume.
     pub name: String,
-    /// Its voxels' type.
+    /// Voxel type of the volume.
     pub voxel_type: VoxelType,
-    /// Greatest error allowed, share of the volume's range.
+    /// Allowed error, fraction of the value range.
     pub share: f64,
     /// Stored voxels of all bricks.
     pub voxels: usize,
-    /// By codec, in the order of [`CHOICES`].
+    /// Results by codec, in the order of [`CHOICES`].
     pub codecs: Vec<Figures>,
 }
 
@@ -92,7 +92,7 @@ impl Rates {
     }
 }
 
-/// Up to `most` bricks of level 0, evenly spaced among those of more than one value, and the range of their values.
+/// Up to `most` bricks of level 0 and the range of their values. Uniform bricks are skipped; the rest is evenly spaced.
 ///
 /// # Errors
 /// If the container cannot be read.
@@ -113,7 +113,7 @@ pub fn bricks_of(container: &Container, most: usize) -> Result<(Vec<Brick>, Valu
     Ok((bricks, range))
 }
 
-/// Moves voxels as `build --max-error` does.
+/// Rounds voxels as `build --max-error` does.
 #[must_use]
 pub fn moved(bricks: &[Brick], absence: Absence, quantizer: Option<Quantizer>) -> Vec<Brick> {
     let mut bricks = bricks.to_vec();
@@ -125,16 +125,16 @@ pub fn moved(bricks: &[Brick], absence: Absence, quantizer: Option<Quantizer>) -
     bricks
 }
 
-/// Bytes of the voxels of all bricks.
+/// Size of the voxels of all bricks, bytes.
 #[must_use]
 pub fn bytes_of(bricks: &[Brick]) -> usize {
     bricks.iter().map(|brick| brick.voxels.len()).sum()
 }
 
-/// What a codec makes of bricks, as fast as the best of so many rounds.
+/// Results of one codec on these bricks; speeds are the best of `rounds` rounds.
 ///
 /// # Panics
-/// If what was encoded does not decode.
+/// If an encoded brick cannot be decoded.
 #[must_use]
 pub fn figures(bricks: &[Brick], coding: Coding, rounds: usize) -> Figures {
     let code = |brick: &Brick| encode(coding, brick.shape, &brick.voxels).expect("there is memory");
@@ -153,7 +153,7 @@ pub fn figures(bricks: &[Brick], coding: Coding, rounds: usize) -> Figures {
     Figures { codec, bytes, decode_mb_s: megabytes / decode_s, encode_mb_s: megabytes / encode_s }
 }
 
-/// The least processor time, in seconds, that a round takes. No other thread may work.
+/// Shortest processor time of a round, seconds. No other thread may work meanwhile.
 fn best_of(rounds: usize, mut round: impl FnMut()) -> f64 {
     let time = |_| {
         let begun = process::cpu_time();
@@ -163,7 +163,7 @@ fn best_of(rounds: usize, mut round: impl FnMut()) -> f64 {
     (0..rounds).map(time).fold(f64::INFINITY, f64::min)
 }
 
-/// Measures all volumes that are there, and says which are not.
+/// Measures all available volumes. The second value lists the missing ones.
 pub(super) fn measure(context: &Context<'_>) -> Result<(Vec<Rates>, Vec<String>), ChartError> {
     let (mut rates, mut notes) = (Vec::new(), Vec::new());
     let edge = context.pick(192, 24);
@@ -194,7 +194,7 @@ fn open_real(path: &Path, spool: &SpoolFolder) -> Result<Box<dyn VolumeSource>, 
     Ok(open(path, &OpenOptions { spool: spool.clone(), ..OpenOptions::default() })?)
 }
 
-/// What all codecs make of a volume without loss, and within an error.
+/// Results of all codecs on a volume: lossless, and within each allowed error.
 fn measure_source(context: &Context<'_>, name: &str, source: &dyn VolumeSource) -> Result<Vec<Rates>, ChartError> {
     let voxel_type = source.info().voxel_type;
     (context.say)(&format!("coding {name}, {voxel_type}"));
@@ -204,7 +204,7 @@ fn measure_source(context: &Context<'_>, name: &str, source: &dyn VolumeSource) 
     let absence = volume.container.descriptor().absence;
     let within = |share: f64| {
         let quantizer = Quantizer::within(voxel_type, share * range.width());
-        // Steps of one are none: what is allowed is less than what whole numbers differ by.
+        // No quantizer: the allowed error is smaller than the difference between whole numbers.
         (share == 0.0 || quantizer.is_some()).then(|| {
             let bricks = moved(&exact, absence, quantizer);
             let of_choice = |choice| figures(&bricks, Coding { choice, absence, quantizer }, ROUNDS);
@@ -243,7 +243,7 @@ mod tests {
             assert!(bits.iter().all(|b| *b >= bits[4] && *b <= bits[0]), "auto is the smallest: {bits:?}");
             assert!(rates.codecs.iter().all(|f| f.decode_mb_s > 0.0 && f.encode_mb_s > 0.0));
         }
-        // An error that is allowed saves bits.
+        // An allowed error saves bits.
         assert!(rates[1].codecs[4].bytes < rates[0].codecs[4].bytes);
     }
 }

@@ -1,4 +1,4 @@
-//! What volumes cost to build and to store: [`builds`] by size, and [`codecs`] on the bricks of several volumes.
+//! Cost of building and storing volumes: [`builds`] by size, and [`codecs`] on the bricks of several volumes.
 
 pub mod builds;
 pub mod codecs;
@@ -9,7 +9,7 @@ use crate::context::{ChartError, Context};
 use builds::Built;
 use codecs::Rates;
 
-/// What is compared, plainest first.
+/// Compared codecs, simplest first.
 pub const CHOICES: [CodecChoice; 5] = [
     CodecChoice::Only(Codec::Raw),
     CodecChoice::Only(Codec::Rle),
@@ -18,19 +18,18 @@ pub const CHOICES: [CodecChoice; 5] = [
     CodecChoice::Smallest,
 ];
 
-/// What was measured.
+/// Results.
 #[derive(Debug, Clone, Default)]
 pub struct Storage {
     /// Builds of the synthetic survey, by codec and then by size.
     pub builds: Vec<Built>,
-    /// What codecs make of bricks, by volume and then by the error allowed.
+    /// Results of the codecs, by volume and then by allowed error.
     pub rates: Vec<Rates>,
-    /// Volumes that were left out: a sentence each.
+    /// Volumes that were left out, one sentence each.
     pub notes: Vec<String>,
 }
 
-/// What the report shows. To be called before anything else has been kept in memory: what builds take is what the process takes
-/// beside what it has then.
+/// Measurements for the report. Call it first: memory already used by the process is subtracted from that of a build.
 ///
 /// # Errors
 /// If a volume cannot be made or built.

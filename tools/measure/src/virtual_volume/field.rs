@@ -1,4 +1,4 @@
-//! What the voxels of a virtual volume are: a function of place that repeats every [`PERIOD`] bricks of its level.
+//! Voxel values of a virtual volume: a function of position that repeats every [`PERIOD`] bricks of its level.
 
 use std::collections::HashMap;
 use std::f64::consts::TAU;
@@ -6,36 +6,37 @@ use std::f64::consts::TAU;
 use supervol_format::brick::MACRO_CELL;
 use supervol_format::{BrickIndex, BrickKey, Lod, Pyramid, ValueRange, VoxelType};
 
-/// Bricks along an axis after which everything repeats; odd, so that no power of two is a multiple of it.
+/// Period along each axis, in bricks. It is odd, so no power of two is a multiple of it.
 pub const PERIOD: u32 = 5;
 
-/// Numbers of bricks of one level.
+/// Number of different brick numbers in one level.
 const NUMBERS: u32 = PERIOD.pow(3);
-/// Greatest value of one of the three waves: their sum stays below the greatest word.
+/// Amplitude of each of the three waves: their sum stays within the range of `i16`.
 const AMPLITUDE: f64 = 10_000.0;
 
-/// See the module.
+/// Function that gives the voxel values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Field {
-    /// Voxels (`u8`) name their brick: twice its number ([`number`]), plus one in every other macro cell, so that no brick that is
-    /// larger than a macro cell is uniform ([`value`]). A brick in another one's place shows. Coarser voxels name their own brick, too, and
-    /// are no averages of finer ones: the errors of levels are all that the values can differ by.
+    /// Each voxel (`u8`) names its brick: twice the brick's number ([`number`]), plus one in every other macro cell
+    /// ([`value`]). No brick larger than a macro cell is uniform, and a misplaced brick shows in the picture. Coarser
+    /// voxels name their own brick instead of averaging finer ones, so their error is the whole range of values.
     BrickId,
-    /// Three waves (`i16`), one along each axis, added up. Coarser voxels are samples of the same waves at their own middles: off by
-    /// little on fine levels, and four times as much on each level after that, as smooth data is. Errors are bounds in closed form.
+    /// Sum of three waves (`i16`), one along each axis. Coarser voxels sample the same waves at their own centres.
+    /// Their error is small on fine levels and four times as large on each next level, as for smooth data. The error
+    /// bounds are closed forms.
     Waves,
 }
 
-/// The number of a brick, below 125. Bricks of one level have one number exactly where their places are congruent modulo 5 on every axis: a brick in
-/// the place of a neighbour shows, and so does one that is wrong by a power of two (an overflow, a lost bit), because no power
-/// of two is divisible by 5. Levels of one place differ by 31.
+/// The number of a brick, 0 to 124. Two bricks of one level share a number only if their positions are congruent modulo
+/// 5 on every axis. So a misplaced neighbour shows. A position that is wrong by a power of two (an overflow, a lost
+/// bit) shows too: no power of two is divisible by 5. Each level shifts the numbers by 31.
 #[must_use]
 pub fn number(key: BrickKey) -> u32 {
     let [x, y, z] = key.brick().0.map(|i| i % PERIOD);
     (57 * (x + PERIOD * (y + PERIOD * z)) + 31 * u32::from(key.lod().0)) % NUMBERS
 }
 
-/// The value of a voxel of [`Field::BrickId`], in voxels of its level, in bricks with this core.
+/// Value of a voxel of [`Field::BrickId`]. `voxel` is in voxels of its level; `core` is the core of the bricks, voxels.
 #[must_use]
 pub fn value(core: u64, lod: Lod, voxel: [u64; 3]) -> u8 {
     let brick = BrickKey::new(lod, BrickIndex(voxel.map(|v| (v / core) as u32)));
@@ -48,7 +49,7 @@ fn cell_parity(voxel: [u64; 3]) -> u8 {
 }
 
 impl Field {
-    /// What messages and manifests call it.
+    /// Name for messages and manifests.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -57,7 +58,7 @@ impl Field {
         }
     }
 
-    /// What the manifest says of it.
+    /// Description for the manifest.
     #[must_use]
     pub fn note(self) -> &'static str {
         match self {
@@ -66,7 +67,7 @@ impl Field {
         }
     }
 
-    /// Type of its voxels.
+    /// Type of the voxels.
     #[must_use]
     pub fn voxel_type(self) -> VoxelType {
         match self {
@@ -75,7 +76,7 @@ impl Field {
         }
     }
 
-    /// The value of a voxel, in voxels of its level.
+    /// Value of a voxel; `voxel` is in voxels of the level.
     #[must_use]
     pub fn value(self, pyramid: &Pyramid, lod: Lod, voxel: [u64; 3]) -> f64 {
         match self {
@@ -87,7 +88,7 @@ impl Field {
         }
     }
 
-    /// Voxels at all places that these coordinates name, in voxels of the level; little endian, x fastest.
+    /// Values at all combinations of these coordinates (voxels of the level); little endian, x fastest.
     #[must_use]
     pub fn voxels(self, pyramid: &Pyramid, lod: Lod, along: &[Vec<u64>; 3]) -> Vec<u8> {
         match self {
@@ -104,12 +105,12 @@ impl Field {
         }
     }
 
-    /// Range of the voxels from `start` to `end`, both included, in voxels of the level. It is that of some of them, which depend on each
-    /// axis alone.
+    /// Range of the voxels from `start` to `end` (both included, voxels of the level). The axes are searched one by
+    /// one.
     #[must_use]
     pub fn range(self, pyramid: &Pyramid, lod: Lod, start: [u64; 3], end: [u64; 3]) -> ValueRange {
         let along: [Vec<u64>; 3] = std::array::from_fn(|a| match self {
-            // Values change only at borders of macro cells: two of a core's cells, and the voxel on either side, are all.
+            // Values change only at borders of macro cells: two cells of the core and one voxel on either side suffice.
             Self::BrickId => {
                 let first = start[a].next_multiple_of(MACRO_CELL as u64);
                 [start[a], first, first + MACRO_CELL as u64, end[a]].map(|v| v.min(end[a])).to_vec()
@@ -131,7 +132,7 @@ impl Field {
         range
     }
 
-    /// Most by which a brick of level 1 or more is off level 0; `beneath` is the range of its values and of all finer ones.
+    /// Error bound of a brick of level 1 or more against level 0. `beneath`: range of its values and of all finer ones.
     #[must_use]
     pub fn error(self, pyramid: &Pyramid, key: BrickKey, beneath: ValueRange) -> f64 {
         match self {
@@ -145,7 +146,7 @@ impl Field {
     }
 }
 
-/// Rows in one brick and one macro cell across x are the same: each is computed once.
+/// Voxel values of brick numbers. Rows in the same bricks and macro cells across x are equal and are computed once.
 fn brick_numbers(core: u64, lod: Lod, along: &[Vec<u64>; 3]) -> Vec<u8> {
     let mut rows: HashMap<[u64; 3], Vec<u8>> = HashMap::new();
     let mut out = Vec::with_capacity(along.iter().map(Vec::len).product());
@@ -161,24 +162,24 @@ fn brick_numbers(core: u64, lod: Lod, along: &[Vec<u64>; 3]) -> Vec<u8> {
     out
 }
 
-/// The order of additions is one everywhere, so that sums of extremes are extremes of sums.
+/// Sum of three waves, always added in the same order, so that sums of extremes are extremes of sums.
 fn sum(x: f64, y: f64, z: f64) -> f64 {
     (x + y + z).round()
 }
 
-/// Voxels of level 0 in which a wave goes up and down once.
+/// Wavelength, in voxels of level 0.
 fn wavelength(pyramid: &Pyramid) -> u64 {
     u64::from(PERIOD) * pyramid.layout().core() as u64
 }
 
-/// One of the waves at the middle of a voxel of a level. In whole half voxels up to the sine: what repeats does so to the last bit.
+/// One wave at the centre of a voxel of a level. Positions are whole half voxels, so repetitions agree to the last bit.
 fn wave(pyramid: &Pyramid, lod: Lod, axis: usize, voxel: u64) -> f64 {
     let (half_voxels, period) = ((2 * voxel + 1) * pyramid.level_at(lod).scale[axis], 2 * wavelength(pyramid));
     AMPLITUDE * (TAU * (half_voxels % period) as f64 / period as f64).sin()
 }
 
-/// Most by which lines between a wave's samples at this level are off lines between those at level 0. Beyond the middle of the outermost
-/// voxel its value goes on.
+/// Largest difference between a wave interpolated at this level and at level 0. Beyond the centre of the outermost
+/// voxel the value is constant.
 fn wave_error(pyramid: &Pyramid, key: BrickKey, axis: usize) -> f64 {
     let level = pyramid.level_at(key.lod());
     let (h, k) = (level.scale[axis] as f64, TAU / wavelength(pyramid) as f64);

@@ -1,15 +1,15 @@
-//! Containers of any size of which nothing is stored; every byte is computed when it is read.
+//! Virtual containers of any size: no byte is stored; each one is computed when it is read.
 //!
-//! [`VirtualVolume`] is a [`ByteSource`], so that the container's reader, the streamer, the cache and the ray casters run on it
-//! unchanged, up to 65,536^3 voxels and coordinates beyond 2^24. What its voxels are, a [`Field`] says.
+//! [`VirtualVolume`] is a [`ByteSource`]. The container reader, streamer, cache and ray casters run on it unchanged, up
+//! to 65,536^3 voxels and coordinates beyond 2^24. A [`Field`] gives the voxel values.
 //!
-//! It is a true container brick by brick ([`supervol_format::container::validate::check_brick`] holds): aprons hold the
-//! neighbours' voxels, ranges are exact, and errors are bounds. Payloads are raw and records lie at a fixed stride, each at
-//! `number of its TOC entry * stride`.
+//! Each brick is valid ([`supervol_format::container::validate::check_brick`] holds): aprons hold the neighbours'
+//! voxels, ranges are exact, and errors are bounds. Payloads are raw. Records have a fixed stride: each one starts at
+//! `number of its TOC entry * stride` after the start of the records.
 //!
-//! Fields repeat every [`PERIOD`] bricks of a level. That makes pages of the table of contents cheap although each entry has the
-//! checksum of its record: bricks with congruent places and the same borders have the same record, so that few are ever sealed.
-//! Those are remembered: at most 8^3 places per level.
+//! Fields repeat every [`PERIOD`] bricks of a level. Bricks with congruent positions and the same borders have the same
+//! record. So TOC pages are cheap, although each entry holds the checksum of its record. At most 8^3 records per level
+//! are sealed, and all of them are kept.
 
 mod field;
 
@@ -37,20 +37,20 @@ use crate::context::ChartError;
 use crate::volume::Volume;
 pub use field::{Field, PERIOD, number, value};
 
-/// A brick as it stands in the file, without its payload.
+/// Sealed brick without its payload, as in the file.
 struct Sealed {
-    /// With offset 0.
+    /// TOC entry with offset 0.
     entry: BrickEntry,
     macro_cells: Vec<u8>,
 }
 
-/// See the module.
+/// Byte source of a virtual container.
 pub struct VirtualVolume {
     field: Field,
     descriptor: Descriptor,
     sections: Sections,
     manifest: Vec<u8>,
-    /// Bytes from one record to the next.
+    /// Distance between the starts of two records, bytes.
     stride: u64,
     sealed: Mutex<HashMap<BrickKey, Arc<Sealed>>>,
     beneath: Mutex<HashMap<BrickKey, ValueRange>>,
@@ -59,10 +59,10 @@ pub struct VirtualVolume {
 }
 
 impl VirtualVolume {
-    /// The volume with these dims, in bricks with this core; every level halves all axes that exceed one brick.
+    /// A volume with these dims and bricks with this core. Each level halves all axes that are longer than one brick.
     ///
     /// # Errors
-    /// If dims or core are out of a container's limits.
+    /// If `dims` or `core` exceed a container's limits.
     pub fn new(field: Field, dims: [u64; 3], core: u32, geometry: Geometry) -> Result<Self, ChartError> {
         let layout = BrickLayout::new(core).ok_or_else(|| ChartError::Broken(format!("no bricks have core {core}")))?;
         let pyramid = Pyramid::new(Dims(dims), layout, &halvings(dims, layout)).map_err(ContainerError::from)?;
@@ -93,7 +93,7 @@ impl VirtualVolume {
         Ok(source)
     }
 
-    /// The same, open as a volume, and the source behind it.
+    /// A new volume, opened as a container, and its byte source.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -138,7 +138,7 @@ impl VirtualVolume {
         }
     }
 
-    /// One brick of a level for each record that occurs in it.
+    /// One representative brick for each different record of a level.
     fn places(&self, lod: Lod) -> impl Iterator<Item = BrickKey> {
         let along = self.descriptor.pyramid.level_at(lod).bricks.map(|n| {
             let mut places: Vec<u32> = (0..n.min(PERIOD + 1)).chain(n.saturating_sub(2)..n).collect();
@@ -153,8 +153,8 @@ impl VirtualVolume {
         })
     }
 
-    /// The brick of [`Self::places`] that has the same record. Bricks at the lower border, at the upper one, and beside
-    /// the upper one (a last brick of one voxel is narrower than the apron) stand for themselves.
+    /// The representative of a brick, with the same record. Bricks at the lower and upper border represent themselves.
+    /// So do bricks next to the upper border: a last brick of one voxel is narrower than the apron.
     fn representative(&self, key: BrickKey) -> BrickKey {
         let bricks = self.descriptor.pyramid.level_at(key.lod()).bricks;
         let place = std::array::from_fn(|a| {
@@ -164,7 +164,7 @@ impl VirtualVolume {
         BrickKey::new(key.lod(), BrickIndex(place))
     }
 
-    /// Range of what interpolation reaches in a brick: of its core and one voxel around.
+    /// Range of the values that interpolation reaches in a brick: its core and one voxel around it.
     fn range(&self, key: BrickKey) -> ValueRange {
         let pyramid = &self.descriptor.pyramid;
         let (core, dims) = (pyramid.core_box(key), pyramid.level_at(key.lod()).dims.0);
@@ -172,14 +172,14 @@ impl VirtualVolume {
         self.field.range(pyramid, key.lod(), start, std::array::from_fn(|a| core.end[a].min(dims[a] - 1)))
     }
 
-    /// Range of a brick and of all finer ones beneath. It is that of its representative: the children of bricks with
-    /// one representative have the same representatives, for twice congruent numbers are congruent.
+    /// Range of a brick and of all finer bricks beneath it. The representative has the same range: if two bricks have
+    /// one representative, so have their children, because doubled congruent positions are congruent.
     fn range_beneath(&self, key: BrickKey) -> ValueRange {
         let key = self.representative(key);
         if let Some(&range) = lock(&self.beneath).get(&key) {
             return range;
         }
-        // At most as deep as there are levels.
+        // Recursion depth: at most the number of levels.
         let children = self.descriptor.pyramid.children(key).map(|child| self.range_beneath(child));
         let range = children.fold(self.range(key), ValueRange::union);
         lock(&self.beneath).insert(key, range);
@@ -193,7 +193,7 @@ impl VirtualVolume {
         self.field.error(&self.descriptor.pyramid, key, self.range_beneath(key))
     }
 
-    /// Stored voxels of a brick: its core and apron, the grid's border repeated outside.
+    /// Stored voxels of a brick: core and apron. Outside the grid, the border voxels are repeated.
     fn voxels(&self, key: BrickKey) -> Vec<u8> {
         let pyramid = &self.descriptor.pyramid;
         let (core, dims) = (pyramid.core_box(key), pyramid.level_at(key.lod()).dims.0);
@@ -226,29 +226,30 @@ impl VirtualVolume {
         Ok(sealed)
     }
 
-    /// Bytes of the file that hold the record of a brick: what must fail so that the brick does.
+    /// Bytes of the file that hold the record of a brick. If these bytes cannot be read, the brick fails.
     ///
     /// # Panics
-    /// If the key names no brick.
+    /// If the key is not a brick of this volume.
     #[must_use]
     pub fn record_bytes_of(&self, key: BrickKey) -> Range<u64> {
         let start = RECORDS_START + self.descriptor.pyramid.entry(key) * self.stride;
         start..start + self.stride
     }
 
-    /// Reads so far.
+    /// Number of reads so far.
     #[must_use]
     pub fn reads(&self) -> u64 {
         self.reads.load(Ordering::Relaxed)
     }
 
-    /// Brick records computed so far, those that a merged read touches included.
+    /// Number of computed brick records so far, including those touched only by merged reads.
     #[must_use]
     pub fn records(&self) -> u64 {
         self.records.load(Ordering::Relaxed)
     }
 
-    /// Bytes of the section that begins at `start`, as far as they lie in `wanted`.
+    /// Copies the part of a section that lies in the requested range. The section begins at byte `start`, the range at
+    /// `wanted`.
     fn copy(wanted: u64, out: &mut [u8], start: u64, bytes: &[u8]) {
         let (begin, end) = (wanted.max(start), (wanted + out.len() as u64).min(start + bytes.len() as u64));
         if begin < end {
@@ -257,7 +258,7 @@ impl VirtualVolume {
         }
     }
 
-    /// Numbers of the parts of `part_bytes` each, from `start` on, that a read touches.
+    /// Indices of the parts that a read touches. The parts have `part_bytes` bytes each and begin at byte `start`.
     fn parts(offset: u64, bytes: u64, start: u64, part_bytes: u64, count: u64) -> Range<u64> {
         let first = offset.saturating_sub(start) / part_bytes;
         let last = (offset + bytes).saturating_sub(start).div_ceil(part_bytes);
@@ -300,7 +301,7 @@ fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Factors of levels 1, 2, ...: every axis that exceeds one brick is halved.
+/// Downsampling factors of levels 1, 2, ...: each axis that is longer than one brick is halved.
 #[must_use]
 pub fn halvings(dims: [u64; 3], layout: BrickLayout) -> Vec<[u32; 3]> {
     let mut dims = dims;

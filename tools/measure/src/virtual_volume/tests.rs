@@ -1,4 +1,4 @@
-//! Virtual volumes are true containers, cheap at any size, and show what the same voxels show when they are stored.
+//! Virtual volumes are valid containers, are cheap at any size, and give the same pictures as the same voxels stored.
 
 use std::io;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -29,7 +29,7 @@ fn key(lod: u8, brick: [u32; 3]) -> BrickKey {
     BrickKey::new(Lod(lod), BrickIndex(brick))
 }
 
-/// Every stored voxel, asked one by one.
+/// All stored voxels, computed one by one.
 fn voxels_one_by_one(field: Field, container: &Container, key: BrickKey) -> Vec<u8> {
     let pyramid = container.pyramid();
     let (core, dims) = (pyramid.core_box(key), pyramid.level_at(key.lod()).dims.0);
@@ -76,13 +76,13 @@ fn a_volume_of_65_536_voxels_along_each_axis_opens_and_its_bricks_are_right() {
             let (_, voxels) = check_brick(&container, key).expect("a computed brick keeps the rules");
             assert_eq!(voxels, voxels_one_by_one(field, &container, key), "{key}");
         }
-        // Five bricks, each with its eight children, on ten pages: seconds would mean that whole pages are sealed. Waves take longer for
-        // each of the few that are.
+        // Five bricks with eight children each, on ten pages. Several seconds would mean that whole pages are sealed.
+        // Waves are excluded: each sealed brick takes longer.
         assert!(field == Field::Waves || start.elapsed().as_secs_f64() < 5.0, "{:?}", start.elapsed());
     }
 }
 
-/// The field between the voxels of a level, at a place in index coordinates of level 0.
+/// The interpolated field of a level, at a point in index coordinates of level 0.
 fn between(pyramid: &Pyramid, lod: Lod, place: [f64; 3]) -> f64 {
     let level = pyramid.level_at(lod);
     let along: [[(u64, f64); 2]; 3] = std::array::from_fn(|a| {
@@ -95,7 +95,7 @@ fn between(pyramid: &Pyramid, lod: Lod, place: [f64; 3]) -> f64 {
     corners.map(|c| c[0].1 * c[1].1 * c[2].1 * Field::Waves.value(pyramid, lod, c.map(|(v, _)| v))).sum()
 }
 
-/// Coarse levels of waves are off by no more than is said, at random places and in the corners; and by a good part of it somewhere.
+/// Error bounds of coarse waves hold at random points and in the corners, and are nearly reached somewhere.
 #[test]
 fn the_errors_of_waves_are_bounds() {
     let container = container(Field::Waves, [320, 160, 96], 16);
@@ -166,7 +166,7 @@ fn entries_of_what_is_wanted_first_are_read_first_and_no_more_when_it_is_to_stop
     assert_eq!(known(&container), wanted.len());
 }
 
-/// A source whose table of contents times out once it has been opened.
+/// A source whose table of contents times out after it has been opened.
 struct Stumbling {
     volume: VirtualVolume,
     is_open: AtomicBool,
@@ -206,7 +206,7 @@ fn a_table_of_contents_that_times_out_costs_a_deadline_no_brick() {
     assert!(source.stumbles.load(Ordering::Relaxed) > 0, "the finest level's entries did not come with the tail");
     assert_eq!((late.is_progress(), late.left), (false, wanted.len()), "they wait");
     assert!(wanted.iter().all(|&key| streamer.states().state(key) == BrickState::Unknown), "and have not failed");
-    // With all the time there is, what fails three times has failed.
+    // Without a deadline, a page that fails three times has failed for good.
     let failed = streamer.fetch(&wanted, room(None)).expect("there is room");
     assert_eq!(failed.answered.len(), wanted.len());
 }

@@ -1,4 +1,4 @@
-//! The window in which an animation is made: once around, or from view to view.
+//! The animation dialog: a turntable, or a path of key frames.
 
 use std::path::PathBuf;
 
@@ -12,13 +12,13 @@ use super::dialogs::{SIDE_LIMIT, beside, path_field, window};
 use crate::viewer::Viewer;
 use crate::worker::{Animation, Motion};
 
-/// Pictures of a turntable, and between two views, that are proposed: four seconds, and two.
+/// Default number of pictures of a turntable (four seconds), and between two key frames (two seconds).
 const TURN_FRAMES: u32 = 100;
 const STEP_FRAMES: u32 = 50;
-/// Most views that are listed.
+/// Most key frames.
 const KEY_LIMIT: usize = 200;
 
-/// What pictures can be written as.
+/// File formats of the pictures, with names and descriptions.
 const FORMATS: [(ImageFormat, &str, &str); 3] = [
     (ImageFormat::Png, "PNG", "8 bits a channel, with the background: for films"),
     (
@@ -29,14 +29,14 @@ const FORMATS: [(ImageFormat, &str, &str); 3] = [
     (ImageFormat::Npy, "NumPy", "Arrays of 32-bit floats, premultiplied, without the background (--frame-format npy)"),
 ];
 
-/// Which kind of animation is asked for.
+/// Kind of the requested animation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
     Turntable,
     Path,
 }
 
-/// The window.
+/// State of the dialog.
 pub(crate) struct AnimationDialog {
     kind: Kind,
     frames: u32,
@@ -46,7 +46,7 @@ pub(crate) struct AnimationDialog {
     size: [u32; 2],
 }
 
-/// Views that were taken, one after the other: they stay while the window is closed.
+/// Key frames taken by the user. They persist while the dialog is closed.
 #[derive(Default)]
 pub(crate) struct Keys(Vec<KeyFrame>);
 
@@ -58,14 +58,14 @@ impl Keys {
         }
     }
 
-    /// Takes one away; the first that is left begins.
+    /// Removes a key frame; the first remaining one becomes frame 0.
     fn remove(&mut self, i: usize) {
         self.0.remove(i);
         let first = self.0.first().map_or(0, |key| key.frame);
         self.0.iter_mut().for_each(|key| key.frame -= first);
     }
 
-    /// The path, or why it is none.
+    /// The camera path, or the reason why there is none.
     fn path(&self) -> Result<CameraPath, String> {
         if self.0.len() < 2 {
             return Err("Take two views at least: turn the volume, take the view, and so on.".into());
@@ -91,7 +91,7 @@ impl AnimationDialog {
     }
 }
 
-/// Shows the window, where it is open.
+/// Shows the dialog if it is open.
 pub(super) fn show(viewer: &mut Viewer, ctx: &egui::Context) {
     let Some(mut dialog) = viewer.dialogs.animation.take() else { return };
     let (mut is_open, mut motion) = (true, None);
@@ -111,7 +111,7 @@ pub(super) fn show(viewer: &mut Viewer, ctx: &egui::Context) {
     }
 }
 
-/// What is in the window; what was asked for.
+/// Draws the content of the dialog. Returns the requested motion.
 fn contents(viewer: &mut Viewer, dialog: &mut AnimationDialog, ui: &mut Ui) -> Option<Motion> {
     ui.horizontal(|ui| {
         ui.selectable_value(&mut dialog.kind, Kind::Turntable, "Turntable").on_hover_text("Once around (--turntable)");
@@ -161,7 +161,7 @@ fn contents(viewer: &mut Viewer, dialog: &mut AnimationDialog, ui: &mut Ui) -> O
     motion.ok().filter(|_| is_begun)
 }
 
-/// The views that were taken.
+/// Draws the list of key frames.
 fn keys(viewer: &mut Viewer, ui: &mut Ui) {
     let camera = viewer.scene.camera.clone();
     if ui.add_enabled(camera.is_some(), Button::new("Take this view")).clicked()
@@ -174,7 +174,7 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
         for (i, key) in viewer.keys.0.iter_mut().enumerate() {
             ui.horizontal(|ui| {
                 ui.label(format!("View {} at picture", i + 1));
-                // The first begins.
+                // The first key frame is always frame 0.
                 let drag = DragValue::new(&mut key.frame).range(0..=FRAME_LIMIT - 1).clamp_existing_to_range(false);
                 ui.add_enabled(i > 0, drag).accessible_name(format!("View {}, picture", i + 1));
                 if ui.small_button("show").on_hover_text("Looks from there").clicked() {

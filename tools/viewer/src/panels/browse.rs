@@ -1,4 +1,5 @@
-//! The window in which a file is chosen: a volume, or a transfer function. Folders are listed by an [`Errand`].
+//! The file dialog: chooses a volume, a transfer function or a mesh. Folders are listed by an [`Errand`], a background
+//! task.
 
 use std::path::{Path, PathBuf};
 
@@ -12,28 +13,28 @@ use crate::errand::Errand;
 use crate::viewer::Viewer;
 use crate::worker::{Message, Opened};
 
-/// Files of a folder that are listed at most.
+/// Most files listed of a folder.
 const LIST_LIMIT: usize = 2000;
-/// Names that are looked at, of a folder that holds more.
+/// Most names examined in a folder.
 const NAME_LIMIT: usize = 200_000;
-/// Names that end so may be volumes; others are listed where all files are asked for.
+/// File name extensions of volumes. Other files are listed only if all files are requested.
 const VOLUMES: [&str; 16] = [
     "svol", "sgy", "segy", "seg", "seg-y", "nrrd", "nhdr", "nii", "gz", "hdr", "img", "mha", "mhd", "tif", "tiff",
     "npy",
 ];
-/// The same of transfer functions.
+/// File name extensions of transfer functions.
 const TRANSFER_FUNCTIONS: [&str; 2] = ["json", "1dt"];
-/// The same of meshes.
+/// File name extensions of meshes.
 const MESHES: [&str; 3] = ["ply", "stl", "obj"];
 
-/// What is looked for.
+/// Kind of file to choose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Wanted {
     /// A volume to open.
     Volume,
     /// A transfer function or a colour map.
     TransferFunction,
-    /// A closed mesh to cut the volume with.
+    /// A closed mesh to clip the volume with.
     Mesh,
 }
 
@@ -55,23 +56,23 @@ impl Wanted {
     }
 }
 
-/// What a folder holds.
+/// Content of a folder.
 #[derive(Default)]
 struct Listing {
-    /// Folders first; names with whether they are folders.
+    /// Names, and whether they are folders; folders first.
     entries: Vec<(String, bool)>,
-    /// Why it cannot be listed, or not whole.
+    /// Reason why the folder is not listed, or not completely.
     trouble: Option<String>,
 }
 
-/// The window.
+/// State of the dialog.
 pub(crate) struct Browser {
     wanted: Wanted,
-    /// What stands in the field.
+    /// Text of the path field.
     path: String,
     folder: PathBuf,
     listing: Listing,
-    /// The listing that is on its way.
+    /// The listing in progress.
     errand: Option<Errand<Listing>>,
     all_files: bool,
 }
@@ -87,7 +88,7 @@ fn list(folder: &Path, endings: Option<&[&str]>) -> Listing {
     };
     for entry in listed.flatten().take(NAME_LIMIT) {
         let name = entry.file_name().to_string_lossy().into_owned();
-        // Links are followed.
+        // Symbolic links are followed.
         let is_folder = entry.path().is_dir();
         let ending = Path::new(&name).extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
         let is_shown = is_folder || endings.is_none_or(|endings| endings.contains(&ending.as_str()));
@@ -104,7 +105,7 @@ fn list(folder: &Path, endings: Option<&[&str]>) -> Listing {
 }
 
 impl Browser {
-    /// With the folder of the volume that is open, or the one that the program runs in.
+    /// A dialog that starts in the folder of the open volume, or in the working directory.
     pub(crate) fn new(wanted: Wanted, opened: Option<&Opened>) -> Self {
         let folder =
             opened.and_then(|opened| std::path::absolute(&opened.source).ok()?.parent().map(Path::to_path_buf));
@@ -124,7 +125,7 @@ impl Browser {
         self.begin_list(ctx);
     }
 
-    /// What is in the window; the file that was chosen.
+    /// Draws the content of the dialog. Returns the chosen file.
     fn show(&mut self, ui: &mut Ui) -> Option<PathBuf> {
         let ctx = ui.ctx().clone();
         match self.errand.as_ref().map(Errand::take) {
@@ -136,7 +137,7 @@ impl Browser {
         path_field(ui, &mut self.path, "File to open");
         ui.horizontal(|ui| {
             if ui.button("Open").clicked() || ui.input(|input| input.key_pressed(egui::Key::Enter)) {
-                // A folder that is chosen is entered; whoever opens a file says what is wrong with it.
+                // A chosen folder is entered below. Errors of a file are reported when it is opened.
                 chosen = Some(PathBuf::from(self.path.trim()));
             }
             if ui.button("Folder above").clicked()
@@ -152,14 +153,14 @@ impl Browser {
             ui.colored_label(ui.visuals().warn_fg_color, trouble);
         }
         chosen = self.entries(ui).or(chosen);
-        // What stands in the field may be a folder: one of those that are listed, or the one that is shown.
+        // The path may be a folder: a listed one, or one typed into the field.
         if let Some(folder) = chosen.take_if(|path| path.is_dir()) {
             self.go(&ctx, folder);
         }
         chosen
     }
 
-    /// The folder's files; the one that was chosen.
+    /// Draws the list of entries. Returns the chosen one.
     fn entries(&mut self, ui: &mut Ui) -> Option<PathBuf> {
         let mut chosen = None;
         let row = ui.text_style_height(&egui::TextStyle::Body);
@@ -181,7 +182,7 @@ impl Browser {
     }
 }
 
-/// Shows the window, where one is open.
+/// Shows the dialog if it is open.
 pub(super) fn show(viewer: &mut Viewer, ctx: &egui::Context) {
     let Some(mut browser) = viewer.dialogs.browser.take() else { return };
     let (mut is_open, mut chosen) = (true, None);

@@ -1,4 +1,4 @@
-//! Clip planes and solids: added, moved in numbers, taken away. In the picture they have handles.
+//! Controls of clip planes and solids: adding, editing as numbers, removing. Handles in the picture do the same.
 
 use eframe::egui::{DragValue, Ui};
 use supervol_scene::clip::solids::Keep;
@@ -11,10 +11,10 @@ use crate::edit;
 use crate::viewer::Viewer;
 use crate::worker::Message;
 
-/// Steps of a number that is dragged, from end to end of the volume.
+/// Steps of a dragged number over the extent of the volume.
 const STEPS: f64 = 500.0;
 
-/// Shows the controls.
+/// Draws the controls.
 pub(super) fn controls(viewer: &mut Viewer, ui: &mut Ui) {
     heading(ui, "Clip planes and solids");
     let Some(opened) = viewer.opened.clone().filter(|_| viewer.slice.is_none()) else {
@@ -65,7 +65,7 @@ pub(super) fn controls(viewer: &mut Viewer, ui: &mut Ui) {
     }
 }
 
-/// A heading with a button that takes away what it is about; whether that was pressed.
+/// Draws a heading with a button to remove its item. Returns whether the button was pressed.
 fn title(ui: &mut Ui, name: &str, more: impl FnOnce(&mut Ui)) -> bool {
     ui.separator();
     let mut is_gone = false;
@@ -78,7 +78,7 @@ fn title(ui: &mut Ui, name: &str, more: impl FnOnce(&mut Ui)) -> bool {
     is_gone
 }
 
-/// Three numbers in a row, named after the world's axes.
+/// Draws three numbers in a row, named after the world's axes.
 fn triple(numbers: &mut [f64; 3], name: &str, speed: f64, ui: &mut Ui) {
     ui.horizontal(|ui| {
         for (number, axis) in numbers.iter_mut().zip(["x", "y", "z"]) {
@@ -104,7 +104,7 @@ fn plane_numbers(plane: &mut PlaneSpec, number: usize, speed: f64, ui: &mut Ui) 
     });
     let mut normal = plane.normal;
     triple(&mut normal, &format!("Plane {number}, normal"), 0.01, ui);
-    // A plane without a direction is none.
+    // A zero normal is not accepted.
     if normal != [0.0; 3] {
         plane.normal = normal;
     }

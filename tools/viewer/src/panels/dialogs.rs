@@ -1,4 +1,4 @@
-//! Windows over the picture: files to open, where to save and to export, and the keys.
+//! Dialogs over the picture: opening, saving, exporting, and the list of keys.
 
 use std::fmt::Write as _;
 use std::io::Write as _;
@@ -19,30 +19,30 @@ use crate::folders::{self, Folders};
 use crate::viewer::Viewer;
 use crate::worker::{Decorations, Export, Message, Opened, Settings};
 
-/// Scenes of commands that are kept.
+/// Most scene files kept for copied commands.
 const SCENE_LIMIT: usize = 200;
-/// Points that stay free above and below the window of keys, its title included.
+/// Free points above and below the window of keys, including its title.
 const ABOVE_AND_BELOW: f32 = 80.0;
 /// Most pixels of an exported picture along a side.
 pub(super) const SIDE_LIMIT: u32 = 32_768;
 
-/// Which windows are open, and what is in them.
+/// The open dialogs with their state.
 #[derive(Default)]
 pub(crate) struct Dialogs {
-    /// The window of keys.
+    /// Whether the window of keys is open.
     pub(crate) keys: bool,
-    /// The window in which a file is chosen.
+    /// The file dialog.
     pub(crate) browser: Option<Browser>,
     save: Option<SaveDialog>,
     export: Option<ExportDialog>,
-    /// The window of animations.
+    /// The animation dialog.
     pub(crate) animation: Option<AnimationDialog>,
 }
 
 struct SaveDialog {
     path: String,
     replace: bool,
-    /// That of a section; `None`: that of the picture, as it is when it is saved.
+    /// Scene of a section; `None`: the scene of the picture at the time of saving.
     scene: Option<Scene>,
 }
 
@@ -52,34 +52,34 @@ struct ExportDialog {
     size: [u32; 2],
     /// Width over height of the picture on the screen.
     aspect: f64,
-    /// As in [`SaveDialog`].
+    /// As in [`SaveDialog::scene`].
     scene: Option<Scene>,
 }
 
-/// A file beside the volume.
+/// Default path for an output file: beside the volume, with another extension.
 pub(super) fn beside(opened: Option<&Opened>, ending: &str) -> String {
     let path = opened.map(|opened| opened.source.with_extension(ending)).unwrap_or_default();
     std::path::absolute(&path).unwrap_or(path).display().to_string()
 }
 
 impl Dialogs {
-    /// A window to open a file, with the folder of the present one.
+    /// Opens the file dialog in the folder of the open volume.
     pub(crate) fn begin_open(&mut self, opened: Option<&Opened>) {
         self.browser = Some(Browser::new(Wanted::Volume, opened));
     }
 
-    /// A window to save the scene.
+    /// Opens the dialog to save the scene.
     pub(crate) fn begin_save(&mut self, opened: Option<&Opened>) {
         self.save = Some(SaveDialog { path: beside(opened, "scene.json"), replace: false, scene: None });
     }
 
-    /// The same for a section.
+    /// Opens the dialog to save the scene of a section.
     pub(crate) fn begin_save_section(&mut self, opened: &Opened, scene: Scene) {
         let path = beside(Some(opened), "section.json");
         self.save = Some(SaveDialog { path, replace: false, scene: Some(scene) });
     }
 
-    /// A window to export a section.
+    /// Opens the dialog to export a section.
     pub(crate) fn begin_export_section(&mut self, opened: &Opened, scene: Scene) {
         self.begin_export(Some(opened), &scene);
         if let Some(dialog) = &mut self.export {
@@ -88,7 +88,7 @@ impl Dialogs {
         }
     }
 
-    /// A window to export a picture, of the size of the one on the screen.
+    /// Opens the dialog to export a picture, with the size of the picture on the screen.
     pub(crate) fn begin_export(&mut self, opened: Option<&Opened>, scene: &Scene) {
         let size = [scene.image.width, scene.image.height];
         let aspect = f64::from(size[0]) / f64::from(size[1]);
@@ -96,12 +96,12 @@ impl Dialogs {
     }
 }
 
-/// A window to make an animation.
+/// Opens the animation dialog.
 pub(crate) fn begin_animation(viewer: &mut Viewer) {
     viewer.dialogs.animation = Some(AnimationDialog::new(viewer));
 }
 
-/// Shows those that are open.
+/// Shows all open dialogs.
 pub(crate) fn show(viewer: &mut Viewer, ctx: &egui::Context) {
     keys(viewer, ctx);
     browse::show(viewer, ctx);
@@ -118,7 +118,7 @@ pub(super) fn window<'a>(title: &'static str, is_open: &'a mut bool) -> egui::Wi
 fn keys(viewer: &mut Viewer, ctx: &egui::Context) {
     let mut is_open = viewer.dialogs.keys;
     let middle = ctx.content_rect().center();
-    // All of them at once, where the window has room.
+    // The window shows all keys at once if there is room.
     let height = ctx.content_rect().height() - ABOVE_AND_BELOW;
     window("Keys and mouse", &mut is_open).default_pos(middle).default_height(height).vscroll(true).show(ctx, |ui| {
         egui::Grid::new("keys").num_columns(2).striped(true).show(ui, |ui| {
@@ -138,12 +138,12 @@ fn keys(viewer: &mut Viewer, ctx: &egui::Context) {
     viewer.dialogs.keys = is_open && !ctx.input(|input| input.key_pressed(egui::Key::Escape));
 }
 
-/// A field for a path or a name, with what it is for.
+/// Draws a text field for a path or a name; `name` is its accessible name.
 pub(super) fn path_field(ui: &mut Ui, path: &mut String, name: &str) {
     ui.add(TextEdit::singleline(path).desired_width(f32::INFINITY)).accessible_name(name);
 }
 
-/// A box to tick where something is in the way; whether a file may be written.
+/// Draws a check box for overwriting if the file exists. Returns whether the file may be written.
 pub(super) fn may_write(ui: &mut Ui, path: &str, replace: &mut bool) -> bool {
     let exists = Path::new(path).exists();
     if exists {
@@ -175,7 +175,7 @@ fn save(viewer: &mut Viewer, ctx: &egui::Context) {
     }
 }
 
-/// Writes the scene, by the rules of all commands: whole or not at all, and never over what is open.
+/// Writes the scene by the rules of all commands: completely or not at all, and never over an open file.
 fn save_scene(viewer: &Viewer, scene: &Scene, path: &Path, existing: Existing) -> Result<(), OutputError> {
     let read = viewer.opened.iter().flat_map(|opened| [opened.source.as_path(), opened.path.as_path()]);
     check_distinct(path, read)?;
@@ -186,7 +186,7 @@ fn save_scene(viewer: &Viewer, scene: &Scene, path: &Path, existing: Existing) -
     Ok(())
 }
 
-/// A scene file.
+/// Content of a scene file.
 fn scene_text(scene: &Scene) -> String {
     serde_json::to_string_pretty(scene).expect("a scene has no keys that are no text, and no number that JSON lacks")
         + "\n"
@@ -236,7 +236,7 @@ fn export(viewer: &mut Viewer, ctx: &egui::Context) {
     }
 }
 
-/// The command that draws this picture. Its scene goes to a file in the cache folder, by its contents.
+/// The command that draws this picture. Its scene is written to a file in the cache folder, named by its checksum.
 pub(crate) fn command_line(
     opened: &Opened,
     scene: &Scene,
@@ -256,7 +256,7 @@ pub(crate) fn command_line(
     let path = std::path::absolute(&opened.path).unwrap_or_else(|_| opened.path.clone());
     let mut line = format!("supervol render {} --scene {} -o picture.png", quoted(&path), quoted(&file));
     let default = Settings::default();
-    // Writing to a string does not fail.
+    // Writing to a string cannot fail.
     if settings.decorations == Decorations::On {
         line += " --decorate";
     }
@@ -274,7 +274,7 @@ pub(crate) fn command_line(
     Ok(line)
 }
 
-/// A path as a shell takes it.
+/// A path quoted for a shell.
 fn quoted(path: &Path) -> String {
     let text = path.display().to_string();
     let is_plain = text.chars().all(|c| c.is_ascii_alphanumeric() || "/._-+,:@%".contains(c));

@@ -1,6 +1,6 @@
-//! The transfer-function editor: the logarithm of how often which values occur, the opacities over it, the colours below.
+//! The transfer-function editor: logarithmic histogram, opacities over it, colours below.
 //!
-//! Opacities are drawn at their cube root: what matters in a volume lies far below a tenth.
+//! Opacities are drawn as their cube root, because relevant opacities are far below 0.1.
 
 use std::ops::RangeInclusive;
 
@@ -12,26 +12,26 @@ use crate::edit;
 use crate::viewer::Viewer;
 use crate::worker::Opened;
 
-/// Points of the diagram and of the strip of colours from top to bottom.
+/// Heights of the diagram and of the colour strip, in points.
 const HEIGHT: f32 = 150.0;
 const STRIP: f32 = 14.0;
-/// Points from a control point within which it is taken hold of.
+/// Distance in points at which the mouse picks a control point.
 const REACH: f32 = 9.0;
-/// Radius of a control point.
+/// Radius of a control point, in points.
 const RADIUS: f32 = 4.5;
-/// Opacities are drawn at this root.
+/// Degree of the root at which opacities are drawn.
 const ROOT: f64 = 3.0;
-/// Share of the diagram's width that is left free beyond the values shown.
+/// Free share of the diagram's width beyond the values shown.
 const MARGIN: f64 = 0.02;
 
-/// Between values and opacities, and points of the window.
+/// Conversion between (value, opacity) and points of the window.
 struct Axes {
     rect: Rect,
     values: RangeInclusive<f64>,
 }
 
 impl Axes {
-    /// All values that occur or have a control point.
+    /// Axes that cover all values of the volume and of control points.
     fn new(rect: Rect, facts: &VolumeFacts, points: &[PointSpec]) -> Self {
         let ends = points.iter().map(|p| p.value).filter(|v| v.is_finite());
         let (low, high) = ends.fold((facts.value_range.min, facts.value_range.max), |(l, h), v| (l.min(v), h.max(v)));
@@ -57,7 +57,7 @@ impl Axes {
     }
 }
 
-/// Shows the editor, and the chosen point in numbers.
+/// Draws the editor and the fields of the selected control point.
 pub(super) fn show(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
     let Some(spec) = edit::points_mut(&mut viewer.scene) else {
         ui.weak("This scene names a preset; choose one above to edit it.");
@@ -108,10 +108,10 @@ fn paint(ui: &Ui, axes: &Axes, rect: Rect, facts: &VolumeFacts, points: &[PointS
     painter.rect_filled(rect, 2.0, visuals.extreme_bg_color);
     histogram(&painter, axes, facts, visuals.weak_text_color().gamma_multiply(0.6));
     let (low, high) = (*axes.values.start(), *axes.values.end());
-    // Opacity is held beyond the ends.
+    // The opacity is constant beyond the ends.
     let ends = points.first().map(|p| (low, p.alpha)).into_iter();
     let line = ends.chain(points.iter().map(|p| (p.value, p.alpha))).chain(points.last().map(|p| (high, p.alpha)));
-    // Straight lines of opacity are curves at the cube root.
+    // Linear opacity is a curve in the cube root.
     let corners: Vec<(f64, f64)> = line.collect();
     let mut curve = Vec::new();
     for pair in corners.windows(2) {
@@ -143,7 +143,7 @@ fn histogram(painter: &egui::Painter, axes: &Axes, facts: &VolumeFacts, fill: Co
     let range = facts.value_range;
     let x = |bin: usize| axes.x(range.min + range.width() * bin as f64 / counts.len() as f64);
     let bottom = axes.rect.bottom();
-    // One mesh: rectangles would be rounded to pixels one by one, with gaps between.
+    // One mesh: separate rectangles would be rounded to pixels individually and leave gaps.
     let mut mesh = egui::Mesh::default();
     for (bin, &count) in counts.iter().enumerate().filter(|(_, count)| **count > 0) {
         let height = ((count as f64 + 1.0).ln() / (most + 1.0).ln()) as f32 * axes.rect.height();
@@ -152,7 +152,7 @@ fn histogram(painter: &egui::Painter, axes: &Axes, facts: &VolumeFacts, fill: Co
     painter.add(Shape::mesh(mesh));
 }
 
-/// The colours over the same values, as if all were opaque.
+/// Draws the colours over the same values, as if they were opaque.
 fn strip(ui: &mut Ui, axes: &Axes, scene: &Scene) {
     let (rect, _) = ui.allocate_exact_size(egui::vec2(ui.available_width(), STRIP), Sense::hover());
     let Some(spec) = edit::points(scene) else { return };
@@ -177,7 +177,7 @@ fn color(rgb: [f64; 3]) -> Color32 {
     Color32::from_rgb(r, g, b)
 }
 
-/// The chosen point in numbers.
+/// Draws the fields of the selected control point.
 fn numbers(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
     let chosen = viewer.looks.chosen;
     let Some(spec) = edit::points_mut(&mut viewer.scene) else { return };

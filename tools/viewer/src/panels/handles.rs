@@ -1,4 +1,4 @@
-//! Handles in the picture: of the crop box, of clip planes, of slices and of solids, over the picture and no part of it.
+//! Handles of crop box, clip planes, slices and solids, drawn over the picture and not part of it.
 
 use eframe::egui::{Color32, Pos2, Rect, Response, Sense, Stroke, Ui, Vec2};
 use glam::DVec3;
@@ -11,25 +11,25 @@ use crate::planes::axis_name;
 use crate::viewer::Viewer;
 use crate::worker::Opened;
 
-/// Points across a handle, and of the ground that answers the mouse.
+/// Radius of a handle, and size of the area that responds to the mouse, in points.
 const RADIUS: f32 = 5.0;
 const GROUND: f32 = 16.0;
 const CUT_COLOR: Color32 = Color32::from_rgb(240, 190, 60);
 const SLICE_COLOR: Color32 = Color32::from_rgb(200, 120, 240);
-/// The sides of a box: pairs of corners whose numbers differ in one bit.
+/// Edges of a box: pairs of corners whose indices differ in one bit.
 pub(super) const EDGES: [(usize, usize); 12] =
     [(0, 1), (2, 3), (4, 5), (6, 7), (0, 2), (1, 3), (4, 6), (5, 7), (0, 4), (1, 5), (2, 6), (3, 7)];
 
-/// What is held, from where it was taken.
+/// A handle that is dragged.
 pub(crate) struct Held {
     handle: Handle,
-    /// The scene when it was taken.
+    /// The scene at the start of the drag.
     before: Scene,
-    /// How far the mouse has come since then, points.
+    /// Way of the mouse since the start of the drag, in points.
     way: Vec2,
 }
 
-/// Shows them where they are wanted, and moves what is dragged.
+/// Draws the handles if they are switched on, and moves the dragged one.
 pub(super) fn show(viewer: &mut Viewer, ui: &Ui, picture: &Response) {
     let Some(opened) = viewer.opened.clone().filter(|_| viewer.looks.are_handles_shown && viewer.slice.is_none())
     else {
@@ -48,7 +48,7 @@ pub(super) fn show(viewer: &mut Viewer, ui: &Ui, picture: &Response) {
     }
     let mut is_held = false;
     for handle in cutting::handles(&viewer.scene, &opened.facts, &camera) {
-        // What lies beyond the border is held at the border.
+        // Handles outside the picture are shown at its border.
         let Some(at) = see.place(handle.at).map(|at| rect.shrink(RADIUS).clamp(at)) else { continue };
         let ground = Rect::from_center_size(at, Vec2::splat(GROUND));
         let id = ui.scope_id().with(("handle", name_of(&opened, handle.grip)));
@@ -64,14 +64,14 @@ pub(super) fn show(viewer: &mut Viewer, ui: &Ui, picture: &Response) {
     }
 }
 
-/// How the picture is seen.
+/// Camera and rectangle of the picture, for projecting world points.
 pub(super) struct Sight<'a> {
     pub(super) camera: &'a CameraSpec,
     pub(super) rect: Rect,
 }
 
 impl Sight<'_> {
-    /// Where a world point is in the window.
+    /// Position of a world point in the window.
     pub(super) fn place(&self, world: DVec3) -> Option<Pos2> {
         let aspect = f64::from(self.rect.width() / self.rect.height().max(1.0));
         navigate::place_of(self.camera, world, aspect).map(|place| point(self.rect, place))

@@ -1,4 +1,4 @@
-//! Bricks over the picture: those that failed, in red, and those in memory where somebody wants to see them.
+//! Outlines of bricks over the picture: failed bricks in red, and on request bricks in memory.
 
 use eframe::egui::{Align2, Color32, FontId, Rect, Stroke, Ui};
 use glam::DVec3;
@@ -10,16 +10,16 @@ use crate::viewer::Viewer;
 use crate::worker::{Inspect, MARK_LIMIT};
 
 const FAILED: Color32 = Color32::from_rgb(255, 40, 40);
-/// Points between lines of the legend, and between it and the border.
+/// Distance in points between lines of the legend, and between the legend and the border.
 const LINE: f32 = 16.0;
 const MARGIN: f32 = 8.0;
 
-/// The colour of a level.
+/// Colour of a level.
 fn of_level(level: u8) -> Color32 {
     color(colormap::of_label(u64::from(level) + 1))
 }
 
-/// Paints them, with what their colours mean.
+/// Draws the outlines and a legend of their colours.
 pub(super) fn paint(viewer: &Viewer, ui: &Ui, rect: Rect) {
     let (Some(picture), Some(opened), Some(camera)) = (&viewer.picture, &viewer.opened, &viewer.scene.camera) else {
         return;

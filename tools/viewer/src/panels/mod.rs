@@ -1,4 +1,4 @@
-//! What stands around the picture, and the picture itself. Panels show the scene and change it; nothing else.
+//! The panels around the picture, and the picture itself. Panels only show the scene and change it.
 
 pub(crate) mod animate;
 mod browse;
@@ -25,31 +25,31 @@ pub(crate) use self::dialogs::Dialogs;
 use crate::edit;
 use crate::worker::Opened;
 
-/// What the panels remember of looks: the one that each mode was left with, and what the editor has in its hand.
+/// State of the panels that is not part of the scene: the last look of each mode, and selections of the editors.
 #[derive(Default)]
 pub(crate) struct Looks {
     left: Vec<(Mode, Look)>,
-    /// The control point that is chosen in the editor.
+    /// Index of the selected control point in the editor.
     pub(crate) chosen: Option<usize>,
-    /// The unit distance that density 1 stands for: that of the picture the volume began with.
+    /// Unit distance at density 1: that of the volume's first picture.
     pub(crate) unit_distance: Option<f64>,
-    /// Percentage of the voxels at each end that the window leaves out, as it was asked for last.
+    /// Last requested percentage of voxels that the window excludes at each end.
     pub(crate) clip_percent: f64,
-    /// Where light comes from: degrees to the right of and above the viewer, as it was asked for last.
+    /// Last requested light position: degrees to the right of and above the viewer.
     pub(crate) light: [f64; 2],
-    /// The slice in the volume that the wheel moves: its place in the scene.
+    /// Index of the selected slice in the volume, which the wheel moves.
     pub(crate) held_slice: usize,
-    /// Points of the wheel that have moved no slice yet; `None`: the wheel moves the camera.
+    /// Scrolled points that have not yet moved a slice by a step; `None`: the wheel moves the camera.
     pub(crate) wheel_points: Option<f64>,
-    /// Handles of what cuts the volume are shown.
+    /// Whether handles are shown.
     pub(crate) are_handles_shown: bool,
-    /// The one that is dragged.
+    /// The dragged handle.
     pub(crate) held: Option<handles::Held>,
-    /// Slices of the modes that draw them at their depth, while another one is shown.
+    /// Slices in the volume, kept while a mode without depth is shown.
     kept_slices: Vec<SliceSpec>,
 }
 
-/// What a mode was left with.
+/// Look of a mode when the user left it.
 #[derive(Clone)]
 struct Look {
     transfer_function: Option<TransferFunctionSpec>,
@@ -59,13 +59,13 @@ struct Look {
 }
 
 impl Looks {
-    /// Of a volume that is shown for the first time.
+    /// Initial state for an opened volume.
     pub(crate) fn of(scene: &Scene) -> Self {
         let unit_distance = edit::points(scene).and_then(|points| points.unit_distance);
         Self { unit_distance, clip_percent: 1.0, ..Self::default() }
     }
 
-    /// The scene in another mode: as that was left, or as it usually is.
+    /// The scene in another mode, with the mode's last look or its default look.
     pub(crate) fn switched(&mut self, scene: &Scene, opened: &Opened, mode: Mode) -> Scene {
         let Scene { transfer_function, shading, iso, samples_per_pixel, .. } = scene.clone();
         let now = scene.mode.unwrap_or_default();
@@ -89,21 +89,21 @@ pub(crate) fn dropped_files(ctx: &egui::Context) -> Vec<PathBuf> {
     ctx.input(|input| input.raw.dropped_files.iter().map(|file| file.path().into()).collect())
 }
 
-/// Points that stand beside a slider: its number.
+/// Width of a slider's number, in points.
 const BESIDE_SLIDER: f32 = 70.0;
 
-/// The next sliders are as wide as there is room.
+/// Makes the next sliders as wide as the panel.
 fn wide_slider(ui: &mut egui::Ui) {
     ui.spacing_mut().slider_width = (ui.available_width() - BESIDE_SLIDER).max(40.0);
 }
 
-/// What a panel holds, with a bar beside it (not above it) where there is more than fits.
+/// Draws the content of a panel, with a scroll bar at its side if it does not fit.
 fn scrolled(ui: &mut egui::Ui, add: impl FnOnce(&mut egui::Ui)) {
     ui.spacing_mut().scroll = egui::style::ScrollStyle::thin();
     egui::ScrollArea::vertical().auto_shrink(false).show(ui, add);
 }
 
-/// A heading of a panel.
+/// Draws a heading of a panel.
 fn heading(ui: &mut egui::Ui, text: &str) {
     ui.add_space(6.0);
     ui.strong(text);

@@ -1,4 +1,4 @@
-//! The picture, and what the mouse does in it.
+//! The picture and its mouse actions.
 
 use eframe::egui::{self, Align2, Color32, FontId, PointerButton, Pos2, Rect, Response, Sense, Ui, Vec2};
 use supervol_scene::scene::{ImageSpec, Mode, RAY_LIMIT};
@@ -9,18 +9,18 @@ use crate::viewer::Viewer;
 use crate::worker::Busy;
 use crate::{edit, navigate};
 
-/// Degrees of turning for a point of dragging.
+/// Degrees of rotation per point of a drag.
 const TURN_PER_POINT: f64 = 0.4;
-/// Points of scrolling that bring the target nearer by a factor of e.
+/// Scrolled points that reduce the distance to the target by a factor of e.
 const SCROLL_POINTS: f64 = 300.0;
-/// Points of scrolling that move a slice by a step: one notch of most wheels.
+/// Scrolled points that move a slice by a step: one notch of most wheels.
 const SLICE_POINTS: f64 = 40.0;
-/// Factor of a double click.
+/// Factor of the distance for a double click.
 const DOUBLE_CLICK: f64 = 0.5;
-/// Most pixels of the picture along a side, whatever the screen can show.
+/// Most pixels of the picture along a side, whatever the screen supports.
 const SIDE_LIMIT: u32 = 16_384;
 
-/// Shows the picture in all the room that is left.
+/// Draws the picture in the remaining room.
 pub(crate) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     let frame = egui::Frame::NONE.fill(color(viewer.scene.image.background));
     egui::CentralPanel::default().frame(frame).show(ui, |ui| {
@@ -55,13 +55,13 @@ pub(super) fn color(rgb: [f64; 3]) -> Color32 {
     Color32::from_rgb(r, g, b)
 }
 
-/// Pixels that the screen has in a rectangle, along x and y.
+/// Number of screen pixels of a rectangle, along x and y.
 pub(super) fn pixels_of(ui: &Ui, rect: Rect) -> [u32; 2] {
     let most = ui.input(|input| u32::try_from(input.max_texture_side).unwrap_or(SIDE_LIMIT)).min(SIDE_LIMIT);
     [rect.width(), rect.height()].map(|points| ((points * ui.pixels_per_point()).round() as u32).clamp(1, most))
 }
 
-/// The picture has as many pixels as the screen has there.
+/// Sets the size of the scene's picture to the number of screen pixels.
 fn fit(viewer: &mut Viewer, ui: &Ui, rect: Rect) {
     let [width, height] = pixels_of(ui, rect);
     let samples = u64::from(viewer.scene.samples_per_pixel.unwrap_or(1));
@@ -70,14 +70,14 @@ fn fit(viewer: &mut Viewer, ui: &Ui, rect: Rect) {
     }
 }
 
-/// Where a point of the window is in the picture: normalised, y up.
+/// Normalised position in the picture of a point of the window; y points up.
 pub(super) fn place(rect: Rect, at: Pos2) -> [f64; 2] {
     let share = (at - rect.min) / rect.size().max(Vec2::splat(1.0));
     [2.0 * f64::from(share.x) - 1.0, 1.0 - 2.0 * f64::from(share.y)]
 }
 
-/// With Alt, the wheel moves the slice that is shown, or the one that is held: until it has come to rest, or letting Alt go would
-/// move the camera by what is left.
+/// With Alt, the wheel moves the shown or the selected slice. This lasts until scrolling has stopped; otherwise
+/// releasing Alt would move the camera by the rest.
 fn move_slice(viewer: &mut Viewer, ui: &Ui, response: &Response) {
     let (is_meant, scrolled) = ui.input(|input| (input.modifiers.alt, f64::from(input.smooth_scroll_delta().y)));
     let before = viewer.looks.wheel_points.filter(|_| is_meant || scrolled != 0.0);
@@ -89,16 +89,17 @@ fn move_slice(viewer: &mut Viewer, ui: &Ui, response: &Response) {
     }
 }
 
-/// Steps of the wheel: what it has scrolled is added to the points that have moved nothing yet.
+/// Whole steps of the wheel. Adds the scrolled points to the rest in `points`, and leaves the new rest there.
 pub(super) fn wheel_steps(points: &mut f64, scrolled: f64) -> f64 {
     *points += scrolled;
-    // What is smoothed out over frames adds up to a whole notch but for rounding.
+    // Smoothed scrolling over several frames adds up to a whole notch, up to rounding.
     let steps = (*points / SLICE_POINTS + 1e-3 * points.signum()).trunc();
     *points -= steps * SLICE_POINTS;
     steps
 }
 
-/// Asks what is under the mouse where it rests on a finished picture; with panels, a click moves their cursor there.
+/// Requests a probe of the point under the mouse if the picture has converged. With panels, a click moves their cursor
+/// there.
 fn look_at_point(viewer: &mut Viewer, response: &Response) {
     let Some(opened) = viewer.opened.clone() else { return };
     let Some(at) = response.hover_pos().filter(|_| response.contains_pointer()) else { return };
@@ -109,7 +110,7 @@ fn look_at_point(viewer: &mut Viewer, response: &Response) {
     let number = sections::probe(viewer, &opened, None, place(response.rect, at));
     if response.clicked() && viewer.sections.layout != Layout::Alone {
         viewer.sections.moving = number;
-        // The answer may have come while the mouse was resting there.
+        // The answer may have arrived before the click.
         if let Some(probed) = viewer.sections.probed().cloned() {
             viewer.hear(probed);
         }
@@ -128,7 +129,7 @@ fn move_camera(viewer: &mut Viewer, ui: &Ui, response: &Response) {
             let height = f64::from(rect.height().max(1.0));
             navigate::pan(camera, [f64::from(delta.x) / height, -f64::from(delta.y) / height])
         } else {
-            // What is seen follows the mouse: the camera goes the other way.
+            // The object follows the mouse, so the camera turns the other way.
             navigate::orbit(camera, &stage, [-TURN_PER_POINT * f64::from(delta.x), TURN_PER_POINT * f64::from(delta.y)])
         });
     }
@@ -153,7 +154,7 @@ fn move_camera(viewer: &mut Viewer, ui: &Ui, response: &Response) {
     }
 }
 
-/// The picture over the rectangle; one of another size as high as it is.
+/// Draws the picture over the rectangle; a picture of another size is scaled to its height.
 fn paint(viewer: &Viewer, ui: &Ui, rect: Rect) {
     let Some(picture) = &viewer.picture else { return };
     let [width, height] = picture.texture.size().map(|n| n as f32);
@@ -169,7 +170,7 @@ fn paint(viewer: &Viewer, ui: &Ui, rect: Rect) {
     ui.painter().with_clip_rect(rect).image(picture.texture.id(), place, whole, Color32::WHITE);
 }
 
-/// What to do where nothing is open.
+/// Draws instructions if no volume is open.
 fn invite(viewer: &Viewer, ui: &Ui, rect: Rect) {
     let words = match &viewer.busy {
         Some(Busy::Opening(_) | Busy::Building(..)) => "Opening ...",

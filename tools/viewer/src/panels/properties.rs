@@ -1,7 +1,7 @@
-//! The right panel: what the volume is, how it looks, and with what pictures are made.
+//! The right panel: properties of the volume, look, and render settings.
 
 use eframe::egui::{self, Button, ComboBox, DragValue, Slider, SliderClamping, Ui};
-use supervol_runtime::engines::packets::MAX_ERROR_LIMITS;
+use supervol_runtime::engines::rules::MAX_ERROR_LIMITS;
 use supervol_runtime::render::options::Backend;
 use supervol_scene::facts::DataKind;
 use supervol_scene::image::GREY_LEVELS;
@@ -14,9 +14,9 @@ use crate::sections::short;
 use crate::viewer::Viewer;
 use crate::worker::{Inspect, Opened};
 
-/// Points of the panel across.
+/// Default width of the panel, in points.
 const WIDTH: f32 = 300.0;
-/// Modes with their names for people.
+/// Modes with names and descriptions for the user.
 const MODES: [(Mode, &str, &str); 5] = [
     (Mode::Dvr, "Volume", "Emission and absorption (dvr)"),
     (Mode::Iso, "Iso", "Surfaces at values (iso)"),
@@ -24,13 +24,13 @@ const MODES: [(Mode, &str, &str); 5] = [
     (Mode::Minip, "Min", "The least value along each ray (minip)"),
     (Mode::Mean, "Mean", "The mean value along each ray (mean)"),
 ];
-/// Least and greatest density: how many times as dense as the picture the volume began with.
+/// Least and greatest density, relative to the volume's first picture.
 const DENSITIES: std::ops::RangeInclusive<f64> = 0.01..=100.0;
-/// Least and greatest memory that can be chosen, MiB.
+/// Least and greatest memory budget, in MiB.
 const MEMORY_MIB: std::ops::RangeInclusive<u64> = 64..=65_536;
-/// Least and greatest time for interaction that can be chosen, ms.
+/// Least and greatest time for interaction, in ms.
 const INTERACTION_MS: std::ops::RangeInclusive<u64> = 10..=1000;
-/// Who may cast the rays.
+/// Devices that can cast rays.
 const BACKENDS: [(Backend, &str, &str); 3] = [
     (Backend::Cpu, "CPU", "The processor, which also says how far each pixel may be off (--backend cpu)"),
     (
@@ -44,7 +44,7 @@ const BACKENDS: [(Backend, &str, &str); 3] = [
         "A graphics device where there is one that is no processor itself, else the CPU (--backend auto)",
     ),
 ];
-/// What can be seen of how a picture was made.
+/// Diagnostic displays.
 const INSPECTIONS: [(Inspect, &str, &str); 4] = [
     (Inspect::Nothing, "nothing", "The picture; bricks that could not be read are marked all the same, in red"),
     (
@@ -64,10 +64,10 @@ const INSPECTIONS: [(Inspect, &str, &str); 4] = [
          at 1,000 (--work-map). Pictures take several times as long meanwhile",
     ),
 ];
-/// Samples of a pixel that can be chosen.
+/// Possible numbers of samples per pixel.
 const SAMPLES: [u32; 4] = [1, 4, 9, 16];
 
-/// Shows the panel.
+/// Draws the panel.
 pub(crate) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     egui::Panel::right("properties").default_size(WIDTH).size_range(220.0..=600.0).show(ui, |ui| {
         super::scrolled(ui, |ui| {
@@ -98,7 +98,7 @@ fn volume(opened: &Opened, ui: &mut Ui) {
     let [x, y, z] = facts.dims.0;
     let name = opened.source.file_name().unwrap_or_default().to_string_lossy();
     let read = &manifest.source.name;
-    // With what was chosen of a file that holds more: a channel, a time point.
+    // The name includes the chosen channel or time point of the file.
     let name = if read.starts_with(&*name) { read.clone() } else { name.into_owned() };
     let notes: String = manifest.notes.iter().map(|note| format!("\n{note}")).collect();
     ui.label(name).on_hover_text(format!("{}{notes}", opened.path.display()));
@@ -110,7 +110,8 @@ fn volume(opened: &Opened, ui: &mut Ui) {
     }
 }
 
-/// Channel and time point, of a source file. Which there are it tells when it is read: what is not there is refused with what is.
+/// Draws the channel and time point of a source file. Their numbers are known only after reading: an invalid choice is
+/// refused with the valid range.
 fn parts(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
     if opened.source == opened.path || opened.preview_of.is_some() {
         return;
@@ -121,7 +122,7 @@ fn parts(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
         ("Channel", "Channel, colour or component of the file, from 0 on (--channel); -: all colours, or the first"),
         ("Time point", "Time point of the file, from 0 on (--frame); -: the first"),
     ];
-    // Not while another one is opened: what would be done with it then?
+    // Disabled while another volume is opened.
     ui.add_enabled_ui(viewer.busy.is_none(), |ui| {
         ui.horizontal(|ui| {
             for (part, (name, words)) in chosen.iter_mut().zip(names) {
@@ -134,8 +135,8 @@ fn parts(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
     }
 }
 
-/// A number to be typed, with buttons for the next one and the one before; less than 0 is nobody's choice. Each opens a volume: none is
-/// passed over by a drag.
+/// Draws a number field with buttons for next and previous; negative means no choice. It cannot be dragged, because
+/// each value opens a volume.
 fn part_number(part: Option<u64>, (name, words): (&str, &str), ui: &mut Ui) -> Option<u64> {
     let mut number = part.map_or(-1, |number| number as i64);
     let pressed = |ui: &mut Ui, label: &str, which: &str, is_possible: bool| {
@@ -157,7 +158,7 @@ fn part_number(part: Option<u64>, (name, words): (&str, &str), ui: &mut Ui) -> O
     u64::try_from(number).ok()
 }
 
-/// Lines and samples of a survey, else how far apart voxels are.
+/// Lines and samples of a survey; for other volumes, the voxel spacing.
 fn extent(opened: &Opened) -> Vec<String> {
     let axes = &opened.container.manifest().axes;
     let Some(survey) = &opened.survey else {
@@ -262,7 +263,7 @@ fn colors(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
     }
 }
 
-/// How dense: the inverse of the unit distance, over that of the picture the volume began with.
+/// Draws the density: the unit distance of the volume's first picture divided by the present one.
 fn density(viewer: &mut Viewer, ui: &mut Ui) {
     let Some(first) = viewer.looks.unit_distance else { return };
     let Some(spec) = edit::points_mut(&mut viewer.scene) else { return };
@@ -282,7 +283,7 @@ fn density(viewer: &mut Viewer, ui: &mut Ui) {
     });
 }
 
-/// The surfaces that are the picture: at least one.
+/// Draws the iso surfaces of mode `iso`; at least one stays.
 fn surfaces(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
     heading(ui, "Surfaces");
     let is_lone = viewer.scene.iso.len() == 1;
@@ -292,7 +293,7 @@ fn surfaces(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
     }
 }
 
-/// The surfaces that stand inside the semi-transparent volume.
+/// Draws the iso surfaces inside the semi-transparent volume.
 fn inner_surfaces(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
     heading(ui, "Surfaces in the volume");
     list_of_surfaces(&mut viewer.scene.iso, opened, true, ui);
@@ -305,7 +306,7 @@ fn inner_surfaces(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
     }
 }
 
-/// Colour, value and opacity of each surface; with a button that takes it away where it may go.
+/// Draws colour, value and opacity of each surface, with a button to remove it if `may_go` is set.
 fn list_of_surfaces(surfaces: &mut Vec<IsoSpec>, opened: &Opened, may_go: bool, ui: &mut Ui) {
     let range = opened.facts.value_range;
     let words = format!("Value at which the surface lies {}", opened.container.manifest().unit);

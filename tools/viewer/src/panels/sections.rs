@@ -1,4 +1,4 @@
-//! Panels with sections beside the picture: where they lie, what the mouse does in them, and what is told of the point under it.
+//! Panels with sections beside the picture: layout, mouse actions, and the description of the point under the mouse.
 
 use eframe::egui::{
     Align2, Color32, FontId, PointerButton, Pos2, Rect, Response, Sense, Slider, SliderClamping, Stroke, Ui, Vec2, pos2,
@@ -16,21 +16,21 @@ use crate::{edit, navigate};
 
 /// Points between panels.
 const GAP: f32 = 3.0;
-/// Points between what is told in a panel and its border.
+/// Points between a text in a panel and its border.
 const MARGIN: f32 = 6.0;
-/// Points of the cross that stays clear around the cursor, so that what lies there can be seen.
+/// Points around the cursor that the cross leaves free.
 const CLEAR: f32 = 7.0;
-/// The planes across the grid's axes, wherever they are drawn.
+/// Colours of the planes across the grid's axes.
 pub(super) const PLANE_COLORS: [Color32; PANELS] =
     [Color32::from_rgb(235, 90, 80), Color32::from_rgb(90, 200, 90), Color32::from_rgb(90, 150, 255)];
 
-/// Where the picture and the panels lie.
+/// Rectangles of the picture and of the panels.
 pub(super) struct Rooms {
     pub(super) picture: Rect,
     panels: [Option<Rect>; PANELS],
 }
 
-/// Divides the room.
+/// Divides the available room.
 pub(super) fn rooms(layout: Layout, whole: Rect) -> Rooms {
     let half = |from: f32, to: f32| [from, 0.5 * (from + to - GAP), 0.5 * (from + to + GAP), to].map(f32::round);
     let [x, y] = [half(whole.left(), whole.right()), half(whole.top(), whole.bottom())];
@@ -55,7 +55,7 @@ pub(super) fn rooms(layout: Layout, whole: Rect) -> Rooms {
     }
 }
 
-/// Shows the panels that there are.
+/// Draws the panels of the layout.
 pub(super) fn show(viewer: &mut Viewer, ui: &Ui, rooms: &Rooms) {
     let Some(opened) = viewer.opened.clone() else { return };
     let before = viewer.sections.cursor;
@@ -70,13 +70,13 @@ pub(super) fn show(viewer: &mut Viewer, ui: &Ui, rooms: &Rooms) {
         paint(viewer, &opened, ui, axis, &response);
         take_along(viewer, &opened, axis, &response);
     }
-    // Panels that were shown before the one in which the cursor was moved follow in the next frame.
+    // Panels drawn before the one that moved the cursor are updated in the next frame.
     if viewer.sections.cursor != before {
         ui.ctx().request_repaint();
     }
 }
 
-/// What the panel is to show, in as many pixels as the screen has there.
+/// Sets the panel's scene, with as many pixels as the screen has there.
 fn aim(viewer: &mut Viewer, opened: &Opened, ui: &Ui, axis: usize, rect: Rect) {
     let [width, height] = pixels_of(ui, rect);
     let image = ImageSpec { width, height, ..viewer.scene.image };
@@ -85,7 +85,7 @@ fn aim(viewer: &mut Viewer, opened: &Opened, ui: &Ui, axis: usize, rect: Rect) {
     viewer.sections.panels[axis].scene = scene.filter(|scene| rays(scene.samples_per_pixel.unwrap_or(1)) <= RAY_LIMIT);
 }
 
-/// What a right click offers: the section as a scene file, and as a picture.
+/// Context menu: saves the section as a scene, or exports it as a picture.
 fn take_along(viewer: &mut Viewer, opened: &Opened, axis: usize, response: &Response) {
     let Some(scene) = viewer.sections.panels[axis].scene.clone().filter(|_| !viewer.is_preview()) else { return };
     response.context_menu(|ui| {
@@ -135,7 +135,7 @@ fn steer(viewer: &mut Viewer, opened: &Opened, ui: &Ui, axis: usize, response: &
     }
 }
 
-/// Looks at a section from elsewhere.
+/// Changes the camera of a section.
 fn turn(viewer: &mut Viewer, axis: usize, turned: impl FnOnce(&CameraSpec) -> CameraSpec) {
     let panel = &mut viewer.sections.panels[axis];
     if let Some(camera) = panel.scene.as_ref().and_then(|scene| scene.camera.as_ref()) {
@@ -143,7 +143,7 @@ fn turn(viewer: &mut Viewer, axis: usize, turned: impl FnOnce(&CameraSpec) -> Ca
     }
 }
 
-/// Asks what is under a place of a panel, or of the picture, once.
+/// Requests a probe at a position of a panel, or of the picture, unless it is the last one. Returns its number.
 pub(super) fn probe(viewer: &mut Viewer, opened: &Opened, panel: Option<usize>, at: [f64; 2]) -> Option<u64> {
     let image = match panel {
         Some(axis) => viewer.sections.panels[axis].shown.as_ref().map(|shown| shown.image.size),
@@ -175,7 +175,7 @@ fn paint(viewer: &Viewer, opened: &Opened, ui: &Ui, axis: usize, response: &Resp
     let facts = &opened.facts;
     let at_cursor = viewer.sections.place_of(axis, viewer.sections.cursor, facts).map(|place| point(rect, place));
     for other in (0..PANELS).filter(|other| *other != axis) {
-        // The plane across the other axis is seen as the line along the third one.
+        // The plane across the other axis appears as a line along the third axis.
         let along = 3 - axis - other;
         let mut ends = [viewer.sections.cursor; 2];
         (ends[0][along], ends[1][along]) = (-0.5, facts.dims.0[along] as f64 - 0.5);
@@ -201,7 +201,7 @@ fn paint(viewer: &Viewer, opened: &Opened, ui: &Ui, axis: usize, response: &Resp
     }
 }
 
-/// A patient's sides, or the points of the compass, at the borders of a section.
+/// Draws the names of a patient's sides, or of compass directions, at the borders of a section.
 fn name_borders(scene: Option<&Scene>, opened: &Opened, painter: &eframe::egui::Painter, rect: Rect) {
     let Some(camera) = scene.and_then(|scene| scene.camera.as_ref()) else { return };
     let right = navigate::right_of(camera);
@@ -220,13 +220,13 @@ fn name_borders(scene: Option<&Scene>, opened: &Opened, painter: &eframe::egui::
     }
 }
 
-/// Where a normalised place is in the window.
+/// Point of the window at a normalised position.
 pub(super) fn point(rect: Rect, [x, y]: [f64; 2]) -> Pos2 {
     let [x, y] = [0.5 * (1.0 + x), 0.5 * (1.0 - y)];
     rect.min + Vec2::new(x as f32, y as f32) * rect.size()
 }
 
-/// Words over a picture, on a ground on which they can be read.
+/// Draws text over a picture on a readable background.
 fn tell(painter: &eframe::egui::Painter, at: Pos2, align: Align2, words: &str) {
     let galley = painter.layout(words.into(), FontId::proportional(12.0), Color32::WHITE, painter.clip_rect().width());
     let rect = align.anchor_size(at, galley.size());
@@ -246,7 +246,7 @@ fn title(viewer: &Viewer, opened: &Opened, axis: usize) -> String {
     format!("{} {}voxel {voxel}{failed}", axis_name(opened, axis), place.unwrap_or_default())
 }
 
-/// Value and place of the point under the mouse, once it is known.
+/// Draws value and position of the point under the mouse, when they are known.
 pub(super) fn tell_of_point(
     viewer: &Viewer,
     opened: &Opened,
@@ -265,7 +265,7 @@ pub(super) fn tell_of_point(
     }
 }
 
-/// Shows the controls.
+/// Draws the controls.
 pub(super) fn controls(viewer: &mut Viewer, ui: &mut Ui) {
     heading(ui, "Panels beside the picture");
     let Some(opened) = viewer.opened.clone() else { return };
@@ -309,7 +309,7 @@ pub(super) fn controls(viewer: &mut Viewer, ui: &mut Ui) {
     }
 }
 
-/// Adds slices at the cursor to the picture, of the look that the panels have.
+/// Adds slices at the cursor to the picture, with the look of the panels.
 fn show_in_volume(viewer: &mut Viewer, opened: &Opened) {
     for axis in (0..PANELS).filter(|axis| viewer.sections.layout.shows(*axis)) {
         let place = viewer.sections.cursor[axis];

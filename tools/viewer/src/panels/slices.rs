@@ -1,4 +1,4 @@
-//! Slices within the picture of the volume: added, moved, turned, filtered, taken away.
+//! Controls of slices in the volume: adding, moving, turning, filtering, removing.
 
 use eframe::egui::{ComboBox, DragValue, Slider, SliderClamping, Ui};
 use supervol_scene::preset::colormap;
@@ -11,11 +11,11 @@ use crate::planes::{self, Place};
 use crate::viewer::Viewer;
 use crate::worker::{Message, Opened};
 
-/// Ways to find values between voxels, with their names for people.
+/// Interpolations with names for the user.
 const INTERPOLATIONS: [(Interpolation, &str); 3] =
     [(Interpolation::Nearest, "nearest"), (Interpolation::Linear, "linear"), (Interpolation::Cubic, "cubic")];
 
-/// Shows the controls.
+/// Draws the controls.
 pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     heading(ui, "Slices in the volume");
     let Some(opened) = viewer.opened.clone().filter(|_| viewer.slice.is_none()) else {
@@ -106,7 +106,7 @@ fn place(slice: &mut SliceSpec, opened: &Opened, number: usize, ui: &mut Ui) {
     }
 }
 
-/// How values between voxels are found, of what is called so.
+/// Draws the choice of interpolation; `what` names the slice for accessibility.
 pub(super) fn interpolation(slice: &mut SliceSpec, what: &str, ui: &mut Ui) {
     ui.horizontal(|ui| {
         ui.label("between");
@@ -125,7 +125,7 @@ pub(super) fn interpolation(slice: &mut SliceSpec, what: &str, ui: &mut Ui) {
     });
 }
 
-/// Filter and colours of what is called so.
+/// Draws filter and colours; `what` names the slice for accessibility.
 pub(super) fn filter(slice: &mut SliceSpec, opened: &Opened, what: &str, ui: &mut Ui) {
     let now = slice.filter.map(|filter| filter.kind);
     let named = |kind: Option<FilterKind>| {
@@ -142,7 +142,7 @@ pub(super) fn filter(slice: &mut SliceSpec, opened: &Opened, what: &str, ui: &mu
             .accessible_name(format!("{what}, filter"));
         if let Some(kind) = box_.inner.flatten() {
             slice.filter = kind.map(|kind| FilterSpec { kind, size: kind.sizes().map(|[least, _]| least.max(1.0)) });
-            // Colours are of values; those of edges and slopes are others.
+            // Colours belong to values; values of edge and slope filters have another meaning.
             if kind.is_some_and(|kind| !kind.keeps_values()) {
                 slice.colors.clear();
             }
@@ -174,7 +174,7 @@ fn colors(slice: &mut SliceSpec, opened: &Opened, what: &str, ui: &mut Ui) {
     }
 }
 
-/// Slices are kept while a mode is shown that knows no depth.
+/// Keeps the slices while a mode without depth is shown, and returns those of the new mode.
 pub(super) fn with_mode(kept: &mut Vec<SliceSpec>, before: Mode, slices: &[SliceSpec], after: Mode) -> Vec<SliceSpec> {
     if planes::has_depth(before) {
         *kept = slices.to_vec();

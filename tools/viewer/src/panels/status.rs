@@ -1,4 +1,4 @@
-//! The line below the picture: what is going on, how far the picture is, and what it costs.
+//! The status line below the picture: present activity, progress of the picture, and its cost.
 
 use eframe::egui::{self, ProgressBar, Ui};
 use supervol_runtime::render::stats::FrameStats;
@@ -6,18 +6,19 @@ use supervol_runtime::render::stats::FrameStats;
 use crate::viewer::{Picture, Viewer};
 use crate::worker::{Busy, Message};
 
-/// Points between what is told over the picture and its border.
+/// Points between a text over the picture and its border.
 const MARGIN: f32 = 10.0;
 
-/// The room that the line has taken in a window of this width. It does not become less: what is told of a finished picture is more than of
-/// one that is refined, and if that took another line, the picture would become smaller, begin anew, and so on.
+/// Height that the status line has taken in a window of this width. It never decreases. The text of a converged picture
+/// is longer than that of an unfinished one. If it took another line, the picture would shrink, start again, and so on
+/// without end.
 #[derive(Default)]
 pub(crate) struct Room {
     width: f32,
     height: f32,
 }
 
-/// Shows the line.
+/// Draws the line.
 pub(crate) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     egui::Panel::bottom("status").show(ui, |ui| {
         let width = ui.available_width();
@@ -36,7 +37,7 @@ pub(crate) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     });
 }
 
-/// What is going on and what has been told, over the lower left of the picture: in a panel, it would change the picture's size.
+/// Draws activity and messages over the lower left of the picture. In a panel they would change the picture's size.
 pub(crate) fn show_over(viewer: &mut Viewer, ui: &Ui, picture: egui::Rect) {
     if viewer.busy.is_none() && viewer.message.is_none() {
         return;
@@ -109,7 +110,7 @@ fn message(viewer: &mut Viewer, ui: &mut Ui) {
     }
 }
 
-/// A number with its words as a tooltip.
+/// Draws a number with a tooltip.
 fn number(ui: &mut Ui, text: String, tip: &str) {
     ui.label(text).on_hover_text(tip);
     ui.separator();

@@ -1,4 +1,4 @@
-//! The left panel: files, where the picture is taken from, what is cut away.
+//! The left panel: files, camera, clipping.
 
 use eframe::egui::{self, Button, Slider, SliderClamping, Ui};
 use supervol_scene::preset::view::Direction;
@@ -11,12 +11,12 @@ use crate::remembered::Theme;
 use crate::viewer::{Viewer, set_theme};
 use crate::worker::Decorations;
 
-/// Points of the panel across.
+/// Default width of the panel, in points.
 const WIDTH: f32 = 208.0;
 /// Least and greatest vertical exaggeration.
 const EXAGGERATIONS: std::ops::RangeInclusive<f64> = 0.1..=50.0;
 
-/// Shows the panel.
+/// Draws the panel.
 pub(crate) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     egui::Panel::left("tools").default_size(WIDTH).size_range(150.0..=400.0).show(ui, |ui| {
         super::scrolled(ui, |ui| {
@@ -37,7 +37,7 @@ pub(crate) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     });
 }
 
-/// A button of a command, with its words and keys as a tooltip.
+/// Draws a button of a command, with its description and keys as a tooltip.
 fn command(viewer: &mut Viewer, ui: &mut Ui, command: Command, label: &str) {
     let words = crate::command::BINDINGS.iter().find(|b| b.command == command).map_or("", |b| b.words);
     let tip = format!("{words} ({})", keys_of(ui.ctx(), command));
@@ -113,7 +113,7 @@ fn view(viewer: &mut Viewer, ui: &mut Ui) {
         .suffix(" x");
     let response = ui.add(slider).on_hover_text("Heights or depths are drawn this many times as large");
     let response = response.accessible_name("Vertical exaggeration");
-    // The volume is placed anew: not at every step of a drag.
+    // Reopening the volume is expensive: only at the end of a drag.
     if response.changed() && !response.dragged() || response.drag_stopped() {
         viewer.exaggerate(factor);
     } else {
@@ -169,7 +169,7 @@ fn crop(viewer: &mut Viewer, ui: &mut Ui) {
                 .accessible_name(format!("{name}, {what} voxel"));
         }
         let [first, end] = kept[axis];
-        // The end that was moved takes the other one with it.
+        // A moved end that passes the other end takes it along.
         kept[axis] = if first <= end {
             kept[axis]
         } else if kept[axis][0] != before[axis][0] {

@@ -1,4 +1,5 @@
-//! Transfer functions in files: loaded, saved, and kept by name in the settings folder. Files are read and written by an [`Errand`].
+//! Transfer functions in files: loading, saving, and a named collection in the settings folder. Files are read and
+//! written by an [`Errand`], a background task.
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -16,23 +17,23 @@ use crate::folders::Folders;
 use crate::viewer::Viewer;
 use crate::worker::{Message, Opened};
 
-/// Names of looks that are kept, at most.
+/// Most listed names.
 const NAMED_LIMIT: usize = 500;
-/// Letters of a name, at most.
+/// Most characters of a name.
 const NAME_LIMIT: usize = 60;
 
-/// What came of an errand.
+/// Result of a background task.
 enum Outcome {
     Loaded(Box<TransferFile>),
     Saved(PathBuf),
     Failed(String),
 }
 
-/// Files on their way, and what is kept by name.
+/// Running tasks and the named collection.
 #[derive(Default)]
 pub(crate) struct Transfer {
     errand: Option<Errand<Outcome>>,
-    /// Names of what is kept, once the folder has been listed.
+    /// Names of the collection; `None` until the folder has been listed.
     named: Option<Vec<String>>,
     listing: Option<Errand<Vec<String>>>,
     save: Option<SaveDialog>,
@@ -44,12 +45,12 @@ struct SaveDialog {
     replace: bool,
 }
 
-/// The folder of what is kept by name.
+/// The folder of the collection.
 fn folder(folders: &Folders) -> Option<PathBuf> {
     folders.settings.as_ref().map(|settings| settings.join("transfer-functions"))
 }
 
-/// The file of a name; `None` for one that is no name of a file everywhere.
+/// The file of a name; `None` if the name is not valid in every file system.
 fn file_of(folders: &Folders, name: &str) -> Option<PathBuf> {
     let is_good = |c: char| c.is_alphanumeric() || " _-+,()".contains(c);
     let name = name.trim();
@@ -70,7 +71,7 @@ fn names_in(folder: &Path) -> Vec<String> {
 }
 
 impl Transfer {
-    /// Begins to read a file.
+    /// Starts to read a file.
     pub(crate) fn load(&mut self, ctx: &egui::Context, path: PathBuf) {
         self.errand = Some(Errand::start(ctx, move || match TransferFile::read(&path) {
             Ok(file) => Outcome::Loaded(Box::new(file)),
@@ -85,7 +86,7 @@ impl Transfer {
         }));
     }
 
-    /// What is kept by name; none while the folder is listed.
+    /// Names of the collection; empty while the folder is being listed.
     fn names(&mut self, ctx: &egui::Context, folders: &Folders) -> &[String] {
         if let Some(names) = self.listing.as_ref().and_then(Errand::take) {
             (self.named, self.listing) = (Some(names), None);
@@ -100,7 +101,7 @@ impl Transfer {
     }
 }
 
-/// Writes a file by the rules of all commands: whole or not at all, and never over what is open.
+/// Writes a file by the rules of all commands: completely or not at all, and never over an open file.
 fn write(path: &Path, text: &str, existing: Existing, read: &[PathBuf]) -> Result<(), OutputError> {
     let failed = |source| OutputError::write(path, source);
     check_distinct(path, read.iter().map(PathBuf::as_path))?;
@@ -113,7 +114,7 @@ fn write(path: &Path, text: &str, existing: Existing, read: &[PathBuf]) -> Resul
     Ok(())
 }
 
-/// Takes up what errands have brought.
+/// Takes the results of background tasks.
 pub(crate) fn receive(viewer: &mut Viewer) {
     let Some(outcome) = viewer.transfer.errand.as_ref().and_then(Errand::take) else { return };
     viewer.transfer.errand = None;
@@ -132,7 +133,8 @@ pub(crate) fn receive(viewer: &mut Viewer) {
     }
 }
 
-/// The scene is drawn with what a file holds: all of it, or its colours over the present window where it holds nothing else.
+/// Applies a file to the scene: its whole transfer function, or its colours over the present window if it has only
+/// colours.
 fn take(
     viewer: &mut Viewer,
     opened: &Opened,
@@ -143,14 +145,14 @@ fn take(
         return Ok(());
     }
     let mut spec = file.points(&opened.facts)?;
-    // Of other programs, densities stay what they are.
+    // Files of other programs keep the present unit distance.
     let present = edit::points(&viewer.scene).and_then(|points| points.unit_distance);
     spec.unit_distance = spec.unit_distance.or(present);
     viewer.scene.transfer_function = Some(TransferFunctionSpec::Points(spec));
     Ok(())
 }
 
-/// Shows the controls.
+/// Draws the controls.
 pub(super) fn controls(viewer: &mut Viewer, ui: &mut Ui) {
     let ctx = ui.ctx().clone();
     ui.horizontal(|ui| {
@@ -179,7 +181,7 @@ pub(super) fn controls(viewer: &mut Viewer, ui: &mut Ui) {
     });
 }
 
-/// Shows the window in which one is saved.
+/// Shows the dialog to save a transfer function, if it is open.
 pub(super) fn show(viewer: &mut Viewer, ctx: &egui::Context) {
     let Some(mut dialog) = viewer.transfer.save.take() else { return };
     let (mut is_open, mut target) = (true, None);

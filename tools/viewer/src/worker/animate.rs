@@ -1,4 +1,5 @@
-//! Animations for a folder: picture after picture by the renderer that draws for the screen, as `render --turntable` and `--path` do.
+//! Animations written to a folder, one picture after the other, by the renderer that also draws for the screen. Same
+//! result as `render --turntable` and `render --path`.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -16,32 +17,32 @@ use supervol_scene::scene::{CameraSpec, Scene};
 use super::easel::{Easel, options};
 use super::{Busy, Decorations, Desk, Message, Settings, lock};
 
-/// How the camera moves.
+/// Motion of the camera.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Motion {
-    /// Once around what it looks at, in so many pictures.
+    /// A full turn around the target, in this number of pictures.
     Turntable(u32),
-    /// From key frame to key frame.
+    /// Interpolation between key frames.
     Path(CameraPath),
 }
 
-/// Pictures of an animation.
+/// An animation to write.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Animation {
-    /// What they show, with their size; its camera begins a turntable.
+    /// The scene, with the size of the pictures. Its camera is the first one of a turntable.
     pub scene: Scene,
-    /// How the camera moves.
+    /// Motion of the camera.
     pub motion: Motion,
-    /// Where the pictures go.
+    /// Folder for the pictures.
     pub folder: PathBuf,
-    /// What they are written as.
+    /// File format of the pictures.
     pub format: ImageFormat,
-    /// Whether pictures of something else are replaced.
+    /// Whether pictures of another animation are replaced.
     pub existing: Existing,
 }
 
 impl Motion {
-    /// What was asked for, as `sequence.json` has it.
+    /// The request as it is written to `sequence.json`.
     fn asked(&self) -> Value {
         match self {
             Self::Turntable(frames) => json!({ "turntable": frames }),
@@ -58,7 +59,7 @@ impl Motion {
 }
 
 impl Easel {
-    /// Draws the pictures that are missing until all are there or somebody cancels.
+    /// Draws the missing pictures until all are written or the user cancels.
     pub(super) fn animate(
         &mut self,
         desk: &Arc<Desk>,
@@ -110,7 +111,7 @@ impl Easel {
         })
     }
 
-    /// Draws and writes one picture; whether nobody has cancelled.
+    /// Draws and writes one picture. Returns false if the user has cancelled.
     fn draw_frame(
         &mut self,
         desk: &Arc<Desk>,

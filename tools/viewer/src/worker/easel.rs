@@ -1,4 +1,4 @@
-//! One open volume with its renderer, and the picture on it.
+//! Drawing state of one open volume: its renderer, the current picture, and the sections beside it (`Easel`).
 
 use std::borrow::Cow;
 use std::path::Path;
@@ -20,40 +20,41 @@ use super::{
     Beside, Busy, Decorations, Desk, Frame, Inspect, LookedAhead, Opened, Probe, Probed, Settings, View, frame_of, lock,
 };
 
-/// A picture at rest is shown anew after so long, as far as it has come.
+/// Interval between two updates of an unfinished picture on the screen.
 const REFINEMENT: Duration = Duration::from_millis(150);
-/// One step of looking ahead. A new wish cuts it short; this bounds what comes where that is not heard at once.
+/// Time of one step of looking ahead, which reads bricks for the next picture. A new request interrupts a step; this
+/// limit bounds the delay if the interruption is not immediate.
 const LOOK: Duration = Duration::from_millis(40);
-/// Most steps of looking ahead from one picture: with those, reading ends in a file that is slow and a cache that is large.
+/// Most steps of looking ahead after one picture. The limit ends reading from a slow file into a large cache.
 const LOOK_LIMIT: u32 = 100;
 
-/// See the module.
+/// The drawing state of one volume; see the module.
 pub(super) struct Easel {
     pub(super) opened: Arc<Opened>,
     pub(super) renderer: Renderer,
-    /// The panels, once there were some.
+    /// Renderer of the panels beside the picture, created on first use.
     sections: Option<Sections>,
     view: Option<View>,
-    /// The same, resolved.
+    /// The scene of `view`, resolved.
     scene: Option<ResolvedScene>,
-    /// The view's picture is what it will be, or cannot be drawn.
+    /// Whether the picture of `view` is final, or cannot be drawn.
     is_settled: bool,
-    /// Steps of looking ahead that may follow.
+    /// Remaining steps of looking ahead.
     looks_left: u32,
-    /// What they have brought.
+    /// Result of looking ahead so far.
     ahead: LookedAhead,
     began: Instant,
     decorations: Decorations,
     inspect: Inspect,
 }
 
-/// With what pictures of the volume are made.
+/// Options for pictures of the volume.
 pub(super) fn options(desk: &Arc<Desk>, settings: &Settings) -> RenderOptions {
     let desk = Arc::downgrade(desk);
     let on_progress = move |progress: Progress| {
         let Some(desk) = desk.upgrade() else { return };
         let mut news = lock(&desk.news);
-        // Only exports tell how far they are: pictures on the screen show it.
+        // Only exports report progress; pictures on the screen show it themselves.
         if let Some(Busy::Exporting(_, rows)) = &mut news.busy {
             *rows = [progress.rows_finished, progress.rows];
             drop(news);
@@ -76,7 +77,7 @@ pub(super) fn options(desk: &Arc<Desk>, settings: &Settings) -> RenderOptions {
     }
 }
 
-/// The same of sections.
+/// Options for sections.
 fn options_of_sections(settings: &Settings) -> RenderOptions {
     RenderOptions {
         backend: Backend::Cpu,
@@ -88,7 +89,7 @@ fn options_of_sections(settings: &Settings) -> RenderOptions {
 }
 
 impl Easel {
-    /// An easel without a picture; the window is told of the volume.
+    /// A new drawing state without a picture. Tells the window about the volume.
     pub(super) fn new(desk: &Arc<Desk>, opened: Arc<Opened>, settings: &Settings) -> Result<Self, String> {
         let volume = PlacedVolume::of(opened.container.clone());
         let renderer = Renderer::new(volume, options(desk, settings)).map_err(|e| e.to_string())?;
@@ -109,22 +110,23 @@ impl Easel {
         })
     }
 
-    /// Who can stop the picture in progress or what is read for the next one; none where nothing is left to do.
+    /// Canceller of the unfinished picture, or of looking ahead; `None` if no work is left.
     pub(super) fn unfinished(&self) -> Option<Canceller> {
         let sections = self.sections.as_ref().and_then(Sections::unfinished);
         sections.or_else(|| (!self.is_settled || self.looks_left > 0).then(|| self.renderer.canceller()))
     }
 
-    /// A wish that came when the work it was to cut short had just ended must not stop what it asks for.
+    /// Clears a cancellation that came just after the work it was meant for had ended, so that it does not stop the
+    /// next work.
     pub(super) fn forget_cut(&mut self) {
         if self.scene.is_some() && self.renderer.canceller().is_cancelled() {
-            // A step that is cancelled ends at once, and takes the word with it; errors show again in the next step.
+            // A cancelled step ends at once and clears the cancellation. An error here appears again in the next step.
             let _ = self.renderer.advance(Some(Instant::now()));
         }
         self.sections.iter_mut().for_each(Sections::forget_cut);
     }
 
-    /// From now on pictures are made like this, from the next view on. What is loaded stays.
+    /// Applies settings from the next view on. Loaded bricks stay.
     pub(super) fn set(&mut self, desk: &Arc<Desk>, settings: &Settings) {
         self.renderer.set_options(options(desk, settings)).unwrap_or_else(|error| desk.fail(error));
         match settings.beside {
@@ -135,7 +137,7 @@ impl Easel {
         (self.is_settled, self.looks_left) = (true, 0);
     }
 
-    /// Begins a picture, and shows what there is of it within the time for interaction.
+    /// Begins a picture, and shows the result after the time for interaction.
     pub(super) fn begin(&mut self, desk: &Arc<Desk>, view: View, settings: &Settings) {
         if view.volume != self.opened.number {
             return;
@@ -158,7 +160,7 @@ impl Easel {
         self.advance(desk, Duration::from_millis(settings.interaction_ms));
     }
 
-    /// From now on this is drawn: sections by the processor, also where pictures are to be a GPU's.
+    /// Sets the scene that the renderer draws. Sections are drawn by the CPU, even if pictures are drawn by a GPU.
     pub(super) fn aim(&mut self, desk: &Arc<Desk>, scene: ResolvedScene, settings: &Settings) {
         let wanted = if scene.mode == Mode::Slice { Backend::Cpu } else { settings.backend };
         if self.renderer.options().backend != wanted {
@@ -168,7 +170,7 @@ impl Easel {
         self.renderer.set_scene(scene);
     }
 
-    /// The scene as it is drawn. Files that it names and that the one before did not may take a while to read, and that is told.
+    /// Resolves a scene. Reading files that the last scene did not use may take long and is reported to the window.
     fn resolved(&self, desk: &Desk, scene: &Scene) -> Result<ResolvedScene, SceneError> {
         let is_known = |file: &Path| self.view.iter().flat_map(|view| view.scene.files()).any(|known| known == file);
         let Some(file) = scene.files().find(|file| !is_known(file)) else { return scene.resolve(&self.opened.facts) };
@@ -189,7 +191,7 @@ impl Easel {
         }
     }
 
-    /// Looks what is under a pixel; the next wish cuts that short.
+    /// Determines the value under a pixel; the next request interrupts this.
     pub(super) fn probe(&mut self, desk: &Desk, probe: Probe) {
         if probe.volume != self.opened.number {
             return;
@@ -210,7 +212,7 @@ impl Easel {
         }
     }
 
-    /// Goes on with the sections, then with the picture, or reads for the next one where this one has converged.
+    /// Continues the sections, then the picture; if all have converged, looks ahead.
     pub(super) fn go_on(&mut self, desk: &Desk) {
         if let Some(sections) = self.sections.as_mut().filter(|sections| sections.unfinished().is_some()) {
             sections.go_on(desk);
@@ -221,7 +223,7 @@ impl Easel {
         }
     }
 
-    /// Brings into memory what the next picture will want, for a short time.
+    /// Reads bricks that the next picture will need, for a short time.
     fn look_ahead(&mut self, desk: &Desk) {
         self.looks_left = self.looks_left.saturating_sub(1);
         let until = Instant::now() + LOOK;
@@ -229,8 +231,8 @@ impl Easel {
             Ok(ahead) => {
                 self.ahead.page_ins += ahead.page_ins;
                 self.ahead.is_complete = ahead.is_complete;
-                // Before its time it ends where all is there, where there is no room or no motion to go by, or where somebody
-                // has a wish.
+                // An early end means: all bricks are there, there is no room, the camera did not move, or a new request
+                // has come.
                 if ahead.is_complete || Instant::now() < until {
                     self.looks_left = 0;
                 }
@@ -246,7 +248,7 @@ impl Easel {
         }
     }
 
-    /// For so long, or until it has converged, or somebody has another wish.
+    /// Draws for a limited time, or until the picture has converged or a new request comes.
     fn advance(&mut self, desk: &Desk, time: Duration) {
         match self.renderer.advance(Some(Instant::now() + time)) {
             Ok(step) => {
@@ -274,7 +276,7 @@ impl Easel {
             Inspect::Nothing | Inspect::Bricks | Inspect::Errors | Inspect::Work => None,
         };
         let picture = map.map_or_else(|| self.decorated(picture, scene), Cow::Owned);
-        // Of pictures that are on their way, nobody can read the stated error: it would take as long as casting them.
+        // The stated error of an unfinished picture is not computed: it would take as long as casting the rays.
         let stats = if is_converged { self.renderer.stats() } else { self.renderer.counts() };
         let has_marks = stats.bricks_failed > 0 || self.inspect == Inspect::Bricks;
         let marks = if has_marks { marks(&self.renderer, self.inspect) } else { Vec::new() };
@@ -283,7 +285,7 @@ impl Easel {
         desk.tell(|news| news.frame = Some(frame));
     }
 
-    /// The picture with what is to stand beside the volume.
+    /// The picture with decorations, if they are on.
     pub(super) fn decorated<'a>(&self, picture: Cow<'a, Image>, scene: &ResolvedScene) -> Cow<'a, Image> {
         if self.decorations == Decorations::Off {
             return picture;
@@ -293,7 +295,7 @@ impl Easel {
         Cow::Owned(picture)
     }
 
-    /// Goes on with the view's picture, after another one was drawn. One that had converged stays on the screen.
+    /// Continues the picture of `view` after another picture was drawn. A converged picture stays on the screen.
     pub(super) fn resume(&mut self, desk: &Arc<Desk>, settings: &Settings) {
         if let Some(scene) = self.scene.clone() {
             self.aim(desk, scene, settings);

@@ -1,4 +1,5 @@
-//! Pictures for a file: drawn to the end by the renderer that draws for the screen, so that they share its bricks and its budget.
+//! Pictures exported to files, drawn by the renderer that also draws for the screen, so that both share bricks and
+//! memory budget.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -11,19 +12,19 @@ use supervol_scene::scene::Scene;
 use super::easel::Easel;
 use super::{Busy, Desk, Message, Settings, lock};
 
-/// A picture for a file.
+/// A picture to export.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Export {
-    /// What is wanted, with the size of the picture.
+    /// The scene, with the size of the picture.
     pub scene: Scene,
-    /// PNG, EXR or npy, by its name.
+    /// Path; its extension gives the format: PNG, EXR or npy.
     pub path: PathBuf,
-    /// Whether a picture may be replaced.
+    /// Whether an existing picture may be replaced.
     pub existing: Existing,
 }
 
 impl Easel {
-    /// Draws the picture until it has converged or somebody cancels, and writes it.
+    /// Draws the picture until it has converged or the user cancels, and writes it.
     pub(super) fn export(&mut self, desk: &Arc<Desk>, export: &Export, settings: &Settings) -> Result<Message, String> {
         let format = ImageFormat::from_path(&export.path).map_err(|e| e.to_string())?;
         let scene = export.scene.resolve(&self.opened.facts).map_err(|e| e.to_string())?;

@@ -1,4 +1,4 @@
-//! What can be seen of the renderer's work beside its picture: bricks that are in memory, by level, and bricks that failed.
+//! Bricks that are outlined in the picture: failed bricks and, on request, bricks in memory, by level.
 
 use supervol_format::{BrickKey, Lod};
 use supervol_runtime::render::renderer::Renderer;
@@ -7,24 +7,24 @@ use supervol_runtime::stream::state::StateKind;
 
 use super::Inspect;
 
-/// Most bricks that are marked, and most of a level that are looked at for failures.
+/// Most bricks that are outlined, and most bricks of a level that are checked for failures.
 pub const MARK_LIMIT: usize = 1000;
 const LOOK_LIMIT: usize = 1 << 18;
-/// The field whose bricks are marked: the one that is drawn.
+/// The drawn field; only its bricks are outlined.
 const FIELD: Field = Field::FIRST;
 
-/// A brick in the picture.
+/// A brick to outline.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Mark {
-    /// Its level of detail.
+    /// Level of detail.
     pub level: u8,
     /// Least and greatest corner, index coordinates of level 0.
     pub corners: [[f64; 3]; 2],
-    /// Whether it could not be read.
+    /// Whether the brick could not be read.
     pub is_failed: bool,
 }
 
-/// Bricks to mark: those that failed, and all in memory where somebody wants to see them.
+/// Bricks to outline: failed ones, and all in memory if `inspect` asks for them.
 pub(super) fn marks(renderer: &Renderer, inspect: Inspect) -> Vec<Mark> {
     let Some(streamer) = renderer.streamer() else { return Vec::new() };
     let pyramid = renderer.volume().container().pyramid();

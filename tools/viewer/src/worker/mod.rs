@@ -1,19 +1,27 @@
 //! The thread that opens volumes and draws pictures, so that the window never waits.
 //!
 //! ```text
-//! window --wishes (the newest of each kind)--> worker --news (the newest of each kind)--> window
+//! window --requests (the newest of each kind)--> worker --messages (the newest of each kind)--> window
 //! ```
 //!
-//! 1. Whoever wishes something puts it on the desk; what was wished before and not begun is forgotten.
-//! 2. The worker takes, in this order: an end, a volume to open, what has come of a build (which has a thread of its own), settings,
-//!    a picture to export, an animation, a view, the sections of panels, a pixel to look under. With nothing to take it goes on
-//!    with the sections and then with the picture that it has begun, until these have converged, and then brings into memory what
-//!    the next picture will want if the camera goes on as it came.
-//! 3. A new view gets a picture within the time for interaction ([`Settings::interaction_ms`]). Only what comes after that is cut
-//!    short by the next wish: otherwise a view that changes all the time would never be seen.
-//! 4. News replace older news of their kind; the window is woken for each.
+//! Names in this module:
 //!
-//! Both directions hold at most one of each kind: nothing queues.
+//! - `Wishes`: pending requests of the window.
+//! - `News`: pending messages of the worker.
+//! - `Desk`: shared state that holds both.
+//! - `Studio`: the worker's own state.
+//! - `Easel`: drawing state of one open volume.
+//!
+//! 1. The window writes a request to the desk. It replaces an older request of its kind that has not begun.
+//! 2. The worker takes requests in a fixed order. First: quit, open a volume, result of a build (builds have a thread
+//!    of their own), settings. Then: export, animation, view, sections of panels, probe of a pixel. Without requests it
+//!    continues the begun sections, then the begun picture, until they have converged. Then it looks ahead: it reads
+//!    bricks for the next picture, assuming that the camera motion continues.
+//! 3. A new view gets a picture within the time for interaction ([`Settings::interaction_ms`]). Only work after that
+//!    time is interrupted by the next request. Otherwise a continuously changing view would never be shown.
+//! 4. A message replaces an older one of its kind; the window is woken for each.
+//!
+//! Both directions hold at most one item of each kind: no queue can grow.
 
 mod animate;
 mod easel;
@@ -52,62 +60,62 @@ pub use self::marks::{MARK_LIMIT, Mark};
 pub(crate) use self::studio::refused_of_preview;
 use crate::folders::Folders;
 
-/// Panels with a section each, beside the picture.
+/// Number of panels with a section each, beside the picture.
 pub const PANELS: usize = 3;
 
-/// With what pictures are made.
+/// Render settings.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
-    /// Bytes for bricks, rays and pictures; the window's own memory is not among them.
+    /// Memory budget in bytes for bricks, rays and pictures, without the window's own memory.
     pub host_memory_bytes: u64,
-    /// Error that is aimed for, a share of full scale.
+    /// Error to aim for, as a fraction of full scale.
     pub max_error: f64,
-    /// Milliseconds after which a view that has changed shows a picture.
+    /// Time in milliseconds after which a changed view shows a picture.
     pub interaction_ms: u64,
-    /// Who casts the rays of pictures. Sections are the processor's.
+    /// Device that casts the rays of pictures. Sections are always drawn by the CPU.
     pub backend: Backend,
-    /// Threads that cast and decode; `None`: one per processor. Read when a volume is opened.
+    /// Threads for casting and decoding; `None`: one per processor. Applied when a volume is opened.
     pub threads: Option<usize>,
-    /// Whether box, orientation, scale and colours are drawn beside the volume.
+    /// Whether box, orientation, scale and colour bar are drawn around the volume.
     pub decorations: Decorations,
-    /// Whether a part of the memory is that of panels beside the picture.
+    /// Whether panels beside the picture get a part of the memory.
     pub beside: Beside,
-    /// What is shown of how the picture was made.
+    /// Diagnostic display.
     pub inspect: Inspect,
 }
 
-/// What is shown of how a picture was made.
+/// Diagnostic display of how a picture was made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Inspect {
-    /// Nothing but bricks that failed.
+    /// Only failed bricks.
     #[default]
     Nothing,
-    /// Bricks in memory, in the colours of their levels.
+    /// Outlines of bricks in memory, coloured by level.
     Bricks,
-    /// In place of the picture, once it has converged: how far each pixel may be off, as `render --error-map` writes it.
+    /// Replaces the converged picture by the error map, as `render --error-map` writes it.
     Errors,
-    /// In place of the picture, once it has converged: what the rays of each pixel cost, as `render --work-map` writes it. Pictures take
-    /// several times as long meanwhile.
+    /// Replaces the converged picture by the work map, as `render --work-map` writes it. Pictures then take several
+    /// times as long.
     Work,
 }
 
-/// Whether there are panels beside the picture.
+/// Presence of panels beside the picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Beside {
-    /// The picture is alone.
+    /// Only the picture.
     #[default]
     Nothing,
-    /// Panels, with sections.
+    /// Panels with sections.
     Panels,
 }
 
-/// Whether something stands beside the volume.
+/// Presence of decorations around the volume.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub enum Decorations {
-    /// Nothing.
+    /// No decorations.
     #[default]
     Off,
-    /// As `render --decorate` draws them.
+    /// Decorations as `render --decorate` draws them.
     On,
 }
 
@@ -117,7 +125,7 @@ impl Default for Settings {
             host_memory_bytes: 512 << 20,
             max_error: 0.5 / 255.0,
             interaction_ms: 33,
-            // Which alone says how far pixels may be off.
+            // Only the CPU reports the error of each pixel.
             backend: Backend::Cpu,
             threads: None,
             decorations: Decorations::Off,
@@ -127,135 +135,136 @@ impl Default for Settings {
     }
 }
 
-/// A volume to open.
+/// A request to open a volume.
 #[derive(Debug, Clone)]
 pub struct Open {
-    /// Container, or a source file, which is built into the cache folder first.
+    /// Path of a container, or of a source file, for which a container is built in the cache folder.
     pub path: PathBuf,
-    /// What a source file does not say about itself.
+    /// Options for a source file that does not describe itself.
     pub reading: Reading,
-    /// How many times as large heights or depths are drawn.
+    /// Vertical exaggeration: factor of heights or depths.
     pub exaggeration: f64,
-    /// What the scene says; the rest is chosen to suit the data.
+    /// Scene; missing keys get defaults that suit the data.
     pub scene: Scene,
 }
 
-/// A picture to draw.
+/// A request to draw a picture.
 #[derive(Debug, Clone, PartialEq)]
 pub struct View {
-    /// Counts wishes.
+    /// Number of the request, ascending.
     pub number: u64,
-    /// Of which volume: [`Opened::number`].
+    /// Number of the volume: [`Opened::number`].
     pub volume: u64,
-    /// What is wanted, with the size of the picture.
+    /// Scene, with the size of the picture.
     pub scene: Scene,
 }
 
-/// A volume that is open. Clones of what it holds are shared.
+/// An open volume. Its content is shared by reference counts.
 #[derive(Debug)]
 pub struct Opened {
-    /// Counts volumes.
+    /// Number of the volume, ascending.
     pub number: u64,
-    /// The file that was asked for.
+    /// Path of the opened file.
     pub source: PathBuf,
-    /// What it does not say about itself.
+    /// Options with which a source file was read.
     pub reading: Reading,
-    /// Its container: the same, or one in the cache folder; empty of a preview.
+    /// Path of the container: the opened file, or a file in the cache folder. Empty for a preview.
     pub path: PathBuf,
-    /// Of a preview, which is shown while the container is built: how far apart its voxels are on each axis, in voxels of the volume.
+    /// Only for a preview, which is shown while the container is built: distance of its voxels along each axis, in
+    /// voxels of the volume.
     pub preview_of: Option<[u64; 3]>,
-    /// The container, placed as it is drawn.
+    /// The container, with the geometry that is drawn.
     pub container: Arc<Container>,
-    /// What its header says.
+    /// Facts of the container.
     pub facts: VolumeFacts,
-    /// Line numbers and times or depths, of a survey.
+    /// Line numbers and times or depths of a survey.
     pub survey: Option<Survey>,
-    /// What a coarse level tells, where one is small enough.
+    /// Overview from a coarse level, if one is small enough.
     pub overview: Option<Overview>,
-    /// How many times as large heights or depths are drawn.
+    /// Vertical exaggeration: factor of heights or depths.
     pub exaggeration: f64,
-    /// The scene that was asked for, with everything written out.
+    /// The scene of the request with all defaults filled in.
     pub scene: Scene,
-    /// Whether its camera was asked for, too.
+    /// Whether the request contained a camera.
     pub is_camera_asked: bool,
 }
 
-/// A picture that was drawn.
+/// A drawn picture.
 pub struct Frame {
-    /// Of which volume.
+    /// Number of the volume.
     pub volume: u64,
-    /// Of which wish.
+    /// Number of the request.
     pub number: u64,
-    /// 8 bits, background added.
+    /// 8-bit RGB, background added.
     pub image: Arc<ColorImage>,
-    /// What it cost, and how far it has come.
+    /// Statistics of the picture.
     pub stats: FrameStats,
-    /// Nothing is left to do.
+    /// Whether the picture is final.
     pub is_converged: bool,
-    /// Wall time of drawing it so far, milliseconds.
+    /// Wall time of drawing it so far, in milliseconds.
     pub spent_ms: f64,
-    /// Bricks to mark in it: those that failed, and others where somebody wants to see them.
+    /// Bricks to outline in it.
     pub marks: Vec<Mark>,
 }
 
-/// A question: what is under a pixel?
+/// A request for the value under a pixel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Probe {
-    /// Counts questions.
+    /// Number of the request, ascending.
     pub number: u64,
-    /// Of which volume.
+    /// Number of the volume.
     pub volume: u64,
-    /// The panel; `None`: of the picture.
+    /// Panel; `None`: the picture.
     pub panel: Option<usize>,
-    /// Pixel (x, y), from the top left.
+    /// Pixel (x, y), from the upper left.
     pub pixel: [u32; 2],
 }
 
-/// The answer: a point, nothing, or why nobody knows.
+/// The answer to a [`Probe`]: a point, nothing, or an error.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Probed {
-    /// To what.
+    /// The request.
     pub probe: Probe,
-    /// What is there.
+    /// The point under the pixel, `None` if there is nothing, or the error.
     pub found: Result<Option<Picked>, String>,
 }
 
-/// What was brought into memory for the next picture, since the present one has converged.
+/// Bricks that were read for the next picture after the present one had converged.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct LookedAhead {
-    /// The wish that the present picture answers.
+    /// Number of the request of the present picture.
     pub number: u64,
-    /// Bricks that came.
+    /// Number of bricks read.
     pub page_ins: u64,
-    /// Whether all that was looked for is there.
+    /// Whether all predicted bricks are in memory.
     pub is_complete: bool,
 }
 
-/// What takes long, and how far it is.
+/// A long-running task and its progress.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Busy {
-    /// A file is opened.
+    /// Opening a file.
     Opening(PathBuf),
-    /// A container is built from it.
+    /// Building a container from a file.
     Building(PathBuf, BuildProgress),
-    /// A file is read that the scene names: a mesh.
+    /// Reading a mesh file that the scene refers to.
     Reading(PathBuf),
-    /// A picture is exported: rows that are finished, and all.
+    /// Exporting a picture: finished rows and all rows.
     Exporting(PathBuf, [u32; 2]),
-    /// Pictures of an animation go to a folder: those that are there, and all.
+    /// Writing an animation to a folder: finished pictures and all pictures.
     Animating(PathBuf, [usize; 2]),
 }
 
-/// Something went wrong, or well.
+/// A failure or a success to report to the user.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Message {
-    /// In words for people, with what to do.
+    /// A failure, in words, with advice.
     Failure(String),
-    /// What was done.
+    /// A success, in words.
     Done(String),
 }
 
-/// All that the worker has to tell; reading takes it away, but for `busy`.
+/// Pending messages of the worker. [`Worker::news`] takes them all and leaves only `busy`.
 #[derive(Default)]
 pub struct News {
     /// A volume has been opened.
@@ -264,17 +273,17 @@ pub struct News {
     pub frame: Option<Frame>,
     /// Pictures of the panels.
     pub sections: [Option<Frame>; PANELS],
-    /// What is under the pixel that was asked for last.
+    /// Answer to the last probe.
     pub probed: Option<Probed>,
-    /// What is there for the next picture.
+    /// Bricks read for the next picture.
     pub ahead: Option<LookedAhead>,
-    /// What is going on.
+    /// The running task.
     pub busy: Option<Busy>,
-    /// What was done or went wrong.
+    /// A success or a failure.
     pub message: Option<Message>,
 }
 
-/// What is wanted and not begun.
+/// Pending requests of the window that have not begun.
 #[derive(Default)]
 struct Wishes {
     quit: bool,
@@ -285,19 +294,19 @@ struct Wishes {
     view: Option<View>,
     sections: [Option<View>; PANELS],
     probe: Option<Probe>,
-    /// Stops what the worker does, while that may be cut short.
+    /// Canceller of the worker's current work, while it may be interrupted.
     cut: Option<Canceller>,
-    /// Stops an export.
+    /// Canceller of an export.
     export_canceller: Option<Canceller>,
-    /// Stops a build.
+    /// Canceller of a build.
     build_canceller: Option<Canceller>,
-    /// Of a build: what there is to look at until it has ended, and what has come of it. With the number of its wish.
+    /// Preview and result of a build, each with the number of the build's request.
     preview: Option<(u64, Box<Preview>)>,
     built: Option<(u64, Result<PathBuf, Message>)>,
 }
 
 impl Wishes {
-    /// The volume that is to be opened, and what stops its build from now on.
+    /// Takes the request to open a volume, and installs a canceller for its build.
     fn opening(&mut self) -> Option<Work> {
         let open = self.open.take()?;
         let canceller = Canceller::default();
@@ -305,20 +314,20 @@ impl Wishes {
         Some(Work::Open(Box::new(open), canceller))
     }
 
-    /// The first section that is wanted.
+    /// Takes the first requested section.
     fn section(&mut self) -> Option<(usize, View)> {
         self.sections.iter_mut().enumerate().find_map(|(panel, view)| Some((panel, view.take()?)))
     }
 }
 
-/// What lies between window and worker.
+/// State shared by the window and the worker.
 struct Desk {
     wishes: Mutex<Wishes>,
     rung: Condvar,
     news: Mutex<News>,
     wake: Box<dyn Fn() + Send + Sync>,
     folders: Folders,
-    /// The build that anybody still waits for; 0: none. Changes while the news are locked.
+    /// Number of the build that is still wanted; 0: none. Changed only while the news are locked.
     building: AtomicU64,
 }
 
@@ -327,7 +336,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Desk {
-    /// Puts a wish down, and cuts short what may be.
+    /// Adds a request and interrupts work that may be interrupted.
     fn wish(&self, put: impl FnOnce(&mut Wishes)) {
         let mut wishes = lock(&self.wishes);
         put(&mut wishes);
@@ -342,7 +351,7 @@ impl Desk {
         (self.wake)();
     }
 
-    /// Tells what a build does, if anybody still waits for it.
+    /// Reports the progress of a build, if it is still wanted.
     fn tell_of_build(&self, number: u64, busy: Busy) {
         self.tell(|news| {
             if self.building.load(Ordering::Relaxed) == number {
@@ -356,7 +365,7 @@ impl Desk {
     }
 }
 
-/// What to do next.
+/// The next piece of work.
 enum Work {
     Quit,
     Open(Box<Open>, Canceller),
@@ -372,7 +381,8 @@ enum Work {
 }
 
 impl Desk {
-    /// The next piece of work; waits where there is none. What goes on may be cut short by the next wish.
+    /// Takes the next piece of work; waits if there is none. `going_on` cancels work that the next request may
+    /// interrupt.
     fn next(&self, going_on: Option<Canceller>) -> Work {
         let mut wishes = lock(&self.wishes);
         loop {
@@ -401,17 +411,17 @@ impl Desk {
     }
 }
 
-/// The window's end of the desk. The thread ends with it.
+/// The window's handle of the worker. Dropping it ends the thread.
 pub struct Worker {
     desk: Arc<Desk>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl Worker {
-    /// Starts the thread; `wake` is called from it whenever there are news.
+    /// Starts the thread. It calls `wake` after each message.
     ///
     /// # Errors
-    /// If the system starts no thread.
+    /// If the system cannot start a thread.
     pub fn start(
         settings: Settings,
         folders: Folders,
@@ -432,7 +442,7 @@ impl Worker {
         Ok(Self { desk, thread: Some(thread) })
     }
 
-    /// Opens a volume, instead of the one that is open; a build that is under way is for nobody any more, and stops.
+    /// Opens a volume in place of the open one. Stops a running build.
     pub fn open(&self, open: Open) {
         self.cancel_build();
         self.desk.wish(|wishes| {
@@ -454,12 +464,12 @@ impl Worker {
         self.desk.wish(|wishes| wishes.sections[panel] = Some(view));
     }
 
-    /// Looks what is under a pixel.
+    /// Determines the value under a pixel.
     pub fn probe(&self, probe: Probe) {
         self.desk.wish(|wishes| wishes.probe = Some(probe));
     }
 
-    /// From now on pictures are made like this.
+    /// Changes the render settings.
     pub fn set(&self, settings: Settings) {
         self.desk.wish(|wishes| wishes.settings = Some(settings));
     }
@@ -474,7 +484,7 @@ impl Worker {
         self.desk.wish(|wishes| wishes.animation = Some(animation));
     }
 
-    /// Gives an export or an animation up.
+    /// Cancels an export or an animation.
     pub fn cancel_export(&self) {
         self.desk.wish(|wishes| {
             (wishes.export, wishes.animation) = (None, None);
@@ -484,7 +494,8 @@ impl Worker {
         });
     }
 
-    /// Stops the build of a container. What it has finished stays in the cache folder, and the same file opened again goes on with it.
+    /// Stops the build of a container. Finished parts stay in the cache folder; opening the same file again continues
+    /// the build.
     pub fn cancel_build(&self) {
         self.desk.wish(|wishes| {
             wishes.open = None;
@@ -494,7 +505,7 @@ impl Worker {
         });
     }
 
-    /// What has happened since this was asked last.
+    /// Takes the messages since the last call.
     pub fn news(&self) -> News {
         let mut news = lock(&self.desk.news);
         News {
@@ -508,7 +519,7 @@ impl Worker {
         }
     }
 
-    /// Whether the thread has ended although nobody asked it to: a mistake of ours.
+    /// Whether the thread has ended unexpectedly, which is a bug.
     pub fn is_dead(&self) -> bool {
         self.thread.as_ref().is_some_and(JoinHandle::is_finished)
     }
@@ -520,13 +531,13 @@ impl Drop for Worker {
         self.cancel_build();
         self.desk.wish(|wishes| wishes.quit = true);
         let Some(thread) = self.thread.take() else { return };
-        // What it panicked with is on standard error already.
+        // A panic message is on standard error already.
         let _ = thread.join();
     }
 }
 
-/// A picture for the window, with its background, that was begun then. Where bricks failed, it may have come to its end without having
-/// converged as statistics mean it.
+/// A picture for the window, with its background; `began` is the time at which drawing began. A picture with failed
+/// bricks may be final without having converged in the sense of the statistics.
 fn frame_of(
     view: &View,
     (picture, background): (&Image, [f64; 3]),
@@ -545,7 +556,7 @@ fn frame_of(
     }
 }
 
-/// What was found, or why not; nothing where somebody wanted something else meanwhile.
+/// The answer to a probe; `None` if it was interrupted by another request.
 fn picked(found: Result<Option<Picked>, RenderError>) -> Option<Result<Option<Picked>, String>> {
     match found {
         Err(RenderError::Cancelled) => None,

@@ -1,5 +1,5 @@
-//! A file to an open volume. What is no container is built into the cache folder first, once, on a thread of its own; of large volumes
-//! there is a preview meanwhile.
+//! Opening of files. For a source file, a container is built in the cache folder once, on a thread of its own. For a
+//! large volume, a preview is available meanwhile.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -17,16 +17,16 @@ use supervol_sources::Survey;
 
 use super::{Busy, Desk, Message, Open, Opened, Settings, lock};
 
-/// Progress is told this often.
+/// Interval between two progress reports.
 const PROGRESS_INTERVAL: Duration = Duration::from_millis(100);
 
-/// Opens a container, and writes out the scene for it; else what there is to say.
+/// Opens a container and completes the scene for it, or returns the message of the failure.
 pub(super) fn open(path: &Path, wish: Open, number: u64) -> Result<Arc<Opened>, Message> {
     let container = Container::open(path).map_err(|e| Message::Failure(format!("{}: {e}", path.display())))?;
     Ok(opened(container, wish, number, None))
 }
 
-/// Takes up what there is to look at of a volume until its container is there.
+/// The open volume for a preview, which is used until the container is built.
 pub(super) fn open_preview(preview: Preview, wish: Open, number: u64) -> Arc<Opened> {
     opened(preview.container, wish, number, Some(preview.strides))
 }
@@ -58,8 +58,8 @@ fn opened(container: Container, wish: Open, number: u64, preview_of: Option<[u64
     })
 }
 
-/// A thread that builds the container of a source file, and puts first a preview and then the container on the desk. At most one
-/// builds: it begins once the one before it, which somebody has stopped, has ended.
+/// Starts a thread that builds the container of a source file. The thread reports a preview and then the container to
+/// the desk. Only one build runs at a time: it waits for the end of the previous, cancelled build.
 pub(super) fn begin_build(
     desk: &Arc<Desk>,
     (wish, number): (Open, u64),
@@ -68,7 +68,7 @@ pub(super) fn begin_build(
 ) -> std::io::Result<JoinHandle<()>> {
     let (desk, settings) = (desk.clone(), *settings);
     std::thread::Builder::new().name("supervol-build".into()).spawn(move || {
-        // What it panicked with is on standard error already.
+        // A panic message is on standard error already.
         let _ = before.map(JoinHandle::join);
         let build = || built(&desk, (&wish, number), &settings, canceller);
         let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(build)).unwrap_or_else(|_| {
@@ -78,7 +78,7 @@ pub(super) fn begin_build(
     })
 }
 
-/// Why there is no container of a source, and what to do: opened again, it goes on where somebody has stopped it.
+/// Message for a failed or stopped build, with advice. A stopped build continues when the file is opened again.
 fn unbuilt(error: &BuildError, source: &Path) -> Message {
     match error {
         BuildError::Stopped { kept: Some(_) } => Message::Done(format!(
@@ -92,7 +92,7 @@ fn unbuilt(error: &BuildError, source: &Path) -> Message {
     }
 }
 
-/// The container of a source file, in the cache folder: the one that is there, or a new one.
+/// The container of a source file in the cache folder: an existing one, or a new one.
 fn built(
     desk: &Desk,
     (wish, number): (&Open, u64),

@@ -1,7 +1,7 @@
-//! Pictures of the panels beside the picture, each one section of the volume; and what is under a pixel of them.
+//! Pictures of the panels, each a section of the volume, and probes of their pixels.
 //!
-//! They have a renderer of their own, with a part of the memory: the picture of the volume keeps what it has begun and what it
-//! has read while sections change. Both draw in the worker's thread, one after the other.
+//! Sections have a renderer of their own with a part of the memory. So the picture of the volume keeps its progress and
+//! its bricks while sections change. Both draw on the worker's thread, one after the other.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -14,39 +14,39 @@ use supervol_scene::scene::ResolvedScene;
 
 use super::{Desk, Opened, PANELS, View, frame_of};
 
-/// What is left to do of a section goes on for so long at a time.
+/// Time for which an unfinished section is drawn before the next check for requests.
 const REFINEMENT: Duration = Duration::from_millis(100);
 
-/// See the module.
+/// The renderer and the state of all panels; see the module.
 pub(super) struct Sections {
     renderer: Renderer,
     panels: [Option<Panel>; PANELS],
 }
 
-/// One section.
+/// The section of one panel.
 struct Panel {
     view: View,
     scene: ResolvedScene,
-    /// Its picture is what it will be, or cannot be drawn.
+    /// Whether its picture is final, or cannot be drawn.
     is_settled: bool,
     began: Instant,
 }
 
 impl Sections {
-    /// Nothing yet.
+    /// No sections yet.
     pub(super) fn new(opened: &Opened, options: RenderOptions) -> Result<Self, String> {
         let volume = PlacedVolume::of(opened.container.clone());
         let renderer = Renderer::new(volume, options).map_err(|e| e.to_string())?;
         Ok(Self { renderer, panels: [const { None }; PANELS] })
     }
 
-    /// From now on pictures are made like this, from the next wish on.
+    /// Applies options from the next request on.
     pub(super) fn set(&mut self, desk: &Desk, options: RenderOptions) {
         self.renderer.set_options(options).unwrap_or_else(|error| desk.fail(error));
         self.panels.iter_mut().flatten().for_each(|panel| panel.is_settled = true);
     }
 
-    /// Begins the picture of a panel, and shows what there is of it within the time for interaction.
+    /// Begins the picture of a panel, and shows the result after the time for interaction.
     pub(super) fn begin(&mut self, desk: &Desk, opened: &Opened, number: usize, view: View, interaction_ms: u64) {
         match view.scene.resolve(&opened.facts) {
             Ok(scene) => {
@@ -61,7 +61,7 @@ impl Sections {
         }
     }
 
-    /// Goes on with the first panel that is not finished.
+    /// Continues the first unfinished panel.
     pub(super) fn go_on(&mut self, desk: &Desk) {
         if let Some(number) = self.unsettled() {
             self.advance(desk, number, REFINEMENT);
@@ -72,12 +72,12 @@ impl Sections {
         self.panels.iter().position(|panel| panel.as_ref().is_some_and(|panel| !panel.is_settled))
     }
 
-    /// Who can stop the picture in progress; none where nothing is left to do.
+    /// Canceller of the unfinished picture; `None` if no work is left.
     pub(super) fn unfinished(&self) -> Option<Canceller> {
         self.unsettled().map(|_| self.renderer.canceller())
     }
 
-    /// Who can stop whatever is done.
+    /// Canceller of any current work.
     pub(super) fn canceller(&self) -> Canceller {
         self.renderer.canceller()
     }
@@ -96,7 +96,7 @@ impl Sections {
             Ok(step) => {
                 panel.is_settled = step.is_finished;
                 let Some(picture) = self.renderer.picture() else { return };
-                // A section's error is none, or nobody knows it: nothing is lost by asking for counts alone.
+                // The error of a section is zero or unknown, so counts suffice.
                 let stats = self.renderer.counts();
                 let frame =
                     frame_of(&panel.view, (&picture, panel.scene.background), (stats, step.is_finished), panel.began);
@@ -109,7 +109,7 @@ impl Sections {
         }
     }
 
-    /// What is under a pixel of a panel.
+    /// The point under a pixel of a panel.
     pub(super) fn pick(&mut self, number: usize, pixel: [u32; 2]) -> Option<Result<Option<Picked>, String>> {
         let panel = self.panels[number].as_ref()?;
         self.renderer.set_scene(panel.scene.clone());
@@ -117,15 +117,15 @@ impl Sections {
     }
 }
 
-/// The memory that the picture of the volume has, and that the panels have.
+/// Division of the memory budget in bytes: for the picture of the volume, for the panels.
 pub(super) fn shares(host_memory_bytes: u64) -> [u64; 2] {
-    /// One part of so many is the panels'.
+    /// The panels get one of this number of equal parts.
     const PARTS: u64 = 4;
     let of_panels = host_memory_bytes / PARTS;
     [host_memory_bytes - of_panels, of_panels]
 }
 
-/// Where there are panels, their renderer; it is made when it is needed.
+/// The renderer of the panels, created on first use.
 pub(super) fn needed<'a>(
     sections: &'a mut Option<Sections>,
     opened: &Arc<Opened>,

@@ -1,12 +1,15 @@
-//! What the worker's thread does with each wish.
+//! The worker's thread: executes the requests of the window (`Studio`).
 //!
-//! Containers are built on a thread of their own, so that what is open goes on being drawn, and of large volumes a preview:
+//! Containers are built on a thread of their own, so that drawing continues meanwhile. For a large volume, a preview is
+//! drawn until the container is finished:
 //!
 //! ```text
 //! open a source --> build thread: preview (in memory) --> container in the cache folder
 //!                                    |                       |
 //!                   this thread:  an easel with it  -->  an easel with the volume itself
 //! ```
+//!
+//! An easel is the drawing state of one open volume ([`Easel`]).
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -21,24 +24,24 @@ use supervol_runtime::stop::Canceller;
 use super::easel::Easel;
 use super::{Busy, Desk, Message, Open, Opened, Settings, Work, lock, open};
 
-/// Longest that a window which closes waits for a build, and how often it looks.
+/// Longest time that a closing window waits for a build, and interval of its checks.
 const CLOSING_PATIENCE: Duration = Duration::from_millis(800);
 const CLOSING_INTERVAL: Duration = Duration::from_millis(5);
 
-/// What the thread works with.
+/// State of the worker's thread.
 struct Studio {
     desk: Arc<Desk>,
     settings: Settings,
     easel: Option<Easel>,
-    /// Volumes that were to be opened, previews among them.
+    /// Number of volumes requested so far, including previews.
     volumes: u64,
-    /// What is being built, and the number of its build.
+    /// The running build: its number and its request.
     building: Option<(u64, Open)>,
-    /// The last thread that built.
+    /// Thread of the last build.
     builder: Option<JoinHandle<()>>,
 }
 
-/// What the thread does.
+/// Main loop of the thread.
 pub(super) fn work(desk: &Arc<Desk>, settings: Settings) {
     let mut studio = Studio { desk: desk.clone(), settings, easel: None, volumes: 0, building: None, builder: None };
     loop {
@@ -89,8 +92,8 @@ impl Studio {
         }
     }
 
-    /// Waits for a build that was stopped. It stops where it asks; a reader of other people's that does not is ended with the process,
-    /// and what was built stays as after a kill.
+    /// Waits for a stopped build for a limited time. Third-party code may not check for cancellation. The end of the
+    /// process then stops it, and the finished parts stay as after a kill.
     fn leave(self) {
         let patience = Instant::now() + CLOSING_PATIENCE;
         while self.builder.as_ref().is_some_and(|thread| !thread.is_finished()) && Instant::now() < patience {
@@ -98,7 +101,7 @@ impl Studio {
         }
     }
 
-    /// Why no picture can be written now; `None` where one can.
+    /// Reason why no picture can be written now; `None` if one can.
     fn refusal(&self) -> Option<String> {
         let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         if let Some((_, wish)) = &self.building {
@@ -108,7 +111,7 @@ impl Studio {
         opened.preview_of.map(|strides| refused_of_preview(&opened.source, strides))
     }
 
-    /// Opens a container, or begins to build one.
+    /// Opens a container, or starts to build one.
     fn open(&mut self, wish: Open, canceller: Canceller) {
         self.volumes += 1;
         let number = self.volumes;
@@ -129,7 +132,7 @@ impl Studio {
         }
     }
 
-    /// Shows what there is of a volume whose container is being built.
+    /// Shows the preview of a volume whose container is being built.
     fn show_preview(&mut self, build: u64, preview: Box<Preview>) {
         let Some((_, wish)) = self.building.as_ref().filter(|(number, _)| *number == build) else { return };
         self.volumes += 1;
@@ -140,14 +143,14 @@ impl Studio {
         }
     }
 
-    /// A container has been built, or not; for nobody, where something else was opened meanwhile.
+    /// Handles the result of a build; ignores it if another file was opened meanwhile.
     fn end_build(&mut self, build: u64, built: Result<PathBuf, Message>) {
         let Some((_, wish)) = self.building.take_if(|(number, _)| *number == build) else { return };
         self.volumes += 1;
         self.end_opening(built.and_then(|path| open::open(&path, wish, self.volumes)));
     }
 
-    /// What is open goes on being shown where the new one cannot be opened.
+    /// Shows an opened volume. If opening failed, the present one stays.
     fn end_opening(&mut self, opened: Result<Arc<Opened>, Message>) {
         let easel = opened.and_then(|opened| Easel::new(&self.desk, opened, &self.settings).map_err(Message::Failure));
         let message = match easel {
@@ -168,7 +171,7 @@ impl Studio {
     }
 }
 
-/// Why nothing is written of a preview: it is not the volume.
+/// Message for the refusal to write a picture of a preview, which is not the volume.
 pub(crate) fn refused_of_preview(source: &Path, [x, y, z]: [u64; 3]) -> String {
     format!(
         "this is a preview, one of {x} x {y} x {z} voxels: nothing is written of it. Wait until the container of {} is built; if \

@@ -1,4 +1,4 @@
-//! A viewer without a display, on small volumes in a folder of its own.
+//! A viewer without a display, on small volumes in a temporary folder.
 
 #![allow(dead_code, reason = "each file of tests uses a part of it")]
 
@@ -25,9 +25,9 @@ use supervol_viewer::remembered::Remembered;
 use supervol_viewer::viewer::Viewer;
 use supervol_viewer::worker::{Export, Settings};
 
-/// Longer than anything takes here, on a machine that does much else.
+/// Longer than any step takes, even on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(120);
-/// Environment variable that names a folder for screenshots.
+/// Environment variable with a folder for screenshots.
 const SCREENSHOTS: &str = "SUPERVOL_SCREENSHOTS";
 
 /// A container of a synthetic volume of `edge`^3 voxels in bricks of 32.
@@ -35,7 +35,7 @@ pub fn container(folder: &Path, name: &str, edge: u64) -> PathBuf {
     container_in_bricks(folder, name, [edge, 32])
 }
 
-/// The same in bricks of another edge.
+/// As [`container`], in bricks of another edge.
 pub fn container_in_bricks(folder: &Path, name: &str, [edge, brick]: [u64; 2]) -> PathBuf {
     let path = folder.join(format!("{name}.svol"));
     let source = Synthetic::new(name, Dims([edge; 3]), None, 1).expect("a synthetic volume");
@@ -50,7 +50,7 @@ pub fn npy(folder: &Path) -> PathBuf {
     npy_of(folder, "ramp", [20, 30, 40], |i| (6 * (i % 40)) as u8)
 }
 
-/// A NumPy file of bytes by their number, of this shape, slowest axis first.
+/// A NumPy file of bytes given by their index, of this shape, slowest axis first.
 pub fn npy_of(folder: &Path, name: &str, shape: [usize; 3], voxel: impl Fn(usize) -> u8) -> PathBuf {
     let path = folder.join(format!("{name}.npy"));
     let [nz, ny, nx] = shape;
@@ -67,7 +67,7 @@ pub fn npy_of(folder: &Path, name: &str, shape: [usize; 3], voxel: impl Fn(usize
     path
 }
 
-/// What `render` draws of a scene, and the background.
+/// The picture that `render` draws of a scene, and the background.
 pub fn headless(viewer: &Viewer, scene: &Scene) -> (Image, [f64; 3]) {
     let opened = viewer.opened().expect("a volume is open");
     let options = RenderOptions {
@@ -82,12 +82,12 @@ pub fn headless(viewer: &Viewer, scene: &Scene) -> (Image, [f64; 3]) {
     (image, scene.background)
 }
 
-/// Somebody at the viewer.
+/// A scripted session with the viewer.
 pub struct Session {
     pub harness: Harness<'static, Viewer>,
     pub folder: tempfile::TempDir,
     first: Scene,
-    /// What the window was told since the last key.
+    /// Messages to the window since the last key.
     told: Vec<String>,
 }
 
@@ -97,22 +97,22 @@ impl Session {
         Self::new(name, [1280.0, 800.0], 1.0, Settings::default())
     }
 
-    /// The same within so many bytes.
+    /// As [`Self::of`], with a memory budget.
     pub fn with_budget(name: &str, host_memory_bytes: u64) -> Self {
         Self::new(name, [1280.0, 800.0], 1.0, Settings { host_memory_bytes, ..Settings::default() })
     }
 
-    /// As [`Self::in_bricks`], in a window that is as small as it may be: many pictures take little time.
+    /// As [`Self::in_bricks`], in the smallest window, so that many pictures take little time.
     pub fn small_in_bricks(name: &str, edges: [u64; 2], scene: Scene, settings: Settings) -> Self {
         Self::with(name, edges, scene, ([800.0, 500.0], 1.0), settings)
     }
 
-    /// The same in a window of another size.
+    /// As [`Self::of`], in a window of another size.
     pub fn sized(name: &str, size: [f32; 2], scale: f32) -> Self {
         Self::new(name, size, scale, Settings::default())
     }
 
-    /// What a function makes of a volume file in the folder of the session.
+    /// A session on a volume file that a function writes to the session's folder.
     pub fn of_file(make: impl FnOnce(&Path) -> PathBuf) -> Self {
         let mut session = Self::of("sphere");
         let file = make(session.folder.path());
@@ -122,12 +122,12 @@ impl Session {
         session
     }
 
-    /// A volume of another edge in bricks of another edge, seen as a scene says.
+    /// A volume and bricks of other edges, with a scene.
     pub fn in_bricks(name: &str, edges: [u64; 2], scene: Scene, settings: Settings) -> Self {
         Self::with(name, edges, scene, ([1280.0, 800.0], 1.0), settings)
     }
 
-    /// A window of another size and scale, pictures made with these settings.
+    /// A window of another size and scale, with render settings.
     pub fn in_window(name: &str, window: ([f32; 2], f32), settings: Settings) -> Self {
         Self::new(name, window.0, window.1, settings)
     }
@@ -142,7 +142,7 @@ impl Session {
         Self::launched(folder, (file, Reading::default()), scene, (size, scale), settings)
     }
 
-    /// A file in a folder, read so, seen as a scene says, in a window of this size and scale.
+    /// A session on a file in a folder, with reading options, scene, window size and scale.
     pub fn launched(
         folder: tempfile::TempDir,
         (file, reading): (PathBuf, Reading),
@@ -180,7 +180,7 @@ impl Session {
         }
     }
 
-    /// Runs frames until something holds.
+    /// Runs frames until a condition holds.
     pub fn until(&mut self, what: &str, mut holds: impl FnMut(&Self) -> bool) {
         let start = Instant::now();
         loop {
@@ -194,7 +194,7 @@ impl Session {
         }
     }
 
-    /// Runs frames until the picture is the one that is wanted.
+    /// Runs frames until the wanted picture has converged.
     pub fn rest(&mut self) {
         self.frames(3);
         self.until("the picture has converged", |session| {
@@ -206,7 +206,7 @@ impl Session {
         }
     }
 
-    /// The widget of this name: what can be used, where a mere word has the same.
+    /// The widget with this label; a usable one if a plain text has the same label.
     pub fn node<'a>(&'a self, label: &'a str) -> Node<'a> {
         let is_word = |node: &Node<'_>| matches!(node.accesskit_node().role(), Role::Label | Role::TextRun);
         let found: Vec<_> = self.harness.query_all_by_label(label).collect();
@@ -219,7 +219,7 @@ impl Session {
         }
     }
 
-    /// Clicks what is called so; a panel is scrolled there first.
+    /// Clicks the widget with this label; scrolls its panel first if needed.
     pub fn click(&mut self, label: &str) {
         let window = self.harness.ctx.content_rect();
         if !window.shrink(40.0).contains_rect(self.node(label).rect()) {
@@ -254,7 +254,7 @@ impl Session {
         self.frames(2);
     }
 
-    /// Gives a slider or a number another value, as a screen reader would.
+    /// Sets the value of a slider or a number field, as a screen reader does.
     pub fn set(&mut self, label: &str, value: f64) {
         let target_node = self.node(label).accesskit_node().locate().0;
         self.harness.event(Event::AccessKitActionRequest(ActionRequest {
@@ -266,7 +266,7 @@ impl Session {
         self.frames(3);
     }
 
-    /// Writes something else into a field.
+    /// Replaces the text of a field.
     pub fn type_over(&mut self, label: &str, text: &str) {
         self.node(label).focus();
         self.frames(2);
@@ -275,7 +275,7 @@ impl Session {
         self.frames(2);
     }
 
-    /// Changes the scene and undoes nothing: an edit by hand.
+    /// Changes the scene by a function, as an edit by hand.
     pub fn edit(&mut self, change: impl FnOnce(&mut Scene)) {
         let mut scene = self.viewer().scene().clone();
         change(&mut scene);
@@ -283,7 +283,7 @@ impl Session {
         self.frames(2);
     }
 
-    /// The first scene again, no window open.
+    /// Restores the first scene and closes all dialogs.
     pub fn begin_anew(&mut self) {
         let scene = self.first.clone();
         self.press(Modifiers::NONE, Key::Escape);
@@ -295,7 +295,7 @@ impl Session {
         self.harness.state_mut().export(export);
     }
 
-    /// What keys may change: the scene, what was told, windows and panels.
+    /// Everything that a key may change: scene, messages, dialogs and panels.
     pub fn fingerprint(&mut self) -> String {
         let nodes = self.harness.get_all_by(|_| true).count();
         format!("{:?} {:?} {nodes} {:?}", self.viewer().scene(), self.viewer().message(), self.told)
@@ -305,7 +305,7 @@ impl Session {
         self.viewer().picture().expect("a picture").image.pixels.clone()
     }
 
-    /// The picture on the screen is what `render` draws of the scene that is shown, bit for bit.
+    /// Asserts that the picture on the screen is the one that `render` draws of the scene, bit for bit.
     pub fn assert_is_as_rendered(&mut self) {
         let picture = self.viewer().picture().expect("a picture");
         let (expected, background) = headless(self.viewer(), self.viewer().scene());
@@ -316,7 +316,7 @@ impl Session {
         assert_eq!(most, Some(0), "grey levels between what is shown and what is rendered");
     }
 
-    /// The panel of the section across an axis shows what `render` draws of its scene, bit for bit.
+    /// Asserts that a panel shows the picture that `render` draws of its scene, bit for bit.
     pub fn assert_section_is_as_rendered(&mut self, axis: usize) {
         let panel = self.viewer().sections().panel(axis).expect("a panel");
         let (scene, shown) = (panel.scene().expect("a scene"), panel.shown().expect("a picture"));
@@ -326,7 +326,7 @@ impl Session {
         assert!(bytes == expected.to_rgb8(background), "section {axis} is not what render draws");
     }
 
-    /// Draws the window, and writes it where somebody asks for it; without a graphics adapter, says so.
+    /// Draws the window, and writes it to a file on request. Without a graphics adapter, prints a message.
     #[allow(clippy::print_stderr, reason = "what is skipped is said")]
     pub fn screenshot(&mut self, name: &str) {
         match self.harness.render() {
@@ -342,7 +342,7 @@ impl Session {
     }
 }
 
-/// Bytes of a brick's record on the disk that were made unreadable, to be mended.
+/// Bytes of a brick's record on the disk that were made unreadable; they can be restored.
 pub struct Fault {
     path: PathBuf,
     offset: u64,
@@ -350,7 +350,7 @@ pub struct Fault {
 }
 
 impl Fault {
-    /// Turns over every byte of a stored brick of level 0, the `number`th of those that have bytes.
+    /// Inverts every byte of a stored brick of level 0: number `number` of those with a record.
     pub fn new(path: &Path, container: &supervol_format::Container, number: usize) -> Self {
         let keys = container.pyramid().keys_of(supervol_format::Lod::FINEST);
         let entries = keys.map(|key| container.entry(key).expect("an entry"));
@@ -370,7 +370,7 @@ impl Fault {
         file.seek(SeekFrom::Start(self.offset)).and_then(|_| file.write_all(bytes)).expect("it is written");
     }
 
-    /// What was there is there again.
+    /// Restores the bytes.
     pub fn mend(self) {
         self.write(&self.bytes);
     }

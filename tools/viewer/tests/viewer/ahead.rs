@@ -1,4 +1,4 @@
-//! While nobody waits for a picture, the next one's bricks are read; a new wish comes first.
+//! Looking ahead: bricks of the next picture are read while no picture is in progress. A new request has priority.
 
 use eframe::egui::{Key, Modifiers};
 use supervol_scene::scene::{CameraSpec, Mode, Scene};
@@ -7,13 +7,13 @@ use supervol_viewer::worker::Settings;
 use crate::support;
 use support::Session;
 
-/// Voxels along an edge of the volume and of its bricks: many bricks, of which a view from within wants few.
+/// Voxels along an edge of the volume and of its bricks: many bricks, of which a view from inside needs few.
 const EDGE: u64 = 128;
 const BRICK: u32 = 16;
-/// Turns by the arrow key.
+/// Number of turns with the arrow key.
 const TURNS: usize = 8;
 
-/// From within the volume, so that a turn brings bricks in that nothing has shown yet.
+/// A camera inside the volume, so that a turn needs new bricks.
 fn from_within() -> Scene {
     let camera = CameraSpec {
         eye: [40.0, 64.0, 60.0],
@@ -51,7 +51,7 @@ fn a_view_that_goes_on_turning_finds_its_bricks_in_memory() {
     assert!(of_pictures * 4 <= ahead_in_all, "pictures read {of_pictures} bricks, {ahead_in_all} were read ahead");
 }
 
-/// Wishes at any time between: looking ahead never keeps one waiting, and no picture is lost to it.
+/// Requests at different times: looking ahead never delays one, and no picture is lost.
 #[test]
 fn a_new_wish_cuts_looking_ahead_short() {
     let mut session = session();
@@ -60,7 +60,7 @@ fn a_new_wish_cuts_looking_ahead_short() {
         let key = if turn % 5 == 0 { Key::ArrowUp } else { Key::ArrowRight };
         session.press(Modifiers::NONE, key);
         session.rest();
-        // From none at all to as long as looking ahead takes.
+        // From no frame to as many as looking ahead takes.
         session.frames(turn % 7);
     }
     session.assert_is_as_rendered();

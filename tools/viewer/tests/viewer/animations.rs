@@ -1,4 +1,4 @@
-//! Animations from the window: the pictures are those of `render`, one by one, and a folder that was begun is gone on with.
+//! Animations from the window: the pictures equal those of `render`, and an unfinished folder is continued.
 
 use eframe::egui::{Key, Modifiers};
 use supervol_scene::camera_path::turntable;
@@ -17,7 +17,7 @@ fn done(session: &mut Session) -> String {
     }
 }
 
-/// Writes the picture that `render` draws of a scene.
+/// Content of a picture file as `render` writes it.
 fn drawn(session: &Session, scene: &Scene) -> Vec<u8> {
     let path = session.folder.path().join("expected.png");
     let (image, background) = headless(session.viewer(), scene);
@@ -49,7 +49,7 @@ fn a_turntable_is_what_render_draws_and_goes_on_where_it_was() {
     }
     session.assert_is_as_rendered();
 
-    // One is lost: the same again draws that one.
+    // One picture is deleted: repeating the request draws only that one.
     std::fs::remove_file(folder.join("frame-00001.png")).expect("a file");
     let again = |session: &mut Session, pictures: f64| {
         session.press(Modifiers::COMMAND, Key::M);
@@ -61,7 +61,7 @@ fn a_turntable_is_what_render_draws_and_goes_on_where_it_was() {
     session.click("OK");
     again(&mut session, 3.0);
     assert!(done(&mut session).contains("1 of them drawn now"));
-    // As floats, they are drawn beside the others.
+    // Float pictures are added beside the others.
     session.click("OK");
     session.press(Modifiers::COMMAND, Key::M);
     session.click("EXR");
@@ -78,7 +78,7 @@ fn a_turntable_is_what_render_draws_and_goes_on_where_it_was() {
     image.write(&path, background).expect("a file");
     let [written, expected] = [folder.join("frame-00000.exr"), path].map(|p| std::fs::read(p).expect("a file"));
     assert!(written == expected, "the first picture, as floats");
-    // Something else is refused.
+    // A different animation in the same folder is refused.
     session.click("OK");
     again(&mut session, 4.0);
     session.until(

@@ -1,4 +1,4 @@
-//! Containers that the window builds of source files: given up, gone on with, and ended with the window.
+//! Containers that the window builds from source files: cancelled, continued, and ended with the window.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -15,17 +15,17 @@ use supervol_viewer::worker::{Message, Settings};
 use crate::support;
 use support::{Session, npy_of};
 
-/// Voxels along each edge: long enough to build that somebody can press a button meanwhile.
+/// Voxels along each edge: the build takes long enough to press a button.
 const EDGE: usize = 320;
-/// What a window that closes may take, on a machine that does much else: a second, and as much again.
+/// Longest time for closing a window: one second, doubled for a busy machine.
 const CLOSING: Duration = Duration::from_secs(2);
 
-/// Noise, which no codec makes short work of.
+/// Noise, which codecs cannot compress quickly.
 fn noise(folder: &Path) -> PathBuf {
     npy_of(folder, "noise", [EDGE; 3], |i| (i as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15).to_be_bytes()[0])
 }
 
-/// Begins to open a file of noise beside the volume that is open.
+/// Starts to open a file of noise while a volume is open.
 fn opening() -> Session {
     let mut session = Session::of("sphere");
     session.rest();
@@ -34,7 +34,7 @@ fn opening() -> Session {
     session
 }
 
-/// Waits for the button, and for words of what is going on.
+/// Waits for the Cancel button and for a text about the activity.
 fn until_building(session: &mut Session, words: &str) {
     session.until("the build can be cancelled", |s| {
         s.harness.query_by_label("Cancel").is_some() && s.harness.query_by_label_contains(words).is_some()
@@ -48,7 +48,7 @@ fn told(session: &Session) -> String {
     }
 }
 
-/// Files of builds that are not whole.
+/// Number of unfinished build files.
 fn unfinished(session: &Session) -> usize {
     let Ok(kept) = std::fs::read_dir(session.cache().join("containers")) else { return 0 };
     kept.filter(|entry| entry.as_ref().is_ok_and(|e| e.file_name().to_string_lossy().ends_with(".partial"))).count()
@@ -65,7 +65,7 @@ fn a_build_that_is_cancelled_goes_on_when_its_file_is_opened_again() {
     assert!(words.contains("noise.npy") && words.contains("open it again, and it goes on"), "{words}");
     assert_eq!(unfinished(&session), 2, "the container and its list");
     session.screenshot("build_cancelled");
-    // The volume that was open still is, and can be turned.
+    // The open volume stays and can be turned.
     session.press(eframe::egui::Modifiers::NONE, eframe::egui::Key::ArrowRight);
     session.rest();
     session.assert_is_as_rendered();
@@ -129,24 +129,24 @@ fn a_headerless_file_is_read_as_the_command_line_says() {
     session.rest();
     assert_eq!(session.viewer().opened().expect("open").facts.dims.0, [40, 30, 20]);
     session.assert_is_as_rendered();
-    // Placed anew it is the same file, read in the same way.
+    // After a change of exaggeration it is the same file, read with the same options.
     session.harness.state_mut().exaggerate(2.0);
     session.until("it is placed anew", |s| s.viewer().opened().is_some_and(|o| o.exaggeration == 2.0));
     session.rest();
     session.assert_is_as_rendered();
-    // Dropped into the window it says nothing about itself.
+    // Dropped into the window, the file has no options.
     session.harness.state_mut().open(&file);
     session.until("it is refused", |s| matches!(s.viewer().message(), Some(Message::Failure(_))));
     let Some(Message::Failure(words)) = session.viewer().message() else { unreachable!("it was one") };
     assert!(words.contains("--dims") && words.contains("supervol view") && words.contains("a.raw"), "{words}");
 }
 
-/// A volume large enough for a preview: one voxel of four along x, of two along y and z.
+/// A volume that is large enough for a preview: every fourth voxel along x, every second along y and z.
 fn large(folder: &Path) -> PathBuf {
     npy_of(folder, "large", [256, 272, 512], |i| {
         let place = [i % 512, i / 512 % 272, i / 512 / 272].map(|n| n as f64);
         let away = place.iter().zip([256.0, 136.0, 128.0]).map(|(p, m)| (p - m) * (p - m)).sum::<f64>().sqrt();
-        // A ball, in faint noise that takes long to be coded.
+        // A ball in faint noise, which takes long to encode.
         let noise = (i as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15).to_be_bytes()[0] & 63;
         if away < 100.0 { 200 } else { noise }
     })
@@ -159,7 +159,7 @@ fn a_large_volume_is_looked_at_while_it_is_built() {
     let file = large(session.folder.path());
     session.harness.state_mut().open(&file);
     session.until("there is a preview", |s| s.viewer().is_preview() && s.viewer().picture().is_some());
-    // It can be turned, cropped and coloured while the container is built, and nothing is written of it.
+    // The preview can be turned, cropped and coloured while the container is built; writing pictures is refused.
     session.press(eframe::egui::Modifiers::NONE, eframe::egui::Key::ArrowRight);
     let mut scene = session.viewer().scene().clone();
     scene.clip.index_box = Some([[-0.5, 20.5, -0.5], [127.5, 135.5, 127.5]]);
@@ -201,7 +201,7 @@ fn an_untouched_preview_becomes_the_default_picture_and_a_cancelled_one_stays() 
     session.assert_is_as_rendered();
 }
 
-/// A MetaImage of colours: a ramp, and two that are the same everywhere.
+/// A MetaImage with three channels: a ramp and two constant ones.
 fn colours(folder: &Path) -> PathBuf {
     let path = folder.join("colours.mha");
     let header = "ObjectType = Image\nNDims = 3\nDimSize = 16 10 8\nElementType = MET_UCHAR\nElementNumberOfChannels = 3\n\

@@ -1,4 +1,4 @@
-//! What cuts the volume is dragged in the picture: the scene says the same, and `render` draws it.
+//! Handles in the picture: dragging them changes the scene, and `render` draws the same picture.
 
 use eframe::egui::{Key, Modifiers, PointerButton, Vec2};
 use supervol_scene::clip::solids::Keep;
@@ -14,7 +14,7 @@ fn with_handles() -> Session {
     session
 }
 
-/// Drags what has this name.
+/// Drags the widget with this label.
 fn drag(session: &mut Session, name: &str, by: Vec2) {
     let at = session.node(name).rect().center();
     session.drag(at, by, PointerButton::Primary);
@@ -29,7 +29,7 @@ fn faces_of_the_crop_box_are_dragged_in_the_picture() {
     for name in ["Crop x, first", "Crop y, last", "Crop z, last"] {
         let middle = session.node("Picture").rect().center();
         let at = session.node(name).rect().center();
-        // Half of the way to the middle.
+        // Half of the way to the middle of the picture.
         drag(&mut session, name, 0.5 * (middle - at));
     }
     let [low, high] = session.viewer().scene().clip.index_box.expect("a box");
@@ -57,7 +57,7 @@ fn clip_planes_are_added_dragged_and_turned() {
     let first = session.viewer().scene().clip.planes[0];
     assert_ne!(session.pixels(), plain);
     session.assert_is_as_rendered();
-    // Seen from another side, it is moved along its normal.
+    // Seen from another side, the plane moves along its normal.
     for _ in 0..6 {
         session.press(Modifiers::NONE, Key::ArrowRight);
     }

@@ -1,4 +1,4 @@
-//! What is shown of how a picture was made: bricks, errors, failures. None of it is part of the picture that is exported.
+//! Diagnostic displays: bricks, errors, failures. None of them is part of an exported picture.
 
 use std::sync::Arc;
 
@@ -111,7 +111,7 @@ fn bricks_that_fail_are_marked_until_they_can_be_read() {
     assert!(failed.len() == 1 && failed[0].level == 0, "{failed:?}");
     session.screenshot("inspect-failed");
     fault.mend();
-    // It is tried again as time goes by, and comes back.
+    // The brick is retried after some time and succeeds.
     for _ in 0..40 {
         session.press(Modifiers::NONE, Key::ArrowRight);
         session.rest();
@@ -123,7 +123,7 @@ fn bricks_that_fail_are_marked_until_they_can_be_read() {
     session.assert_is_as_rendered();
 }
 
-/// Sections have no volume to draw: the processor's. The processor's picture comes back bit for bit.
+/// Sections are drawn by the CPU. Switching back to the CPU gives the same picture, bit for bit.
 #[test]
 fn pictures_may_be_drawn_by_a_graphics_device() {
     let mut session = session();
@@ -149,7 +149,7 @@ fn pictures_may_be_drawn_by_a_graphics_device() {
     let slice = SliceSpec { normal, offset, opacity: 1.0, interpolation, filter: None, colors: Vec::new() };
     let open = Scene { image: volume.image.clone(), ..Scene::default() };
     let section = face_on(&open, &opened.facts, slice, 1.0).expect("there is a section").complete(&opened.facts, None);
-    // A panel's section is exported while the picture is the device's.
+    // A section is exported while a GPU draws the picture.
     let path = session.folder.path().join("section.png");
     session.export(Export { scene: section.clone(), path: path.clone(), existing: Existing::Keep });
     session.until("the section is written", |s| path.exists() && s.viewer().is_at_rest());

@@ -1,5 +1,5 @@
-//! Panels with sections beside the picture: what they show is what `render` draws, one cursor links them, and what is told of a point
-//! is what is there.
+//! Sections in panels: they equal the pictures of `render`, one cursor links them, and values under the mouse are those
+//! of the container.
 
 use std::path::Path;
 
@@ -54,7 +54,7 @@ fn three_panels_and_the_picture_are_what_render_draws() {
         session.assert_section_is_as_rendered(axis);
     }
     session.assert_is_as_rendered();
-    // Nothing overlaps, and all of it is used.
+    // The panels do not overlap and fill the room.
     let rects: Vec<Rect> = NAMES.iter().chain(&["Picture"]).map(|name| session.node(name).rect()).collect();
     for (i, a) in rects.iter().enumerate() {
         assert!(a.width() > 200.0 && a.height() > 200.0, "{a:?}");
@@ -76,7 +76,7 @@ fn the_cursor_links_the_panels() {
     let mut session = at_rest_with_three();
     let camera = session.viewer().scene().camera.clone();
     let panel = session.node(NAMES[2]).rect();
-    // A drag in the section across z moves the cursor along x and y, and so the other two sections.
+    // A drag in the section across z moves the cursor along x and y, and with it the other two sections.
     session.drag(panel.center(), Vec2::new(40.0, 30.0), PointerButton::Primary);
     session.rest();
     let [x, y, z] = session.viewer().sections().cursor();
@@ -87,7 +87,7 @@ fn the_cursor_links_the_panels() {
         scene.slices[0].offset
     };
     assert_eq!((of(0, &session), of(1, &session), of(2, &session)), (x, y, z), "voxels of 1 at the origin");
-    // The cross is where the mouse let go, to half a voxel.
+    // The cross lies at the end of the drag, to half a voxel.
     let pixels_a_voxel = f64::from(panel.width().min(panel.height())) / 64.0;
     let place = session.viewer().sections().place_of(2, [x, y, z], &opened.facts).expect("on the panel");
     let shown = panel.min + Vec2::new(0.5 * (1.0 + place[0] as f32), 0.5 * (1.0 - place[1] as f32)) * panel.size();
@@ -123,7 +123,7 @@ fn sections_are_moved_and_brought_nearer_one_by_one() {
     assert!(camera(&session, 2).target[0] != before[2].target[0]);
     assert_eq!((camera(&session, 0), camera(&session, 1)), (before[0].clone(), before[1].clone()));
     session.assert_section_is_as_rendered(2);
-    // Of the next section, it is the same part.
+    // The next section shows the same part.
     let nearer = camera(&session, 2);
     wheel(&mut session, over_z, 2.0, Modifiers::NONE);
     assert_eq!(camera(&session, 2).height, nearer.height);
@@ -163,12 +163,12 @@ fn the_point_under_the_mouse_is_told_with_its_value() {
         session.viewer().sections().probed().expect("an answer").found.clone().expect("no error").expect("a point");
     assert_eq!(picked.index[2], 32.0);
     assert!(picked.index[0] > 33.0 && picked.index[1] != 32.0, "{picked:?}");
-    // The place is the one under the mouse, to a pixel.
+    // The reported position is the one under the mouse, to one pixel.
     let opened = session.viewer().opened().expect("open").clone();
     let place = session.viewer().sections().place_of(2, picked.index, &opened.facts).expect("on the panel");
     let shown = panel.min + Vec2::new(0.5 * (1.0 + place[0] as f32), 0.5 * (1.0 - place[1] as f32)) * panel.size();
     assert!((shown - (panel.center() + Vec2::new(31.0, -17.0))).length() < 1.5, "{shown:?}");
-    // Values of voxels are those of the container.
+    // With `nearest`, values are those of the container.
     session.click("Panels, interpolation");
     session.click("nearest");
     session.rest();
@@ -181,7 +181,7 @@ fn the_point_under_the_mouse_is_told_with_its_value() {
     assert!((picked.value - stored(&session, voxel)).abs() < 1e-6, "{picked:?}");
     session.assert_section_is_as_rendered(2);
 
-    // In the picture too, where it has converged; a click brings the cursor there.
+    // The same holds in the converged picture; a click moves the cursor there.
     let picture = session.node("Picture").rect();
     session.harness.hover_at(picture.center());
     session.frames(2);
@@ -221,7 +221,7 @@ fn panels_have_a_look_of_their_own_and_are_shown_in_the_volume() {
     assert_eq!(slices.len(), 3);
     assert!(slices.iter().all(|slice| slice.interpolation == Interpolation::Cubic && slice.filter.is_some()));
     session.assert_is_as_rendered();
-    // Slices at the cursor move with it; a second press adds nothing.
+    // Slices at the cursor move with it; a second click adds nothing.
     session.set("Cursor, x", 20.0);
     session.click("Show them in the volume");
     session.rest();
@@ -259,7 +259,7 @@ fn panels_fit_at_every_size() {
     }
 }
 
-/// Slow files do not stop the window, and a change of volume leaves nothing of the old one behind.
+/// Opening another volume shows nothing of the old one in the panels.
 #[test]
 fn panels_follow_the_volume_that_is_opened() {
     let mut session = at_rest_with_three();
@@ -276,7 +276,7 @@ fn panels_follow_the_volume_that_is_opened() {
     session.assert_is_as_rendered();
 }
 
-/// A survey whose values are its line numbers and samples: inline + crossline / 100 + sample / 100,000.
+/// A survey with the values inline + crossline / 100 + sample / 100,000.
 #[test]
 #[allow(clippy::print_stderr, reason = "what is skipped is said")]
 fn a_survey_is_told_with_its_line_numbers() {

@@ -1,5 +1,5 @@
-//! The viewer as a person uses it, without a display: frames are run one by one, keys and mouse are events, and what is on the screen
-//! is held against `render` of the scene that is shown.
+//! The viewer as a user operates it, without a display. Frames are run one by one; keys and mouse are events. Pictures
+//! on the screen are compared with `render`.
 
 use crate::support;
 
@@ -49,13 +49,13 @@ fn dragging_turns_and_moves_and_the_wheel_brings_nearer() {
     });
     session.rest();
     let nearer = session.viewer().scene().camera.clone().expect("a camera");
-    // This volume is seen by parallel rays.
+    // The default projection of this volume is orthographic.
     assert!(nearer.height.expect("parallel rays") < 0.95 * moved.height.expect("parallel rays"));
     session.assert_is_as_rendered();
     assert!(!session.viewer().latencies_ms().is_empty());
 }
 
-/// Every key of the list does something, and none is forgotten.
+/// Every key of the list has an effect, and every command has a key.
 #[test]
 fn every_key_does_what_the_list_says() {
     let mut session = Session::of("vessels");
@@ -100,7 +100,7 @@ fn a_point_that_is_dragged_changes_the_picture_and_undo_takes_it_back() {
     let first = session.viewer().scene().clone();
     let before = session.pixels();
     let editor = session.node("Transfer function").rect();
-    // Points lie where the editor draws them; the last one of the preset is at the right.
+    // Control points are found where the editor draws them; the preset's last one is at the right.
     let grid = (0..40).flat_map(|x| (0..20).map(move |y| (x, y)));
     for (x, y) in grid {
         let at = editor.min + Vec2::new((x as f32 + 0.5) / 40.0, (y as f32 + 0.5) / 20.0) * editor.size();
@@ -168,7 +168,7 @@ fn settings_change_how_pictures_are_made() {
     assert_eq!(stats.host_budget_bytes, 128 << 20);
     assert!((stats.max_error_requested * 255.0 - 8.0).abs() < 0.1, "{}", stats.max_error_requested);
     assert_eq!(session.viewer().settings().interaction_ms, 50);
-    // What is out of a control's range stays until somebody changes it.
+    // A value outside a control's range stays until the user changes it.
     session.click("Volume");
     session.edit(|scene| scene.shading = Some(Some(ShadingSpec { specular: 5.0, ..ShadingSpec::default() })));
     session.rest();
@@ -219,7 +219,7 @@ fn a_source_file_is_built_into_the_cache_once() {
     session.rest();
     let source = support::npy(session.folder.path());
     for _ in 0..2 {
-        // The second time it is open already.
+        // The second time, the file is open already.
         let before = session.viewer().opened().map(|o| o.number);
         session.harness.state_mut().open(&source);
         session.until("it is open", |s| {
@@ -309,7 +309,7 @@ fn slices_are_shown_face_on_and_the_volume_comes_back() {
     session.assert_is_as_rendered();
 }
 
-/// Turns the wheel over the picture with Alt held.
+/// Turns the wheel over the picture while Alt is held.
 fn wheel_with_alt(session: &mut Session, notches: f32) {
     let middle = session.node("Picture").rect().center();
     session.harness.hover_at(middle);
@@ -350,7 +350,7 @@ fn slices_in_the_volume_are_planes_of_the_scene_at_their_depth() {
             && (oblique.normal[1].hypot(oblique.normal[2]) - 1.0).abs() < 1e-12
     );
     session.assert_is_as_rendered();
-    // The wheel moves the slice that was added last, and not the camera.
+    // The wheel moves the slice that was added last, not the camera.
     wheel_with_alt(&mut session, 3.0);
     session.rest();
     assert_ne!(session.viewer().scene().slices[1].offset, oblique.offset);
@@ -362,7 +362,7 @@ fn slices_in_the_volume_are_planes_of_the_scene_at_their_depth() {
     assert_eq!(session.viewer().scene().camera, camera, "the wheel with Alt is the slice's");
     session.assert_is_as_rendered();
 
-    // Projections have no slices; they are there again afterwards.
+    // Projections have no slices; the slices come back afterwards.
     let both = session.viewer().scene().slices.clone();
     session.click("Max");
     session.rest();
@@ -414,7 +414,7 @@ fn slices_have_filters_colours_and_interpolations() {
 #[test]
 fn the_controls_of_slices_fit() {
     for (name, scale) in [("slices-1280x800", 1.0), ("slices-scale2", 2.0)] {
-        // Pictures of the regions between slices take memory that a window of so many pixels does not have by default.
+        // Pictures between slices take more memory than the default for a window of this size.
         let settings = Settings { host_memory_bytes: 2 << 30, ..Settings::default() };
         let mut session = Session::in_window("vessels", ([1280.0, 800.0], scale), settings);
         session.rest();
@@ -456,7 +456,7 @@ fn decorations_are_those_of_render() {
     assert!(matches!(session.viewer().message(), Some(Message::Done(line)) if line.contains("--decorate")));
 }
 
-/// The way files may be replaced is the program's, not the viewer's own.
+/// Overwriting follows the rules of all commands.
 #[test]
 fn nothing_that_is_no_picture_is_replaced() {
     let mut session = Session::of("sphere");
@@ -468,7 +468,7 @@ fn nothing_that_is_no_picture_is_replaced() {
     session.until("it is refused", |s| matches!(s.viewer().message(), Some(Message::Failure(_))));
     assert_eq!(std::fs::read(&path).expect("a file")[1..5], *b"SVOL");
 
-    // Nor what is open, by whatever name.
+    // An open file is never overwritten, under any name.
     session.press(Modifiers::COMMAND, Key::S);
     let volume = session.folder.path().join("sphere.svol");
     session.type_over("Scene file", &volume.display().to_string());
@@ -478,7 +478,7 @@ fn nothing_that_is_no_picture_is_replaced() {
     assert_eq!(std::fs::read(&volume).expect("a file")[1..5], *b"SVOL");
 }
 
-/// Files of other programs and names of one's own: what is loaded is what `--tf` and `--colormap` would draw.
+/// Loaded files give the same picture as `--tf` and `--colormap`.
 #[test]
 fn transfer_functions_are_loaded_saved_and_kept_by_name() {
     let mut session = Session::of("vessels");
@@ -539,13 +539,13 @@ fn transfer_functions_are_loaded_saved_and_kept_by_name() {
     assert_eq!(points(&session), painted, "loading is an edit");
 }
 
-/// What is told of a finished picture must not take its room: it would be drawn for ever.
+/// The status of a converged picture must not change the picture's room, or it would be drawn again without end.
 #[test]
 fn a_finished_picture_stays_finished_at_every_width() {
     for width in (860..=1140).step_by(40) {
         let mut session = Session::sized("sphere", [width as f32, 500.0], 1.0);
         session.rest();
-        // The line may have grown once.
+        // The status line may have grown once.
         session.frames(5);
         session.rest();
         let number = session.viewer().picture().expect("a picture").number;

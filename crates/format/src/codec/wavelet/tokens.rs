@@ -35,6 +35,7 @@ const END: u8 = VALUES.token_of(u32::MAX).0 + 1;
 impl Numbers {
     /// The token of a number, the number of extra bits, and the extra bits.
     #[inline(always)]
+    #[expect(clippy::cast_possible_truncation, reason = "every place is at most 255, see the table of tokens")]
     const fn token_of(self, u: u32) -> (u8, u32, u32) {
         if u < 1 << self.direct_bits {
             return (self.first + u as u8, 0, 0);
@@ -71,14 +72,15 @@ struct Meaning {
 }
 
 /// Meanings by token. Invalid tokens are runs longer than any brick, so the decoder refuses them.
+#[expect(clippy::cast_possible_truncation, reason = "a token has at most 31 extra bits")]
 const MEANINGS: [Meaning; 256] = {
     let mut all = [Meaning { bits: 0, is_run: true, least: u32::MAX >> 1 }; 256];
     let mut token = 0;
-    while token < END as usize {
-        let is_run = token < VALUES.first as usize;
+    while token < END {
+        let is_run = token < VALUES.first;
         let numbers = if is_run { RUNS } else { VALUES };
-        let (least, bits) = numbers.least_of(token as u32 - numbers.first as u32);
-        all[token] = Meaning { bits: bits as u8, is_run, least: least.wrapping_add(1) };
+        let (least, bits) = numbers.least_of((token - numbers.first) as u32);
+        all[token as usize] = Meaning { bits: bits as u8, is_run, least: least.wrapping_add(1) };
         token += 1;
     }
     all
@@ -113,6 +115,7 @@ impl<S: Sample> Vectorized for Encoding<'_, S> {
     type Output = Tokens;
 
     #[inline(always)]
+    #[expect(clippy::cast_possible_truncation, reason = "a group has 16 coefficients")]
     fn run(self) -> Tokens {
         let mut writer =
             Writer { tokens: vec![0; self.coefficients.len()], end: 0, zeros: 0, bits: BitWriter::default() };
@@ -154,6 +157,10 @@ impl Writer {
     /// Fast path: encodes coefficients if each of them, and each run of zeros, has a token without extra bits; else
     /// does nothing and returns false.
     #[inline(always)]
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "numbers that get a direct token are at most 64, and a mask has 16 bits"
+    )]
     fn push_direct<S: Sample>(&mut self, group: &[S; GROUP]) -> bool {
         let numbers = group.map(S::zigzagged);
         let mut others = 0u8;
@@ -268,6 +275,7 @@ struct BitWriter {
 
 impl BitWriter {
     #[inline(always)]
+    #[expect(clippy::cast_possible_truncation, reason = "the low 32 bits are wanted; the others stay in the word")]
     fn push(&mut self, bits: u32, count: u32) {
         self.word |= u64::from(bits) << self.filled;
         self.filled += count;
@@ -406,6 +414,7 @@ impl<S: Sample> Reader<'_, S> {
 
     /// Decodes tokens whose extra bits fit one word, otherwise one by one; false if the coefficients do not fit.
     #[inline(always)]
+    #[expect(clippy::cast_possible_truncation, reason = "the low 32 bits are wanted: no token has more extra bits")]
     fn take_half(&mut self, tokens: &[u8; HALF]) -> bool {
         let meanings = tokens.map(|token| MEANINGS[usize::from(token)]);
         let count = bits_of(&meanings);
@@ -425,6 +434,7 @@ impl<S: Sample> Reader<'_, S> {
 
     /// Decodes tokens one by one; false if the coefficients do not fit.
     #[inline(always)]
+    #[expect(clippy::cast_possible_truncation, reason = "the low 32 bits are wanted: no token has more extra bits")]
     fn take_each(&mut self, tokens: &[u8]) -> bool {
         for &token in tokens {
             let meaning = MEANINGS[usize::from(token)];
@@ -463,6 +473,8 @@ impl<S: Sample> Reader<'_, S> {
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::cast_possible_truncation, reason = "tests use small numbers")]
+
     use super::*;
     use crate::random::Random;
     use crate::vectors::vectorized;

@@ -37,6 +37,7 @@ macro_rules! sample {
     ($t:ty, $unsigned:ty) => {
         impl Sample for $t {
             #[inline(always)]
+            #[allow(clippy::cast_possible_truncation, reason = "the lowest bits are wanted; i32 keeps all")]
             fn wrap(number: i32) -> Self {
                 number as Self
             }
@@ -393,6 +394,8 @@ pub fn undo_difference<S: Sample>(samples: &mut [S], extent: [usize; 3]) {
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::cast_possible_truncation, reason = "tests use small numbers")]
+
     use super::*;
     use crate::random::Random;
     use proptest::prelude::*;

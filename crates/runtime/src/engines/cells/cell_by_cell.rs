@@ -9,11 +9,10 @@ use super::modes::{Chord, gather_crossings, gather_dvr, gather_iso, gather_mean,
 use super::shade::ChordGradient;
 use super::visit::{BrickVisit, LevelVisit, StoredVoxel, cells_of_macro_cell};
 use super::walk::GridWalk;
-use crate::engines::packets::{RayCounters, RayState, TERMINATION_OPACITY};
+use crate::engines::ray::RayState;
+use crate::engines::rules::{EXACT_DENSITY, TERMINATION_OPACITY};
+use crate::stream::counters::RayCounters;
 use crate::stream::residency::{DecodedBrick, Voxels};
-
-/// Density of Gauss pairs where a cell is to be integrated as well as any error asks for: their error falls with the fourth power of it.
-const EXACT_DENSITY: f32 = 4.0;
 
 /// How finely cells are integrated.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -80,7 +79,7 @@ impl Integrator for CellByCell {
         counters: &mut RayCounters,
     ) {
         counters.cells += 1;
-        if counts_by_value(visit.frame.mode) && visit.axis_ray.is_rounding(t) {
+        if counts_by_value(visit.scene.mode) && visit.axis_ray.is_rounding(t) {
             return;
         }
         self.gather(visit, &Chord::uniform(value, t[1] - t[0]), state, counters);
@@ -162,7 +161,7 @@ impl CellByCell {
         counters: &mut RayCounters,
     ) {
         let level = &visit.level;
-        if counts_by_value(level.frame.mode) && level.axis_ray.is_rounding([t0, t1]) {
+        if counts_by_value(level.scene.mode) && level.axis_ray.is_rounding([t0, t1]) {
             return;
         }
         let a = visit.cell_planes.fractions(level.axis_ray, t0, index);
@@ -172,8 +171,8 @@ impl CellByCell {
             state.iso.known = 0;
             return;
         };
-        let dvr = level.frame.mode == Mode::Dvr;
-        if dvr && !level.frame.transfer_function.is_visible(cell.low, cell.high) {
+        let dvr = level.scene.mode == Mode::Dvr;
+        if dvr && !level.scene.transfer_function.is_visible(cell.low, cell.high) {
             return;
         }
         let wants_gradient = level.setup.lighting.is_some() && (dvr || meets_surface(level, &cell, state));
@@ -185,14 +184,14 @@ impl CellByCell {
 
     #[inline]
     fn gather(&self, level: &LevelVisit<'_>, chord: &Chord, state: &mut RayState, counters: &mut RayCounters) {
-        let (frame, setup) = (level.frame, &level.setup);
-        match frame.mode {
-            Mode::Dvr => gather_dvr(frame, setup, self.pairs, chord, state, counters),
+        let (scene, setup) = (level.scene, &level.setup);
+        match scene.mode {
+            Mode::Dvr => gather_dvr(scene, setup, self.pairs, chord, state, counters),
             Mode::Mip => gather_mip(chord, state),
             Mode::Minip => gather_minip(chord, state),
             Mode::Mean => gather_mean(chord, state),
-            Mode::Iso if frame.lists_crossings => gather_crossings(frame, setup, chord, state),
-            Mode::Iso => gather_iso(frame, setup, chord, state),
+            Mode::Iso if scene.lists_crossings => gather_crossings(scene, setup, chord, state),
+            Mode::Iso => gather_iso(scene, setup, chord, state),
             Mode::Slice => {}
         }
     }
@@ -205,7 +204,7 @@ fn counts_by_value(mode: Mode) -> bool {
 
 fn meets_surface(level: &LevelVisit<'_>, cell: &Cell, state: &RayState) -> bool {
     // Also where a surface was jumped on the face before this cell.
-    level.frame.iso.iter().enumerate().any(|(i, surface)| {
+    level.scene.iso.iter().enumerate().any(|(i, surface)| {
         let jumped = (state.iso.above >> i & 1 == 1) != (cell.low >= surface.value);
         (cell.low <= surface.value && surface.value <= cell.high) || jumped
     })

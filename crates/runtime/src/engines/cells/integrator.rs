@@ -11,7 +11,8 @@ use supervol_format::Geometry;
 use supervol_scene::scene::ResolvedScene;
 
 use super::visit::{BrickVisit, LevelVisit};
-use crate::engines::packets::{RayCounters, RayState};
+use crate::engines::ray::RayState;
+use crate::stream::counters::RayCounters;
 
 /// How frames integrate along rays.
 pub trait Integration: Debug + Send + Sync {

@@ -5,7 +5,10 @@ use supervol_scene::clip::IndexRay;
 
 use super::visit::{BrickVisit, CastRay, LevelVisit};
 use super::walk::{AxisRay, CellBox, GridWalk, Planes};
-use crate::engines::packets::{BlockFeedback, CpuFrame, RayCounters, RayState};
+use crate::engines::cells::frame::CellFrame;
+use crate::engines::feedback::BlockFeedback;
+use crate::engines::ray::RayState;
+use crate::stream::counters::RayCounters;
 use crate::stream::residency::{BrickView, Resident};
 
 /// Casts one ray by the frame's integrator until it is finished or waits; `pixel` counts rays, not pixels of a
@@ -15,19 +18,19 @@ use crate::stream::residency::{BrickView, Resident};
 /// If the ray has nothing to draw: such rays are finished before they are cast.
 pub(crate) fn cast_ray<V: BrickView + ?Sized>(
     view: &V,
-    frame: &CpuFrame,
+    frame: &CellFrame,
     pixel: [u32; 2],
     state: &mut RayState,
     feedback: &mut BlockFeedback,
 ) {
-    let ray = frame.camera.ray(pixel[0], pixel[1]);
-    let index_ray = IndexRay::new(&ray, &frame.geometry);
+    let ray = frame.scene.camera.ray(pixel[0], pixel[1]);
+    let index_ray = IndexRay::new(&ray, &frame.scene.geometry);
     let axis_ray = AxisRay::new(&index_ray);
     let to_eye = -ray.direction.as_vec3();
     state.waiting = None;
     // The part that the ray is in, and those behind it.
     let present = state.t_end;
-    for segment in frame.parts_of(&ray, &index_ray).into_iter().filter(|part| part.t1 >= present) {
+    for segment in frame.scene.parts_of(&ray, &index_ray).into_iter().filter(|part| part.t1 >= present) {
         if segment.t1 > state.t_end {
             (state.t, state.t_end) = (segment.t0, segment.t1);
             // What lies in front of a gap has no side behind it.
@@ -37,7 +40,7 @@ pub(crate) fn cast_ray<V: BrickView + ?Sized>(
         if state.waiting.is_some() {
             return;
         }
-        if frame.is_done(state) {
+        if frame.scene.is_done(state) {
             break;
         }
     }
@@ -48,13 +51,13 @@ pub(crate) fn cast_ray<V: BrickView + ?Sized>(
 /// Casts one part of a ray until its end, or until the ray is done or waits.
 fn cast_part<V: BrickView + ?Sized>(
     view: &V,
-    frame: &CpuFrame,
+    frame: &CellFrame,
     ray: &CastRay,
     state: &mut RayState,
     feedback: &mut BlockFeedback,
 ) {
     let mut last_used = None;
-    while state.t < state.t_end && !frame.is_done(state) {
+    while state.t < state.t_end && !frame.scene.is_done(state) {
         let (key, resident, exit) = resident_at(view, frame, &ray.axis_ray, state.t, &mut feedback.counters);
         let exit = exit.min(state.t_end);
         if !matches!(resident, Resident::Missing) && last_used != Some(key) {
@@ -71,12 +74,12 @@ fn cast_part<V: BrickView + ?Sized>(
                 return;
             }
             Resident::Brick(brick) => {
-                let visit = BrickVisit::new(LevelVisit::new(frame, ray, key), brick, key);
+                let visit = BrickVisit::new(LevelVisit::new(&frame.scene, ray, key), brick, key);
                 visit.march(exit, &*frame.integrator, state, &mut feedback.counters);
             }
             Resident::Uniform(value) => {
                 let t = [state.t, exit];
-                let visit = LevelVisit::new(frame, ray, key);
+                let visit = LevelVisit::new(&frame.scene, ray, key);
                 frame.integrator.gather_uniform(&visit, value, t, state, &mut feedback.counters);
             }
             Resident::Nothing | Resident::TooCoarse | Resident::UseParent => state.iso.known = 0,
@@ -88,12 +91,12 @@ fn cast_part<V: BrickView + ?Sized>(
 /// What is resident at t, at the level that is fine enough there; and the t at which the ray leaves it.
 fn resident_at<'v, V: BrickView + ?Sized>(
     view: &'v V,
-    frame: &CpuFrame,
+    frame: &CellFrame,
     ray: &AxisRay,
     t: f64,
     counters: &mut RayCounters,
 ) -> (BrickKey, Resident<'v>, f64) {
-    let mut lod = frame.first_lod;
+    let mut lod = frame.scene.first_lod;
     loop {
         let (wanted, exit) = brick_at(frame, ray, t, lod);
         let (key, resident) = resident_or_parent(view, frame, wanted, counters);
@@ -106,14 +109,14 @@ fn resident_at<'v, V: BrickView + ?Sized>(
 }
 
 /// The brick that t lies in at the level that is fine enough there, from `lod` on, and the t at which the ray leaves it.
-fn brick_at(frame: &CpuFrame, ray: &AxisRay, t: f64, mut lod: Lod) -> (BrickKey, f64) {
-    let core = frame.pyramid.layout().core();
+fn brick_at(frame: &CellFrame, ray: &AxisRay, t: f64, mut lod: Lod) -> (BrickKey, f64) {
+    let core = frame.scene.pyramid.layout().core();
     loop {
-        let level = frame.pyramid.level_at(lod);
+        let level = frame.scene.pyramid.level_at(lod);
         let bricks = CellBox { low: [0; 3], high: level.bricks.map(|n| i64::from(n) - 1) };
         let walk = GridWalk::new(ray, Planes::of_bricks(level, core), bricks, t);
         let key = BrickKey::new(lod, BrickIndex(walk.index.map(|i| i as u32)));
-        if frame.lod.is_fine_enough(&frame.pyramid, key) {
+        if frame.scene.lod.is_fine_enough(&frame.scene.pyramid, key) {
             return (key, walk.exit());
         }
         lod = Lod(lod.0 - 1);
@@ -123,13 +126,13 @@ fn brick_at(frame: &CpuFrame, ray: &AxisRay, t: f64, mut lod: Lod) -> (BrickKey,
 /// What is resident under a key; where a brick has failed, what is under its nearest ancestor that has not.
 fn resident_or_parent<'v, V: BrickView + ?Sized>(
     view: &'v V,
-    frame: &CpuFrame,
+    frame: &CellFrame,
     mut key: BrickKey,
     counters: &mut RayCounters,
 ) -> (BrickKey, Resident<'v>) {
     let mut resident = view.lookup(key);
     loop {
-        match (resident, frame.pyramid.parent(key)) {
+        match (resident, frame.scene.pyramid.parent(key)) {
             (Resident::UseParent, Some(parent)) => {
                 counters.parent_bricks += 1;
                 key = parent;

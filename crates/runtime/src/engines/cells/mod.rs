@@ -11,14 +11,17 @@
 //! - [`walk`]: where it crosses the faces of bricks, macro cells and cells;
 //! - [`visit`]: one brick, macro cell by macro cell, and access to its voxels;
 //! - [`integrator`]: the interface; [`cell_by_cell`]: the integrator of this caster;
+//! - [`frame`], [`rays`]: a picture by this caster, and its rays between passes;
 //! - [`cell`], [`quadrature`], [`shade`], [`modes`]: one cell, and what a chord through it contributes.
 
 pub mod cell;
 pub mod cell_by_cell;
+pub mod frame;
 pub mod integrator;
 mod march;
 pub mod modes;
 pub mod quadrature;
+pub mod rays;
 pub mod shade;
 pub mod visit;
 pub mod walk;
@@ -26,6 +29,5 @@ pub mod walk;
 pub use cell_by_cell::{CellByCell, CellRule, Pairs};
 pub(crate) use cell_by_cell::{exact_cell, gather_exact_cell};
 pub use integrator::{Integration, Integrator};
-pub(crate) use march::cast_ray;
 pub(crate) use visit::CastRay;
 pub use visit::{BrickVisit, LevelVisit, StoredVoxel, cells_of_macro_cell};

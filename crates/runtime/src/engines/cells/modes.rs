@@ -12,11 +12,11 @@ use super::quadrature::{
     GAUSS_OFFSET, KNOT_LIMIT, PAIR_LIMIT, integrate_pair, opacity_of, pairs_between, shaded_pair_count, splits_of_chord,
 };
 use super::shade::{ChordGradient, Lighting, shade};
-use crate::engines::packets::{CpuFrame, RayCounters, RayState, SurfaceCrossing};
+use crate::engines::ray::{RayState, SurfaceCrossing};
+use crate::engines::ray_scene::RayScene;
+use crate::engines::rules::PART_NORMAL_CHANGE;
+use crate::stream::counters::RayCounters;
 
-/// Turn of the normal, as a length, from which a part of a chord is halved: where the gradient passes by zero, the normal turns over in
-/// a small share of it.
-const PART_NORMAL_CHANGE: f32 = 1.0;
 /// Most halvings of a part.
 const HALVINGS: u32 = 12;
 
@@ -86,14 +86,14 @@ pub fn composite(state: &mut RayState, color: [f32; 3], opacity: f32) {
 
 /// Emission and absorption over the chord.
 pub fn gather_dvr(
-    frame: &CpuFrame,
+    scene: &RayScene,
     setup: &ShadeSetup<'_>,
     pairs: Pairs,
     chord: &Chord,
     state: &mut RayState,
     counters: &mut RayCounters,
 ) {
-    let tf = &frame.transfer_function;
+    let tf = &scene.transfer_function;
     let h = chord.h;
     if chord.low == chord.high && chord.gradient.is_none() {
         let [r, g, b, alpha] = tf.classify(chord.low);
@@ -104,18 +104,18 @@ pub fn gather_dvr(
     }
     let knots = tf.knots_in(chord.low, chord.high);
     if knots.is_empty() || knots.len() > KNOT_LIMIT {
-        counters.samples += gather_part(frame, setup, pairs, chord, [0.0, 1.0], state, HALVINGS);
+        counters.samples += gather_part(scene, setup, pairs, chord, [0.0, 1.0], state, HALVINGS);
         return;
     }
     let splits = splits_of_chord(&chord.cubic, knots);
     for part in splits.as_slice().windows(2).filter(|part| part[0] < part[1]) {
-        counters.samples += gather_part(frame, setup, pairs, chord, [part[0], part[1]], state, HALVINGS);
+        counters.samples += gather_part(scene, setup, pairs, chord, [part[0], part[1]], state, HALVINGS);
     }
 }
 
 /// One part of a chord, between two splits, by Gauss pairs, in halves where the normal turns far; returns the number of samples.
 fn gather_part(
-    frame: &CpuFrame,
+    scene: &RayScene,
     setup: &ShadeSetup<'_>,
     pairs: Pairs,
     chord: &Chord,
@@ -123,14 +123,14 @@ fn gather_part(
     state: &mut RayState,
     halvings: u32,
 ) -> u64 {
-    let tf = &frame.transfer_function;
+    let tf = &scene.transfer_function;
     let wanted = match pairs {
         Pairs::Adaptive { density } => {
             let change = normal_change(setup, chord, [begin, end]);
             if halvings > 0 && change.is_some_and(|change| change > PART_NORMAL_CHANGE) {
                 let middle = 0.5 * (begin + end);
                 let halves = [[begin, middle], [middle, end]].into_iter();
-                return halves.map(|half| gather_part(frame, setup, pairs, chord, half, state, halvings - 1)).sum();
+                return halves.map(|half| gather_part(scene, setup, pairs, chord, half, state, halvings - 1)).sum();
             }
             denser(wanted_pairs(tf, chord, [begin, end], change), density)
         }
@@ -210,10 +210,10 @@ pub fn gather_mean(chord: &Chord, state: &mut RayState) {
 ///
 /// The side is carried from chord to chord, so that a crossing exactly on a face is found although the cubics of its
 /// two cells round differently there.
-pub fn gather_iso(frame: &CpuFrame, setup: &ShadeSetup<'_>, chord: &Chord, state: &mut RayState) {
+pub fn gather_iso(scene: &RayScene, setup: &ShadeSetup<'_>, chord: &Chord, state: &mut RayState) {
     let mut hits = [(0.0, 0usize); ISO_LIMIT];
     let mut hit_count = 0;
-    for (index, surface) in frame.iso.iter().enumerate() {
+    for (index, surface) in scene.iso.iter().enumerate() {
         let bit = 1u32 << index;
         if state.iso.hit & bit != 0 {
             continue;
@@ -238,7 +238,7 @@ pub fn gather_iso(frame: &CpuFrame, setup: &ShadeSetup<'_>, chord: &Chord, state
     let hits = &mut hits[..hit_count];
     hits.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     for &(u, index) in hits.iter() {
-        let surface = &frame.iso[index];
+        let surface = &scene.iso[index];
         let color = chord.shaded(setup, surface.color, u);
         composite(state, color.map(|c| c * surface.alpha), surface.alpha);
     }
@@ -247,10 +247,10 @@ pub fn gather_iso(frame: &CpuFrame, setup: &ShadeSetup<'_>, chord: &Chord, state
 /// All crossings of the iso values on the chord, which begins at `state.t`, in order: listed, not composited.
 ///
 /// The side is carried as in [`gather_iso`].
-pub fn gather_crossings(frame: &CpuFrame, setup: &ShadeSetup<'_>, chord: &Chord, state: &mut RayState) {
+pub fn gather_crossings(scene: &RayScene, setup: &ShadeSetup<'_>, chord: &Chord, state: &mut RayState) {
     let mut found: Vec<(Real, usize)> = Vec::new();
     let intervals = monotone_intervals(&chord.cubic);
-    for (index, surface) in frame.iso.iter().enumerate() {
+    for (index, surface) in scene.iso.iter().enumerate() {
         let bit = 1u32 << index;
         let is_above = |u: Real| chord.value(u) >= surface.value;
         let mut side = if state.iso.known & bit != 0 { state.iso.above & bit != 0 } else { is_above(0.0) };
@@ -271,7 +271,7 @@ pub fn gather_crossings(frame: &CpuFrame, setup: &ShadeSetup<'_>, chord: &Chord,
     state.iso.known = u32::MAX;
     found.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     for (u, index) in found {
-        let surface = &frame.iso[index];
+        let surface = &scene.iso[index];
         if surface.alpha > 0.0 {
             let color = chord.shaded(setup, surface.color, u).map(|c| c * surface.alpha);
             state.crossings.push(SurfaceCrossing { t: state.t + u * chord.h, color, alpha: surface.alpha });

@@ -6,6 +6,9 @@
 use supervol_scene::transfer_function::RenderTransferFunction;
 
 use super::cell::{Parameters, Real, cubic_at, cubic_roots, monotone_intervals};
+use crate::engines::rules::{
+    MIN_WEIGHT, PAIR_NORMAL_CHANGE, PAIR_NORMAL_DEPTH, PAIR_VARIATION, PAIR_VARIATION_DEPTH, PAIRS_PER_VARIATION,
+};
 
 /// Position of the first Gauss point in [0, 1]: `(1 - 1/sqrt(3)) / 2`; the second lies symmetric.
 pub const GAUSS_OFFSET: Real = 0.211_324_865_405_187_1;
@@ -15,20 +18,6 @@ pub const GAUSS_DISTANCE: f32 = 0.577_350_3;
 pub const KNOT_LIMIT: usize = 8;
 /// Most Gauss pairs between two splits.
 pub const PAIR_LIMIT: u32 = 64;
-/// Change of opacity and colour that one Gauss pair may bridge; the error falls with the fourth power of their number.
-pub(crate) const PAIR_VARIATION: f32 = 0.006;
-/// Error of a picture that the numbers of pairs are for.
-pub(crate) const PAIR_ERROR: f64 = 0.5 / 255.0;
-/// More pairs per change: extinction is not linear in opacity, so that steep pieces need more than the fourth root says.
-pub(crate) const PAIRS_PER_VARIATION: f32 = 1.3;
-/// Product of that change and of the optical depth that one Gauss pair may bridge.
-pub(crate) const PAIR_VARIATION_DEPTH: f32 = 0.07;
-/// Change of the normal's direction, as a length, that one Gauss pair may bridge.
-pub(crate) const PAIR_NORMAL_CHANGE: f32 = 0.085;
-/// Product of that change and of the optical depth that one Gauss pair may bridge.
-pub(crate) const PAIR_NORMAL_DEPTH: f32 = 0.3;
-/// Least weight of the farther Gauss point, where the exponential underflows.
-pub(crate) const MIN_WEIGHT: f32 = 1e-20;
 
 /// Ends of the parts of a chord: 0, up to 3 crossings of each of [`KNOT_LIMIT`] knots, 1.
 pub type Splits = Parameters<{ 2 + 3 * KNOT_LIMIT }>;

@@ -14,7 +14,10 @@ use supervol_scene::value_map::ValueMap;
 use super::integrator::Integrator;
 use super::modes::ShadeSetup;
 use super::walk::{AxisRay, CellBox, GridWalk, Planes};
-use crate::engines::packets::{CpuFrame, RayCounters, RayState, Skipping};
+use crate::engines::ray::RayState;
+use crate::engines::ray_scene::RayScene;
+use crate::stream::classify::Skipping;
+use crate::stream::counters::RayCounters;
 use crate::stream::residency::{DecodedBrick, Voxels};
 
 /// A voxel as it lies in a brick.
@@ -65,7 +68,7 @@ pub(crate) struct CastRay {
 
 /// One ray at one level: what holds for all its bricks there.
 pub struct LevelVisit<'a> {
-    pub(crate) frame: &'a CpuFrame,
+    pub(crate) scene: &'a RayScene,
     pub(crate) axis_ray: &'a AxisRay,
     pub(crate) setup: ShadeSetup<'a>,
     segment: Segment,
@@ -74,27 +77,27 @@ pub struct LevelVisit<'a> {
 
 impl<'a> LevelVisit<'a> {
     /// A ray at the level of this brick.
-    pub(crate) fn new(frame: &'a CpuFrame, ray: &'a CastRay, key: BrickKey) -> Self {
-        let lighting = frame.lighting.as_ref();
-        let scale = frame.pyramid.level_at(key.lod()).scale;
+    pub(crate) fn new(scene: &'a RayScene, ray: &'a CastRay, key: BrickKey) -> Self {
+        let lighting = scene.lighting.as_ref();
+        let scale = scene.pyramid.level_at(key.lod()).scale;
         let world_from_level_gradient =
             lighting.map_or(glam::Mat3::IDENTITY, |lighting| lighting.world_from_level_gradient(scale));
         let setup = ShadeSetup { lighting, world_from_level_gradient, to_eye: ray.to_eye };
-        Self { frame, axis_ray: &ray.axis_ray, setup, segment: ray.segment, pixel: ray.pixel }
+        Self { scene, axis_ray: &ray.axis_ray, setup, segment: ray.segment, pixel: ray.pixel }
     }
 
     /// The frame's transfer function, over render values.
     #[inline]
     #[must_use]
     pub fn transfer_function(&self) -> &'a RenderTransferFunction {
-        &self.frame.transfer_function
+        &self.scene.transfer_function
     }
 
     /// Stored numbers to render values, and these to data values.
     #[inline]
     #[must_use]
     pub fn map(&self) -> &'a ValueMap {
-        &self.frame.map
+        &self.scene.map
     }
 
     /// Shading at this level.
@@ -122,7 +125,7 @@ impl<'a> LevelVisit<'a> {
     #[inline]
     #[must_use]
     pub fn is_done(&self, state: &RayState) -> bool {
-        self.frame.is_done(state)
+        self.scene.is_done(state)
     }
 }
 
@@ -144,7 +147,7 @@ impl<'a> BrickVisit<'a> {
     /// # Panics
     /// If the brick's size is not what the pyramid says.
     pub(crate) fn new(level: LevelVisit<'a>, brick: &'a DecodedBrick, key: BrickKey) -> Self {
-        let pyramid = &level.frame.pyramid;
+        let pyramid = &level.scene.pyramid;
         let core = pyramid.core_box(key);
         let extent = brick.extent.map(|n| n as usize);
         assert_eq!(extent, core.extent().map(|n| n + 2 * APRON), "stored extent of {key}");
@@ -171,19 +174,19 @@ impl<'a> BrickVisit<'a> {
         state: &mut RayState,
         counters: &mut RayCounters,
     ) {
-        let (frame, ray) = (self.level.frame, self.level.axis_ray);
+        let (scene, ray) = (self.level.scene, self.level.axis_ray);
         let mut t = state.t;
         let mut walk = GridWalk::new(ray, self.macro_planes, self.macro_cells, t);
         while t < exit {
             let macro_exit = walk.exit().min(exit);
             if macro_exit > t {
-                if frame.skipping == Skipping::On && self.skips(self.macro_range(walk.index), state) {
+                if scene.skipping == Skipping::On && self.skips(self.macro_range(walk.index), state) {
                     counters.macro_cells_skipped += 1;
                 } else {
                     counters.macro_cells += 1;
                     integrator.gather_macro_cell(self, walk.index, [t, macro_exit], state, counters);
                 }
-                if frame.is_done(state) {
+                if scene.is_done(state) {
                     return;
                 }
             }
@@ -202,16 +205,16 @@ impl<'a> BrickVisit<'a> {
     /// Whether a macro cell with this range cannot change what the ray gathers; keeps the sides for `iso`.
     #[inline]
     fn skips(&self, [low, high]: [f32; 2], state: &mut RayState) -> bool {
-        let frame = self.level.frame;
+        let scene = self.level.scene;
         if low > high {
             state.iso.known = 0;
             return true;
         }
-        match frame.mode {
-            Mode::Dvr => !frame.transfer_function.is_visible(low, high),
+        match scene.mode {
+            Mode::Dvr => !scene.transfer_function.is_visible(low, high),
             Mode::Mip => f64::from(high) <= state.value,
             Mode::Minip => f64::from(low) >= state.value,
-            Mode::Iso => state.iso.pass([low, high], frame.iso.iter().map(|surface| surface.value)),
+            Mode::Iso => state.iso.pass([low, high], scene.iso.iter().map(|surface| surface.value)),
             Mode::Mean | Mode::Slice => false,
         }
     }
@@ -260,7 +263,7 @@ impl<'a> BrickVisit<'a> {
     pub fn value<T: StoredVoxel>(&self, voxels: &[T], base: usize, offset: [i32; 3]) -> f32 {
         let [dx, dy, dz] = offset.map(|o| o as isize);
         let at = base as isize + dx + dy * self.strides[0] as isize + dz * self.strides[1] as isize;
-        voxels[at as usize].render_value(&self.level.frame.map)
+        voxels[at as usize].render_value(&self.level.scene.map)
     }
 
     /// Render values at the eight corners of the cell at `base`, x fastest; NaN where absent.
@@ -271,7 +274,7 @@ impl<'a> BrickVisit<'a> {
     #[must_use]
     pub fn corners<T: StoredVoxel>(&self, voxels: &[T], base: usize) -> [f32; 8] {
         let [dy, dz] = self.strides;
-        let map = &self.level.frame.map;
+        let map = &self.level.scene.map;
         let value = |i: usize| voxels[i].render_value(map);
         let rows = [base, base + dy, base + dz, base + dy + dz];
         [

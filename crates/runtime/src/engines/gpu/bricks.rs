@@ -3,9 +3,10 @@
 use supervol_format::brick::{APRON, MACRO_CELL};
 
 use crate::engines::blocks::ranges_of_blocks;
-use crate::engines::gpu::cache::{BlockRanges, EMPTY_BLOCK, EMPTY_RANGE, SlotContents, VoxelStorage, WHOLE_BLOCK};
+use crate::engines::gpu::cache::{BlockRanges, EMPTY_BLOCK, EMPTY_RANGE, SlotContents, WHOLE_BLOCK};
 use crate::engines::gpu::caster::GpuRenderer;
-use crate::engines::gpu::device::GpuError;
+use crate::engines::gpu::error::GpuError;
+use crate::engines::gpu::texels::VoxelStorage;
 use crate::stream::residency::{DecodedBrick, Voxels};
 
 /// Width of a macro cell's range, as a share of its values, below which `f32` does not tell parts of it apart: its blocks have the

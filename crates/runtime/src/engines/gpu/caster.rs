@@ -22,66 +22,34 @@ use supervol_format::brick::MACRO_CELL;
 use supervol_format::{BrickKey, Lod, Pyramid};
 use supervol_scene::image::Image;
 use supervol_scene::scene::{Mode, ResolvedScene};
-use supervol_scene::transfer_function::{RenderTransferFunction, TransferFunction};
 use supervol_scene::value_map::ValueMap;
 
-pub use crate::engines::gpu::cache::VoxelStorage;
 use crate::engines::gpu::cache::{BlockRanges, CacheShape, GpuCache, SlotContents};
-pub use crate::engines::gpu::device::{GpuDevice, GpuError, SHARED_MEMORY, may_have_hardware};
-pub use crate::engines::gpu::errors::{BandErrors, DeviationOf};
-pub use crate::engines::gpu::feedback::PassFeedback;
+use crate::engines::gpu::deviations::DeviationOf;
+use crate::engines::gpu::device::GpuDevice;
+use crate::engines::gpu::error::GpuError;
+use crate::engines::gpu::feedback::PassFeedback;
 use crate::engines::gpu::layout::{
     DEVIATION_NONE, DEVIATION_UNKNOWN, Dispatch, PAGE_DEVIATION_SHIFT, PAGE_FAILED, PAGE_MISSING, PAGE_NOTHING,
     PAGE_REFINE, PAGE_RESIDENT, PAGE_UNIFORM, Scene,
 };
-use crate::engines::gpu::light_table::LightTable;
 use crate::engines::gpu::memory::{MemoryPlan, MemoryRequest, SLOT_LIMIT};
+use crate::engines::gpu::options::GpuOptions;
 use crate::engines::gpu::page_table::PageTable;
 use crate::engines::gpu::pass::{Capacity, Caster};
-use crate::engines::gpu::pixels::Gathered;
-use crate::engines::gpu::ray_parts::RayParts;
+use crate::engines::gpu::picture::{PIXELS_TOGETHER, Picture, over_rays, pixel};
 use crate::engines::gpu::rays::{RayGrid, ViewLines};
-pub use crate::engines::gpu::scene_tables::GpuVolume;
-use crate::engines::gpu::scene_tables::{Exactness, FeedbackPlaces};
+use crate::engines::gpu::scene_tables::{FeedbackPlaces, GpuVolume};
 use crate::engines::gpu::slots::{SlotIndex, Slots};
+use crate::engines::gpu::texels::VoxelStorage;
 use crate::engines::gpu::{pass, scene_tables};
-use crate::engines::packets::{FIT_SHARE, MAX_ERROR_LIMITS, PacketRule, Skipping};
-use crate::lod::{LodChoice, LodRule};
+use crate::engines::totals::GpuStats;
+use crate::lod::LodChoice;
 use crate::stop::Stop;
+use crate::stream::classify::Skipping;
 use crate::stream::counters::{DeviceCounters, milliseconds};
 use crate::stream::field::{Field, FieldBrick};
 use crate::stream::residency::DecodedBrick;
-
-/// Fewest pixels that are worth a thread.
-pub const PIXELS_TOGETHER: usize = 1 << 12;
-
-/// What a renderer may use, and how.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct GpuOptions {
-    /// Bytes of GPU memory in all: cache, tables, rays, staging.
-    pub memory_bytes: u64,
-    /// Whether macro cells that cannot change the picture are skipped.
-    pub skipping: Skipping,
-    /// Largest error of any channel of any pixel that is aimed at in mode `dvr`, 1 being white; brought to
-    /// [`MAX_ERROR_LIMITS`].
-    pub max_error: f64,
-    /// Whether there is room to sum up what rays may be off by.
-    pub sums_errors: bool,
-    /// Rays along x and y of the largest picture for which there is room; `None`: the first one's.
-    pub room: Option<[u32; 2]>,
-}
-
-impl Default for GpuOptions {
-    fn default() -> Self {
-        Self {
-            memory_bytes: 1 << 30,
-            skipping: Skipping::On,
-            max_error: PacketRule::DEFAULT.max_error,
-            sums_errors: false,
-            room: None,
-        }
-    }
-}
 
 /// What a brick is, where it is not resident voxels.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -111,23 +79,6 @@ pub enum Insertion {
     NoRoom,
 }
 
-/// What the device holds, and what it did since the renderer was made.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct GpuStats {
-    /// Name and kind of the adapter.
-    pub adapter: String,
-    /// Bytes planned, all of them allocated.
-    pub planned_bytes: u64,
-    /// Slots in all.
-    pub slots: u64,
-    /// Slots that hold a brick.
-    pub slots_used: u64,
-    /// The slowest dispatch of the picture.
-    pub dispatch_ms_max: f64,
-    /// What it did.
-    pub counters: DeviceCounters,
-}
-
 /// See the module.
 pub struct GpuRenderer {
     gpu: GpuDevice,
@@ -154,30 +105,6 @@ pub struct GpuRenderer {
     traffic_before: DeviceCounters,
 }
 
-/// What belongs to one picture.
-pub struct Picture {
-    pub(crate) mode: Mode,
-    pub(crate) subgrid: u32,
-    size: [u32; 2],
-    /// What the next two are made of, with `shift` and the error that is aimed at: another picture may have the same.
-    transfer_function: TransferFunction,
-    pub(crate) tf: RenderTransferFunction,
-    pub(crate) light: LightTable,
-    pub(crate) exactness: Exactness,
-    /// How far a brick is, and how fine it must be.
-    lod: LodRule,
-    /// For each entry from level 1 on, in order: whether the brick is too coarse.
-    refine: Vec<bool>,
-    /// Entries that are drawn from their parents.
-    failed: Vec<u32>,
-    /// What solids leave of its rays, where there are any.
-    parts: Option<RayParts>,
-    /// What is taken off every data value.
-    pub(crate) shift: f64,
-    /// Whether there are surfaces inside the volume.
-    pub(crate) has_surfaces: bool,
-}
-
 /// How far the rays of a band have come, of which solids leave several parts.
 #[derive(Default)]
 struct PartsInProgress {
@@ -188,67 +115,6 @@ struct PartsInProgress {
     number: usize,
     /// Places of the rays that have another part behind it.
     more: Vec<u32>,
-}
-
-impl Picture {
-    fn new(
-        volume: &GpuVolume<'_>,
-        scene: &ResolvedScene,
-        lod: LodChoice,
-        (options, sums_errors): (&GpuOptions, bool),
-        before: Option<&Self>,
-    ) -> Self {
-        let [least, most] = MAX_ERROR_LIMITS;
-        let max_error = options.max_error.clamp(least, most);
-        let shift = volume.value_map.shift;
-        let lod = LodRule::new(lod, &scene.camera, volume.geometry);
-        let transfer_function = scene.transfer_function.without_surfaces();
-        let is_the_same = |it: &&Self| {
-            it.transfer_function == transfer_function && it.exactness.max_error == max_error && it.shift == shift
-        };
-        let (tf, light) = match before.filter(is_the_same) {
-            Some(before) => (before.tf.clone(), before.light.clone()),
-            None => (
-                RenderTransferFunction::new(&transfer_function, shift),
-                LightTable::new(&transfer_function, shift, FIT_SHARE * max_error),
-            ),
-        };
-        Self {
-            mode: scene.mode,
-            subgrid: scene.subgrid,
-            size: [scene.camera.width, scene.camera.height],
-            tf,
-            light,
-            transfer_function,
-            exactness: Exactness { skipping: options.skipping, max_error, sums_errors },
-            refine: bricks_to_refine(volume.pyramid, &lod),
-            lod,
-            failed: Vec::new(),
-            parts: RayParts::new(
-                &scene.camera,
-                volume.geometry,
-                volume.pyramid.level_at(Lod::FINEST).dims,
-                &scene.clip,
-            ),
-            shift,
-            has_surfaces: scene.has_inner_surfaces(),
-        }
-    }
-
-    /// What it needs, whether errors are summed up or not.
-    fn capacity(&self, entries: u64, sums_errors: bool) -> Capacity {
-        let [width, height] = self.size;
-        Capacity::new((RayGrid { width, height }, self.subgrid), &self.tf, entries, sums_errors)
-    }
-
-    /// The same with room for larger pictures to come.
-    fn capacity_with_room(&self, entries: u64, options: &GpuOptions) -> Capacity {
-        let own = self.capacity(entries, options.sums_errors);
-        options.room.map_or(own, |[width, height]| {
-            let grid = RayGrid { width, height };
-            own.with_rays_of(&Capacity::new((grid, 1), &self.tf, entries, options.sums_errors))
-        })
-    }
 }
 
 impl GpuRenderer {
@@ -601,7 +467,7 @@ impl GpuRenderer {
             .iter()
             .map(|&(entry, rays)| {
                 let key = self.cache.pages.brick(entry).expect("the shader names entries of the page table").brick;
-                crate::engines::packets::Miss {
+                crate::engines::feedback::Miss {
                     key,
                     rays: u64::from(rays),
                     nearest: self.picture.lod.distance(&self.pyramid, key),
@@ -671,43 +537,6 @@ impl GpuRenderer {
     pub fn skipping(&self) -> Skipping {
         self.options.skipping
     }
-}
-
-/// Has the rays of a grid written, row by row, and over the pixels what they are on average: straight there where a pixel is a ray.
-pub fn over_rays<T>(
-    RayGrid { width, height }: RayGrid,
-    subgrid: u32,
-    to: &mut [[f32; 4]],
-    write: impl FnOnce(&mut [[f32; 4]]) -> Result<T, GpuError>,
-) -> Result<T, GpuError> {
-    if subgrid == 1 {
-        return write(to);
-    }
-    let mut rays = Image { width, height, pixels: vec![[0.0; 4]; width as usize * height as usize] };
-    let result = write(&mut rays.pixels)?;
-    to.copy_from_slice(&rays.downsampled(subgrid).pixels);
-    Ok(result)
-}
-
-/// The pixel of what one ray has gathered; twin of the CPU frame's.
-pub fn pixel(mode: Mode, tf: &RenderTransferFunction, gathered: &Gathered) -> [f32; 4] {
-    let value = match (mode, *gathered) {
-        (Mode::Dvr | Mode::Iso | Mode::Slice, [r, g, b, transmittance]) => return [r, g, b, 1.0 - transmittance],
-        (_, [_, present, ..]) if present <= 0.0 => return [0.0; 4],
-        (Mode::Mip | Mode::Minip, [extreme, ..]) => extreme,
-        (Mode::Mean, [integral, present, ..]) => integral / present,
-    };
-    let [r, g, b, alpha] = tf.classify(value);
-    [r * alpha, g * alpha, b * alpha, alpha]
-}
-
-/// For each entry from level 1 on: whether the brick is too coarse. `f64` and in one place: both backends agree.
-fn bricks_to_refine(pyramid: &Pyramid, lod: &LodRule) -> Vec<bool> {
-    let first = pyramid.level_at(Lod::FINEST).brick_count();
-    (first..pyramid.brick_count())
-        .into_par_iter()
-        .map(|entry| !lod.is_fine_enough(pyramid, pyramid.key(entry).expect("entries below the count have keys")))
-        .collect()
 }
 
 fn plan_memory(

@@ -2,17 +2,22 @@
 
 use std::collections::HashMap;
 
+use supervol_format::BrickKey;
 use supervol_scene::scene::Mode;
 
-use super::device::{GpuDevice, GpuError};
+use super::device::GpuDevice;
 use super::layout::{DEVIATION_NONE, DEVIATION_UNKNOWN, GpuDeviation, RayErrors};
-use super::twins::FAR;
+use crate::engines::gpu::error::GpuError;
+use crate::engines::gpu::limits::FAR;
 use crate::lod::deviation::{Deviation, RayDeviation};
 
 /// Most of them, the two that are always there included; of bricks beyond, nothing is known.
 pub const DEVIATION_LIMIT: usize = 1 << 14;
 /// `f32` may round a bound down; by no more than this share.
 const ROUNDING: f64 = 1.0 + 2.0 * f32::EPSILON as f64;
+
+/// What a brick may be off by under a look, for pictures that say it.
+pub type DeviationOf = Box<dyn Fn(BrickKey) -> Deviation + Send + Sync>;
 
 /// See the module.
 pub struct DeviationTable {

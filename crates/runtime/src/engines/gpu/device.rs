@@ -10,11 +10,10 @@ use std::pin::pin;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::task::{Context, Poll, Waker};
 
-use supervol_format::readable::Mib;
-
-use super::memory::TEXTURE_LIMIT;
 use super::pipelines::{Pipelines, Variant};
 use super::shaders::TexelAccess;
+use crate::engines::gpu::error::GpuError;
+use crate::engines::gpu::limits::{SHARED_MEMORY, TEXTURE_LIMIT};
 use crate::stream::counters::DeviceCounters;
 
 /// Environment variable that names the adapter: any part of its name, in any case.
@@ -26,44 +25,11 @@ const FUTURE_POLL_LIMIT: usize = 1 << 20;
 /// Bytes that are used of a card where nobody says how many.
 const CARD_MEMORY: u64 = 1 << 30;
 
-/// The same of all other adapters.
-pub const SHARED_MEMORY: u64 = 256 << 20;
-
 /// Most variants of the pipelines that are kept: modes, with and without shading.
 const VARIANT_LIMIT: usize = 10;
 
 /// Textures that a shader reads as storage where it reads them so: the cache's, and the transfer function's light. WebGPU guarantees one less.
 const STORAGE_TEXTURES: u32 = TEXTURE_LIMIT as u32 + 1;
-
-/// What the GPU could not do, with advice where there is any.
-#[derive(Debug, Clone, thiserror::Error)]
-#[allow(missing_docs, reason = "the messages say it")]
-pub enum GpuError {
-    #[error("no GPU adapter: {reason}; install a Vulkan driver (Mesa's lavapipe suffices) or use --backend cpu")]
-    NoAdapter { reason: String },
-    #[error("the adapter {adapter} has no usable limits: {reason}; use --backend cpu")]
-    TooSmall { adapter: String, reason: String },
-    #[error("the GPU is out of memory in {doing}: {message}; lower --gpu-memory or the image size")]
-    OutOfMemory { doing: String, message: String },
-    #[error("the GPU driver refused {doing}: {message}")]
-    Refused { doing: String, message: String },
-    #[error("the GPU device was lost ({message}); build a new device and renderer")]
-    DeviceLost { message: String },
-    #[error(
-        "the GPU budget of {} is too small: {} for rays and tables and {} for each of at least {min_slots} bricks make \
-         {}; raise --gpu-memory, or lower the image size",
-        Mib(*budget), Mib(*fixed), Mib(*slot_bytes), Mib(*needed)
-    )]
-    Budget { budget: u64, fixed: u64, slot_bytes: u64, min_slots: u64, needed: u64 },
-    #[error("{what} needs {}, the adapter binds at most {}; {advice}", Mib(*needed), Mib(*limit))]
-    TableLimit { what: String, needed: u64, limit: u64, advice: String },
-    #[error("the scene cannot be drawn on the GPU: {reason}")]
-    Scene { reason: String },
-    #[error("{key} cannot be inserted: {reason}")]
-    Brick { key: supervol_format::BrickKey, reason: String },
-    #[error("all {slots} slots hold bricks that are wanted in this pass; no room for {key}")]
-    NoRoom { key: supervol_format::BrickKey, slots: usize },
-}
 
 /// Pipelines, and what they were compiled for.
 type KeptPipelines = (Variant, Arc<Pipelines>);
@@ -83,14 +49,6 @@ pub struct GpuDevice {
     lost: Arc<OnceLock<String>>,
     uncaptured: Arc<Mutex<Vec<GpuError>>>,
     pipelines: Arc<Mutex<Vec<KeptPipelines>>>,
-}
-
-/// Whether a hardware GPU can be there at all. On Linux its driver shows as a device file; asking first spares machines
-/// without one the start of every Vulkan driver, and that driver's complaints on standard error.
-#[must_use]
-pub fn may_have_hardware() -> bool {
-    const DEVICE_FILES: [&str; 4] = ["/dev/dri", "/dev/nvidiactl", "/dev/dxg", "/dev/kgsl-3d0"];
-    !cfg!(target_os = "linux") || DEVICE_FILES.iter().any(|file| std::path::Path::new(file).exists())
 }
 
 impl GpuDevice {

@@ -2,23 +2,18 @@
 //! docs/decisions/013-stated-error.md.
 
 use rayon::prelude::*;
-use supervol_format::BrickKey;
 use supervol_scene::image::Image;
 use supervol_scene::scene::Mode;
 
 use super::pixels::Gathered;
-use crate::engines::gpu::caster::{GpuError, GpuRenderer, PIXELS_TOGETHER, Picture, over_rays, pixel};
+use crate::engines::gpu::caster::GpuRenderer;
 use crate::engines::gpu::deviations;
+use crate::engines::gpu::error::GpuError;
 use crate::engines::gpu::layout::RayErrors;
-use crate::engines::packets::levels::ErrorsByReason;
-use crate::engines::packets::{END_SHARE, fit_error, own_error, rounding_error};
-use crate::lod::deviation::{Deviation, Deviations, FinishedRay};
-
-/// Below this, tables and `f32` do not let roots and pairs of Gauss reach the error that is asked for.
-const LEAST_AIMED: f64 = 0.25 / 255.0;
-
-/// What a brick may be off by under a look, for pictures that say it.
-pub type DeviationOf = Box<dyn Fn(BrickKey) -> Deviation + Send + Sync>;
+use crate::engines::gpu::picture::{PIXELS_TOGETHER, Picture, over_rays, pixel};
+use crate::engines::rules::{END_SHARE, LEAST_AIMED, fit_error, own_error, rounding_error};
+use crate::engines::totals::ErrorsByReason;
+use crate::lod::deviation::{Deviations, FinishedRay};
 
 /// What the rays of a band may be off by.
 #[derive(Debug, Clone, PartialEq)]

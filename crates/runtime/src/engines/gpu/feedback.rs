@@ -9,7 +9,7 @@ use supervol_format::BrickKey;
 
 use super::layout::GpuCounters;
 use super::slots::SlotIndex;
-use crate::engines::packets::Miss;
+use crate::engines::feedback::Miss;
 use crate::stream::counters::{DeviceCounters, RayCounters};
 
 /// Most misses listed in one pass.

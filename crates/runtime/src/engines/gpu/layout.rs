@@ -6,10 +6,10 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::cache::VoxelStorage;
-use super::twins;
+use super::limits;
 use crate::engines::cells::quadrature;
-use crate::engines::packets::{refine, shade, walk};
+use crate::engines::gpu::texels::VoxelStorage;
+use crate::engines::rules;
 use crate::lod::deviation::PER_OPACITY;
 
 /// A Rust type with a WGSL name.
@@ -104,7 +104,7 @@ wgsl_type! {
 
 // The tables hold whatever a scene or a container may have.
 const _: () = assert!(supervol_format::Lod::LIMIT == 64 && supervol_scene::scene::LIGHT_LIMIT == 16);
-const _: () = assert!(supervol_scene::scene::ISO_LIMIT == 32 && super::memory::TEXTURE_LIMIT == 4);
+const _: () = assert!(supervol_scene::scene::ISO_LIMIT == 32 && super::limits::TEXTURE_LIMIT == 4);
 const _: () = assert!(supervol_scene::scene::PLANE_LIMIT == 64);
 
 shared_constants! {
@@ -113,9 +113,9 @@ shared_constants! {
     /// Bins of the transfer function's width: gpu/light_table.rs.
     LIGHT_BINS = 4096;
     /// Texels of that table from a bin to the next one.
-    LIGHT_TEXELS = super::light_table::BIN_TEXELS as u32;
+    LIGHT_TEXELS = super::limits::BIN_TEXELS as u32;
     /// Greatest root of a channel's share of the greatest channel.
-    GREATEST_ROOT = super::light_table::GREATEST_ROOT;
+    GREATEST_ROOT = super::limits::GREATEST_ROOT;
     /// Rays of one workgroup: one tile of 8 x 8 pixels.
     WORKGROUP_RAYS = 64;
     /// The ray has more to do at once: it stopped at the dispatch's limit.
@@ -587,7 +587,7 @@ shared_struct! {
 }
 
 /// Constants that stand beside the Rust code they belong to: name, WGSL type, value.
-fn borrowed_constants() -> [(&'static str, &'static str, String); 38] {
+fn borrowed_constants() -> [(&'static str, &'static str, String); 47] {
     let (apron, macro_cell) = (supervol_format::brick::APRON, supervol_format::brick::MACRO_CELL);
     [
         ("APRON", "i32", apron.to_string()),
@@ -595,38 +595,47 @@ fn borrowed_constants() -> [(&'static str, &'static str, String); 38] {
         ("BLOCK", "i32", crate::engines::blocks::BLOCK.to_string()),
         ("KNOT_LIMIT", "u32", format!("{}u", quadrature::KNOT_LIMIT)),
         ("PAIR_LIMIT", "u32", format!("{}u", quadrature::PAIR_LIMIT)),
-        ("POSITION_ERROR", "f32", format!("{:?}", walk::POSITION_ERROR)),
+        ("POSITION_ERROR", "f32", format!("{:?}", rules::POSITION_ERROR)),
         ("GAUSS_OFFSET", "f32", format!("{:?}", quadrature::GAUSS_OFFSET as f32)),
         ("GAUSS_DISTANCE", "f32", format!("{:?}", quadrature::GAUSS_DISTANCE)),
-        ("PAIR_VARIATION", "f32", format!("{:?}", quadrature::PAIR_VARIATION)),
-        ("PAIRS_PER_VARIATION", "f32", format!("{:?}", quadrature::PAIRS_PER_VARIATION)),
-        ("PAIR_VARIATION_DEPTH", "f32", format!("{:?}", quadrature::PAIR_VARIATION_DEPTH)),
-        ("PAIR_NORMAL_CHANGE", "f32", format!("{:?}", quadrature::PAIR_NORMAL_CHANGE)),
-        ("PAIR_NORMAL_DEPTH", "f32", format!("{:?}", quadrature::PAIR_NORMAL_DEPTH)),
-        ("MIN_WEIGHT", "f32", format!("{:?}", quadrature::MIN_WEIGHT)),
+        ("PAIR_VARIATION", "f32", format!("{:?}", rules::PAIR_VARIATION)),
+        ("PAIRS_PER_VARIATION", "f32", format!("{:?}", rules::PAIRS_PER_VARIATION)),
+        ("PAIR_VARIATION_DEPTH", "f32", format!("{:?}", rules::PAIR_VARIATION_DEPTH)),
+        ("PAIR_NORMAL_CHANGE", "f32", format!("{:?}", rules::PAIR_NORMAL_CHANGE)),
+        ("PAIR_NORMAL_DEPTH", "f32", format!("{:?}", rules::PAIR_NORMAL_DEPTH)),
+        ("MIN_WEIGHT", "f32", format!("{:?}", rules::MIN_WEIGHT)),
         ("ISO_LIMIT", "u32", format!("{}u", supervol_scene::scene::ISO_LIMIT)),
-        ("KINK_SHARE", "f32", format!("{:?}", shade::KINK_SHARE)),
-        ("BEND_SHARE", "f32", format!("{:?}", shade::BEND_SHARE)),
-        ("STEEP_SHARE", "f32", format!("{:?}", shade::STEEP_SHARE)),
-        ("STEEP_FALL", "f32", format!("{:?}", shade::STEEP_FALL)),
-        ("COLOR_SHARE", "f32", format!("{:?}", shade::COLOR_SHARE)),
-        ("CUT_SHARE", "f32", format!("{:?}", shade::CUT_SHARE)),
-        ("TURN_SHARE", "f32", format!("{:?}", shade::TURN_SHARE)),
-        ("HIGHLIGHT_SHARE", "f32", format!("{:?}", shade::HIGHLIGHT_SHARE)),
-        ("HIGHLIGHT_REACH", "f32", format!("{:?}", shade::HIGHLIGHT_REACH)),
-        ("KINKED_BELOW", "f32", format!("{:?}", shade::KINKED_BELOW)),
-        ("DEPARTURE_SHARE", "f32", format!("{:?}", shade::DEPARTURE_SHARE)),
-        ("GREATEST_TURN", "f32", format!("{:?}", shade::GREATEST_TURN)),
-        ("BOW_SHARE", "f32", format!("{:?}", shade::BOW_SHARE)),
-        ("FAR", "f32", format!("{:?}", twins::FAR)),
-        ("LEAP_MARGIN", "f32", format!("{:?}", twins::LEAP_MARGIN)),
-        ("LEAST_PART", "f32", format!("{:?}", refine::LEAST_PART)),
-        ("SHORTEST", "f32", format!("{:?}", refine::SHORTEST)),
-        ("PARTS_LIMIT", "f32", format!("{:?}", refine::PARTS_LIMIT)),
-        ("PARTS_PER_ROOT", "f32", format!("{:?}", refine::PARTS_PER_ROOT)),
-        ("LEAST_SHARE", "f32", format!("{:?}", refine::LEAST_SHARE)),
-        ("EASY", "f32", format!("{:?}", refine::EASY)),
-        ("HARD", "f32", format!("{:?}", refine::HARD)),
+        ("KINK_SHARE", "f32", format!("{:?}", rules::KINK_SHARE)),
+        ("BEND_SHARE", "f32", format!("{:?}", rules::BEND_SHARE)),
+        ("STEEP_SHARE", "f32", format!("{:?}", rules::STEEP_SHARE)),
+        ("STEEP_FALL", "f32", format!("{:?}", rules::STEEP_FALL)),
+        ("COLOR_SHARE", "f32", format!("{:?}", rules::COLOR_SHARE)),
+        ("CUT_SHARE", "f32", format!("{:?}", rules::CUT_SHARE)),
+        ("TURN_SHARE", "f32", format!("{:?}", rules::TURN_SHARE)),
+        ("HIGHLIGHT_SHARE", "f32", format!("{:?}", rules::HIGHLIGHT_SHARE)),
+        ("HIGHLIGHT_REACH", "f32", format!("{:?}", rules::HIGHLIGHT_REACH)),
+        ("KINKED_BELOW", "f32", format!("{:?}", rules::KINKED_BELOW)),
+        ("DEPARTURE_SHARE", "f32", format!("{:?}", rules::DEPARTURE_SHARE)),
+        ("GREATEST_TURN", "f32", format!("{:?}", rules::GREATEST_TURN)),
+        ("BOW_SHARE", "f32", format!("{:?}", rules::BOW_SHARE)),
+        ("FAR", "f32", format!("{:?}", limits::FAR)),
+        ("LEAP_MARGIN", "f32", format!("{:?}", limits::LEAP_MARGIN)),
+        ("LEAST_PART", "f32", format!("{:?}", rules::LEAST_PART)),
+        ("SHORTEST", "f32", format!("{:?}", rules::SHORTEST)),
+        ("PARTS_LIMIT", "f32", format!("{:?}", rules::PARTS_LIMIT)),
+        ("PARTS_PER_ROOT", "f32", format!("{:?}", rules::PARTS_PER_ROOT)),
+        ("LEAST_SHARE", "f32", format!("{:?}", rules::LEAST_SHARE)),
+        ("EASY", "f32", format!("{:?}", rules::EASY)),
+        ("HARD", "f32", format!("{:?}", rules::HARD)),
+        ("AVERAGE_OF_BUMP", "f32", format!("{:?}", rules::AVERAGE_OF_BUMP)),
+        ("AVERAGE_OF_CUBIC", "f32", format!("{:?}", rules::AVERAGE_OF_CUBIC)),
+        ("GREATEST_OF_CUBIC", "f32", format!("{:?}", rules::GREATEST_OF_CUBIC)),
+        ("ORDER_SQUARE", "f32", format!("{:?}", rules::ORDER_SQUARE)),
+        ("OUT_OF_ORDER", "f32", format!("{:?}", rules::OUT_OF_ORDER)),
+        ("ORDER_REST", "f32", format!("{:?}", rules::ORDER_REST)),
+        ("UNEVEN_MISPLACED", "f32", format!("{:?}", rules::UNEVEN_MISPLACED)),
+        ("FALL_MISPLACED", "f32", format!("{:?}", rules::FALL_MISPLACED)),
+        ("FALL_END", "f32", format!("{:?}", rules::FALL_END)),
         (
             "PER_OPACITY",
             "array<f32, 7>",
@@ -665,7 +674,7 @@ pub fn structs() -> Vec<StructLayout> {
 pub fn wgsl() -> String {
     let mut text = "// Constants and structs shared with Rust. Written by gpu/layout.rs; do not edit.\n\n".to_owned();
     text.push_str(&constants_wgsl());
-    text.push_str("// Explained where Rust defines them: format/src/brick.rs, lod/deviation.rs, raycast/scalar/quadrature.rs, raycast/cpu/mod.rs, raycast/cpu/refine.rs, raycast/cpu/shade.rs, raycast/cpu/walk.rs, scene.rs, gpu/twins.rs.\n");
+    text.push_str("// Explained where Rust defines them: crates/format/src/brick.rs, crates/scene/src/scene/mod.rs, and in crates/runtime/src: lod/deviation.rs, engines/rules.rs, engines/blocks.rs, engines/cells/quadrature.rs, engines/gpu/limits.rs.\n");
     for (name, ty, value) in borrowed_constants() {
         text.push_str(&format!("const {name}: {ty} = {value};\n"));
     }

@@ -8,12 +8,16 @@ use glam::Vec3;
 use supervol_format::Geometry;
 
 use super::layout::LIGHT_BINS;
-use super::light_table::{BIN_TEXELS, GREATEST_ROOT, LightTable};
-use super::twins::FAR;
+use super::light_table::LightTable;
 use crate::engines::cells::shade::Lighting;
+use crate::engines::gpu::limits::{BIN_TEXELS, FAR, GREATEST_ROOT};
 use crate::engines::packets::integrate::Part;
 use crate::engines::packets::shade::PacketLighting;
 use crate::engines::packets::simd::{LANES_LIMIT, Portable, Simd};
+use crate::engines::rules::{
+    AVERAGE_OF_BUMP, AVERAGE_OF_CUBIC, FALL_END, FALL_MISPLACED, GREATEST_OF_CUBIC, ORDER_REST, ORDER_SQUARE,
+    OUT_OF_ORDER, UNEVEN_MISPLACED,
+};
 
 /// Width, in bins, up to which the mean of an interval is that of its ends.
 pub const NARROW: f32 = 1.0;
@@ -128,13 +132,13 @@ pub fn line_of(chord: &LightChord) -> LightLine {
     let rise = last - first;
     let mean = middle * (4.0 / 6.0) + (first + last) * (1.0 / 6.0);
     let (bump, cubic) = ((middle - 0.5 * (first + last)).abs(), chord.cubic.abs());
-    let most = 2.0 / 3.0 * bump + 0.05 * cubic;
-    let margin = most + 0.05 * cubic;
+    let most = 2.0 / 3.0 * bump + GREATEST_OF_CUBIC * cubic;
+    let margin = most + GREATEST_OF_CUBIC * cubic;
     LightLine {
         ends: [-0.5, 0.5].map(|share| mean + share * rise),
         range: [first.min(last).min(middle) - margin, first.max(last).max(middle) + margin],
         most,
-        average: 0.26 * bump + 0.03 * cubic,
+        average: AVERAGE_OF_BUMP * bump + AVERAGE_OF_CUBIC * cubic,
         extent: chord.extent,
     }
 }
@@ -196,7 +200,7 @@ pub fn integrate_line(table: &LightTable, line: &LightLine, disorder: f32) -> Li
     let transmittance = (-tau).exp();
     let opacity = 1.0 - transmittance;
     let emitting = if tau < 1e-6 { extent } else { opacity / kappa };
-    let order = extent * extent / (12.0 + tau * (6.0 + 1.2 * tau));
+    let order = extent * extent / (12.0 + tau * (6.0 + ORDER_SQUARE * tau));
     let between = |c: usize| b.value[c] - a.value[c];
     let [error, fit, misplaced, colors] = error_of(table, line, disorder, kappa);
     let most = 0.5 * colors * (opacity * (1.0 - 0.5 * transmittance)).powi(2);
@@ -248,12 +252,12 @@ fn error_of(table: &LightTable, line: &LightLine, disorder: f32, kappa: f32) -> 
     // Beyond the last bin colour does not change.
     let slope_high = if above >= LIGHT_BINS as f32 { 0.0 } else { high[3] };
     let even_colors = low[2].min(slope_high) * (light_bin(above) + 1.0 - light_bin(below));
-    let out_of_order = 0.84 * (colors * uneven.max(disorder)).max(colors - even_colors) + 0.06 * colors;
+    let out_of_order = OUT_OF_ORDER * (colors * uneven.max(disorder)).max(colors - even_colors) + ORDER_REST * colors;
     let of_order = (1.0 - (-tau).exp()) * out_of_order * tau / (4.0 + tau);
-    let fall = 0.03 * tau * tau / (1.0 + 0.1 * tau * tau);
+    let fall = FALL_MISPLACED * tau * tau / (1.0 + FALL_END * tau * tau);
     let of_bin = 0.5 * bends + 2.0 * (kappa * table.most).sqrt() / GREATEST_ROOT as f32 + table.unit;
     let fit = (of_bin * extent / width.max(1.0)).min(1.0);
-    [of_mean.clamp(0.0, 1.0) + of_order, fit, 0.6 * uneven + fall, colors.min(1.0)]
+    [of_mean.clamp(0.0, 1.0) + of_order, fit, UNEVEN_MISPLACED * uneven + fall, colors.min(1.0)]
 }
 
 /// The value at a place of a cell, both in [0, 1]^3; corner c has the offsets (c & 1, c >> 1 & 1, c >> 2).

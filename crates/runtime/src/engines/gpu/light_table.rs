@@ -18,17 +18,13 @@ use supervol_scene::transfer_function::TransferFunction;
 use supervol_scene::transfer_function::pieces::{CHANNELS, Column, TransferPieces};
 use supervol_scene::value_map::ValueMap;
 
-use super::cache::VoxelStorage;
 use super::layout::{LIGHT_BINS, TABLE_WIDTH};
+use crate::engines::gpu::limits::{BIN_TEXELS, GREATEST_ROOT};
+use crate::engines::gpu::texels::VoxelStorage;
+use crate::engines::rules::STEEPEST_BIN;
 
-/// Share of the greatest channel by which a channel may change within a bin.
-const STEEPEST: f64 = 1.0 / 8.0;
 /// Bins, and one on either side.
 const PLACES: usize = LIGHT_BINS as usize + 2;
-/// Texels from a bin to the next one: three, and one that fills the cache line of 64 bytes.
-pub const BIN_TEXELS: usize = 4;
-/// Greatest root of a channel's share of the greatest channel, in the second texel.
-pub const GREATEST_ROOT: u32 = 65_535;
 /// Texels of the table: whole rows.
 pub const TEXELS: usize = (BIN_TEXELS * PLACES).next_multiple_of(TABLE_WIDTH as usize);
 
@@ -99,7 +95,7 @@ impl LightTable {
                     std::array::from_fn(|c| (edges[place].antiderivative[c] - begin.antiderivative[c]) / per_bin);
                 let ends = [channels_at(&pieces, left, false), channels_at(&pieces, right, true)];
                 let bends = (edges[place].sums[0] - begin.sums[0]) * per_bin;
-                is_resolved &= is_smooth(&ends, &mean, most) && bends <= 2.0 * STEEPEST * most;
+                is_resolved &= is_smooth(&ends, &mean, most) && bends <= 2.0 * STEEPEST_BIN * most;
                 line_of(ends, mean)
             };
             // Whole numbers: their differences are exact, however much lies below.
@@ -145,7 +141,7 @@ impl LightTable {
 fn is_smooth([left, right]: &[[f64; CHANNELS]; 2], mean: &[f64; CHANNELS], most: f64) -> bool {
     (0..CHANNELS).all(|c| {
         let of_ends = 0.5 * (left[c] + right[c]);
-        (right[c] - left[c]).abs() <= STEEPEST * most && (of_ends - mean[c]).abs() <= 0.5 * STEEPEST * most
+        (right[c] - left[c]).abs() <= STEEPEST_BIN * most && (of_ends - mean[c]).abs() <= 0.5 * STEEPEST_BIN * most
     })
 }
 

@@ -4,11 +4,9 @@
 //! their states, feedback, and staging for uploads and read-back. What is fixed by the scene comes first; slots take
 //! the rest.
 
-use super::cache::TEXEL_BYTES;
-use super::device::GpuError;
-
-/// Most cache textures: the number of texture bindings in the shader.
-pub const TEXTURE_LIMIT: usize = 4;
+use crate::engines::gpu::error::GpuError;
+use crate::engines::gpu::limits::TEXTURE_LIMIT;
+use crate::engines::gpu::texels::TEXEL_BYTES;
 
 /// Most bytes of one cache texture: what the strictest driver we know (lavapipe) allocates.
 pub const TEXTURE_BYTES_LIMIT: u64 = 1 << 31;

@@ -16,7 +16,8 @@ use supervol_scene::transfer_function::RenderTransferFunction;
 use super::pixels::{BoundPixels, PixelBuffers};
 use crate::engines::gpu::cache::GpuCache;
 use crate::engines::gpu::deviations::DeviationTable;
-use crate::engines::gpu::device::{GpuDevice, GpuError};
+use crate::engines::gpu::device::GpuDevice;
+use crate::engines::gpu::error::GpuError;
 use crate::engines::gpu::feedback::{
     FIRST_MISSES, HEADER_WORDS, MISS_LIMIT, PassFeedback, buffer_words, listed_misses, read_misses, read_uses,
     tile_words, words_with,
@@ -154,7 +155,7 @@ impl Capacity {
             + size_of::<Scene>() as u64
             + RUNS_IN_FLIGHT as u64 * (COUNTERS_BYTES + 4 * self.run_tiles())
             + PARTS_BYTES
-            + PixelBuffers::bytes(self)
+            + PixelBuffers::bytes((self.places, self.sums_errors))
     }
 
     /// Bytes of what rays may be off by; one place is there in any case.
@@ -301,7 +302,7 @@ impl Caster {
             slots,
             first_tile: 4 * (HEADER_WORDS as u64 + tile_words(slots, capacity.entries)),
             feedback_after: None,
-            pixels: PixelBuffers::new(gpu, capacity)?,
+            pixels: PixelBuffers::new(gpu, (capacity.places, capacity.sums_errors))?,
             grid: RayGrid { width: 0, height: 0 },
             view: View::zeroed(),
             refined_levels: 0,

@@ -2,11 +2,12 @@
 
 use std::sync::OnceLock;
 
-use super::device::{GpuDevice, GpuError};
-use super::memory::TEXTURE_LIMIT;
+use super::device::GpuDevice;
 use super::shaders::{
     BEGIN_PARTS, BEGIN_RAYS, CLASSIFY_CELLS, GATHER_MISSES, GATHER_PIXELS, ShaderModule, TexelAccess, raycast_for,
 };
+use crate::engines::gpu::error::GpuError;
+use crate::engines::gpu::limits::TEXTURE_LIMIT;
 
 /// What pipelines are compiled for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]

@@ -16,8 +16,8 @@ use supervol_format::{Dims, Geometry};
 use supervol_scene::camera::{Camera, Projection, Ray};
 use supervol_scene::clip::{Clip, ClipPlane};
 
-use super::device::GpuError;
 use super::layout::{Affine, Fixed, PlaneLine, View, WORKGROUP_RAYS};
+use crate::engines::gpu::error::GpuError;
 
 /// Edge of a tile, pixels.
 pub const TILE: u32 = 8;

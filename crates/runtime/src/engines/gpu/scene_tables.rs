@@ -7,8 +7,6 @@ use supervol_scene::scene::{Mode, ResolvedScene};
 use supervol_scene::transfer_function::{ALPHA_LIMIT, RenderTransferFunction};
 use supervol_scene::value_map::ValueMap;
 
-use super::cache::VoxelStorage;
-use super::device::GpuError;
 use super::feedback::{MISS_LIMIT, miss_words, tile_words, wait_words};
 use super::layout::{
     Config, FLAG_ABSENT, FLAG_BYTES, FLAG_ERRORS, FLAG_FLOAT, FLAG_HOLES, FLAG_LIGHT, FLAG_SHADED, FLAG_SKIPPING,
@@ -16,9 +14,11 @@ use super::layout::{
     Tables,
 };
 use super::light_table::LightTable;
-use crate::engines::cells::quadrature::PAIR_ERROR;
 use crate::engines::cells::shade::Lighting;
-use crate::engines::packets::{END_SHARE, LEAST_SHADED_SHARE, Skipping, TERMINATION_OPACITY, cell_error};
+use crate::engines::gpu::error::GpuError;
+use crate::engines::gpu::texels::VoxelStorage;
+use crate::engines::rules::{END_SHARE, LEAST_SHADED_SHARE, PAIR_ERROR, TERMINATION_OPACITY, cell_error};
+use crate::stream::classify::Skipping;
 
 /// The volume that a renderer draws.
 #[derive(Debug, Clone, Copy)]

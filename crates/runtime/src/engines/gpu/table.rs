@@ -1,8 +1,9 @@
 //! Tables that shaders look up at any place, as textures: drivers read those for all lanes at once. Software ones read buffers
 //! lane by lane.
 
-use super::device::{GpuDevice, GpuError};
+use super::device::GpuDevice;
 use super::layout::TABLE_WIDTH as WIDTH;
+use crate::engines::gpu::error::GpuError;
 
 /// A table of texels of one or four 32-bit words, row by row.
 pub struct Table {

@@ -1,7 +1,6 @@
 //! Twins of shader functions that the CPU has no use for: places in textures, marks of surfaces, rays in a brick. The same
 //! functions in Rust, under the same names, by which a test holds the shaders to account (`tests/gpu_walk_twins.rs`); which
-//! functions have none, and why, is listed in `tests/gpu_twin_list.rs`. What is a number of the shaders alone stands here, too, and
-//! is written into `layout.wgsl`.
+//! functions have none, and why, is listed in `tests/gpu_twin_list.rs`.
 
 use glam::{Mat3, Vec3};
 use supervol_format::brick::MACRO_CELL;
@@ -9,12 +8,8 @@ use supervol_format::brick::MACRO_CELL;
 use super::layout::{Config, STEP_OF_BYTES};
 use crate::engines::cells::cell::{cubic_at, monotone_root};
 use crate::engines::cells::quadrature::shaded_pair_count;
-use crate::engines::packets::refine::{EASY, HARD, LEAST_PART, LEAST_SHARE, PARTS_LIMIT, PARTS_PER_ROOT};
-
-/// Beyond everything, in world lengths.
-pub const FAR: f32 = 1e30;
-/// How far beyond a face a leap ends, voxels: a few roundings.
-pub const LEAP_MARGIN: f32 = 2e-5;
+use crate::engines::gpu::limits::{FAR, LEAP_MARGIN};
+use crate::engines::rules::{EASY, HARD, LEAST_PART, LEAST_SHARE, PARTS_LIMIT, PARTS_PER_ROOT};
 
 /// Number of a macro cell among those of all slots.
 #[must_use]

@@ -7,8 +7,8 @@
 use supervol_scene::value_map::ValueMap;
 
 use super::leap::{Ahead, ProximityCloud, macro_cells_of};
-use super::walk::VALUE_ERROR;
 use crate::engines::blocks::{BLOCK, HALVES, ranges_of_blocks};
+use crate::engines::rules::VALUE_ERROR;
 use crate::stream::residency::DecodedBrick;
 
 /// Greatest share of macro cells that show something, in quarters, up to which voxels are looked at.

@@ -7,8 +7,9 @@
 
 use supervol_format::BrickKey;
 
-use super::{BlockFeedback, CpuFrame};
-use crate::engines::packets::cast::CastTile;
+use super::frame::PacketFrame;
+use super::visit::CastTile;
+use crate::engines::feedback::BlockFeedback;
 use crate::stream::residency::Resident;
 
 /// A ray on its way through a brick, from crossing to crossing.
@@ -24,7 +25,7 @@ struct Way {
 
 impl CastTile<'_> {
     /// The rays that meet a brick gather what is in it, and meet the surfaces of a frame.
-    pub(super) fn cast_around_surfaces(&mut self, key: BrickKey, resident: Resident<'_>, surfaces: &CpuFrame) {
+    pub(super) fn cast_around_surfaces(&mut self, key: BrickKey, resident: Resident<'_>, surfaces: &PacketFrame) {
         let hits = self.rays.hits().to_vec();
         self.find_crossings(key, resident, surfaces);
         self.rays.set_hits(&hits);
@@ -71,8 +72,8 @@ impl CastTile<'_> {
     }
 
     /// Lists the surfaces that the rays meet in a brick, and keeps the sides on which they come out.
-    fn find_crossings(&mut self, key: BrickKey, resident: Resident<'_>, surfaces: &CpuFrame) {
-        let tables = surfaces.packets.as_ref().expect("frames with surfaces inside the volume are cast by packets");
+    fn find_crossings(&mut self, key: BrickKey, resident: Resident<'_>, surfaces: &PacketFrame) {
+        let tables = &*surfaces.tables;
         // What the search costs is not what a ray gathers.
         let mut feedback = BlockFeedback::default();
         let Self { view, corner, ref mut rays, ref mut queues, .. } = *self;

@@ -22,6 +22,10 @@ use supervol_scene::transfer_function::pieces::{CHANNELS, Column};
 
 use super::lookup::{Channels, Lookup, Place, channels};
 use super::simd::{Simd, exp_minus};
+use crate::engines::rules::{
+    AVERAGE_OF_BUMP, AVERAGE_OF_CUBIC, FALL_END, FALL_MISPLACED, GREATEST_OF_CUBIC, ORDER_REST, ORDER_SQUARE,
+    OUT_OF_ORDER, UNEVEN_MISPLACED,
+};
 
 /// The field along a chord, by three values and the cubic coefficient.
 #[derive(Clone, Copy)]
@@ -115,15 +119,15 @@ impl<S: Simd> Chord<S> {
     #[inline(always)]
     fn departure(&self) -> [S::F; 2] {
         let (bump, cubic) = (self.bump(), S::abs(self.cubic));
-        let most = S::mul_add(bump, S::splat(2.0 / 3.0), S::mul_add(cubic, S::splat(0.05), self.noise));
-        [most, S::mul_add(bump, S::splat(0.26), cubic * S::splat(0.03))]
+        let most = S::mul_add(bump, S::splat(2.0 / 3.0), S::mul_add(cubic, S::splat(GREATEST_OF_CUBIC), self.noise));
+        [most, S::mul_add(bump, S::splat(AVERAGE_OF_BUMP), cubic * S::splat(AVERAGE_OF_CUBIC))]
     }
 
     /// Bounds of the field.
     #[inline(always)]
     pub fn range(&self) -> [S::F; 2] {
         let [first, middle, last] = self.values;
-        let margin = S::mul_add(S::abs(self.cubic), S::splat(0.05), self.departure()[0]);
+        let margin = S::mul_add(S::abs(self.cubic), S::splat(GREATEST_OF_CUBIC), self.departure()[0]);
         [S::min(S::min(first, last), middle) - margin, S::max(S::max(first, last), middle) + margin]
     }
 
@@ -195,8 +199,8 @@ impl<S: Simd> Line<S> {
             let behind = S::abs(last - line);
             // Between the three places the field leaves the lines through them by a quarter of the bump, and by the cubic.
             let (bump, cubic) = (chord.bump(), S::abs(chord.cubic));
-            inside = S::max(inside, S::mul_add(bump, S::splat(0.25), cubic * S::splat(0.05)));
-            let between = S::mul_add(bump, S::splat(1.0 / 6.0), cubic * S::splat(0.03));
+            inside = S::max(inside, S::mul_add(bump, S::splat(0.25), cubic * S::splat(GREATEST_OF_CUBIC)));
+            let between = S::mul_add(bump, S::splat(1.0 / 6.0), cubic * S::splat(AVERAGE_OF_CUBIC));
             let sides = S::mul_add(before + behind, S::splat(0.25), half * at_middle);
             area = S::mul_add(sides + between, chord.length, area);
             most = S::max(most, S::max(at_middle, behind));
@@ -282,7 +286,7 @@ pub fn integrate_at<S: Simd, L: Lookup>(table: &L, narrow: S::F, at: &Located<S>
     let opacity = one - transmittance;
     let is_clear = S::lt(tau, S::splat(1e-6));
     let emitting = S::select(is_clear, h, opacity / S::select(is_clear, one, kappa));
-    let order = h * h / S::mul_add(tau, S::mul_add(tau, S::splat(1.2), S::splat(6.0)), S::splat(12.0));
+    let order = h * h / S::mul_add(tau, S::mul_add(tau, S::splat(ORDER_SQUARE), S::splat(6.0)), S::splat(12.0));
     let kappa_rise = at_b.value[0] - at_a.value[0];
     let [error, misplaced, colors] = error(table, narrow, at, [kappa, opacity]);
     let reach = opacity * S::mul_add(S::splat(-0.5), transmittance, one);
@@ -345,12 +349,12 @@ fn error<S: Simd, L: Lookup>(table: &L, narrow: S::F, at: &Located<S>, [kappa, o
     let uneven = S::min(uneven / S::max(kappa, S::splat(1e-12)), one);
     // Colour may also be the uneven one: even, and then not, where the line crosses a control point.
     let out_of_order = S::max(colors * S::max(uneven, disorder), colors - even_colors);
-    let out_of_order = S::mul_add(S::splat(0.84), out_of_order, S::splat(0.06) * colors);
+    let out_of_order = S::mul_add(S::splat(OUT_OF_ORDER), out_of_order, S::splat(ORDER_REST) * colors);
     let tau = kappa * length;
     let of_order = opacity * out_of_order * tau / (S::splat(4.0) + tau);
     // Evenly from end to end is not how light falls off in a part that is nearly opaque.
-    let fall = S::splat(0.03) * tau * tau / S::mul_add(tau * tau, S::splat(0.1), one);
-    let misplaced = S::mul_add(uneven, S::splat(0.6), fall);
+    let fall = S::splat(FALL_MISPLACED) * tau * tau / S::mul_add(tau * tau, S::splat(FALL_END), one);
+    let misplaced = S::mul_add(uneven, S::splat(UNEVEN_MISPLACED), fall);
     [S::min(S::max(of_mean, zero), one) + of_order, misplaced, S::min(colors, one)]
 }
 

@@ -6,51 +6,13 @@ use std::sync::Arc;
 use supervol_format::{BrickKey, Lod};
 use supervol_scene::scene::Mode;
 
-use super::CpuFrame;
-use super::tile::{Gathered, TILE_RAYS};
-use crate::engines::packets::cast::{CastTile, PacketTables};
-use crate::lod::deviation::{Deviation, Deviations, FinishedRay, RayDeviation};
+use super::frame::PacketFrame;
+use super::noted::TileErrors;
+use super::tile::Gathered;
+use super::visit::CastTile;
+use crate::engines::totals::ErrorsByReason;
+use crate::lod::deviation::{Deviation, Deviations, FinishedRay};
 use crate::stream::residency::Resident;
-
-/// What coarser levels may do to the rays of a tile.
-#[derive(Debug, Clone)]
-pub struct LevelErrors {
-    rays: [RayDeviation; TILE_RAYS],
-    /// Whether a voxel may be there in one level and not in the other.
-    presence_may_change: bool,
-}
-
-/// What the rays of a finished tile may be off by; 1 is white.
-#[derive(Debug, Clone)]
-pub struct TileErrors {
-    /// Each ray, for all reasons.
-    pub of_rays: [f32; TILE_RAYS],
-    /// The greatest of them for each reason.
-    pub greatest: ErrorsByReason,
-}
-
-/// What rays may be off by at most, reason by reason; 1 is white.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct ErrorsByReason {
-    /// Integration of cells.
-    pub cells: f64,
-    /// Coarser levels.
-    pub levels: f64,
-    /// Whether a voxel may be there in one level and not in the other.
-    pub presence_may_change: bool,
-}
-
-impl ErrorsByReason {
-    /// The greater of both.
-    #[must_use]
-    pub fn or(self, other: Self) -> Self {
-        Self {
-            cells: self.cells.max(other.cells),
-            levels: self.levels.max(other.levels),
-            presence_may_change: self.presence_may_change | other.presence_may_change,
-        }
-    }
-}
 
 /// The rays of a tile in front of a brick that may be off.
 pub(super) struct Crossing {
@@ -58,11 +20,6 @@ pub(super) struct Crossing {
     is_drawn: bool,
     /// Of each ray: its number, how far it goes through the brick, and its transmittance, or its value.
     rays: Vec<(usize, f64, f64)>,
-}
-
-impl LevelErrors {
-    /// Nothing is off.
-    pub const NONE: Self = Self { rays: [RayDeviation::NONE; TILE_RAYS], presence_may_change: false };
 }
 
 impl CastTile<'_> {
@@ -78,10 +35,10 @@ impl CastTile<'_> {
             return None;
         }
         // What surfaces let through says nothing of those that are elsewhere.
-        let has_surface = self.frame.mode == Mode::Iso || deviation.is_unbounded();
+        let has_surface = self.frame.scene.mode == Mode::Iso || deviation.is_unbounded();
         let is_drawn = matches!(resident, Resident::Brick(_) | Resident::Uniform(_)) && !has_surface;
         let gathered = &self.rays.gathered;
-        let of = if has_transmittance(self.frame.mode) { &gathered.transmittance } else { &gathered.value };
+        let of = if self.frame.scene.has_transmittance() { &gathered.transmittance } else { &gathered.value };
         let rays = self.rays.hits().iter().map(|&ray| {
             let ([entry, exit], place) = (self.rays.interval(ray), usize::from(ray));
             (place, exit - entry, of[place])
@@ -91,7 +48,7 @@ impl CastTile<'_> {
 
     fn deviation(&self, deviations: &Deviations, key: BrickKey) -> Arc<Deviation> {
         self.tables.of_levels.of(
-            self.frame.field.brick(key),
+            self.frame.scene.field.brick(key),
             |deviation| size_of_val(deviation) as u64,
             || {
                 let known = self.view.entry(key);
@@ -102,14 +59,14 @@ impl CastTile<'_> {
 
     /// Those rays have left the brick.
     pub(super) fn note_levels(&mut self, crossing: &Crossing) {
-        let shift = self.frame.map.shift;
+        let shift = self.frame.scene.map.shift;
         let gathered = &mut self.rays.gathered;
         let Some(levels) = &mut gathered.levels else { return };
         levels.presence_may_change |= crossing.deviation.presence_may_change;
         for &(place, length, before) in &crossing.rays {
             let (ray, deviation) = (&mut levels.rays[place], &crossing.deviation);
             let values = [before, gathered.value[place]].map(|value| value + shift);
-            match self.frame.mode {
+            match self.frame.scene.mode {
                 Mode::Mip => ray.note_extreme(values, true, deviation),
                 Mode::Minip => ray.note_extreme(values, false, deviation),
                 Mode::Mean => ray.note_mean(length, deviation),
@@ -122,30 +79,21 @@ impl CastTile<'_> {
     }
 }
 
-pub(super) fn has_transmittance(mode: Mode) -> bool {
-    matches!(mode, Mode::Dvr | Mode::Iso | Mode::Slice)
-}
-
 /// What the rays of a finished tile may be off by, where that was summed up; `pixels` are theirs.
-pub(super) fn errors_of(
-    frame: &CpuFrame,
-    tables: &PacketTables,
-    gathered: &Gathered,
-    pixels: &[[f32; 4]],
-) -> Option<Box<TileErrors>> {
+pub(super) fn errors_of(frame: &PacketFrame, gathered: &Gathered, pixels: &[[f32; 4]]) -> Option<Box<TileErrors>> {
     let (levels, deviations) = (gathered.levels.as_ref()?, frame.deviations.as_ref()?);
     let mut greatest = ErrorsByReason { presence_may_change: levels.presence_may_change, ..ErrorsByReason::default() };
     let of_rays = std::array::from_fn(|ray| {
         let transmittance = gathered.transmittance[ray];
-        let has_ended = frame.mode == Mode::Dvr && transmittance <= tables.end_error();
+        let has_ended = frame.scene.mode == Mode::Dvr && transmittance <= frame.tables.end_error();
         let behind = if has_ended { transmittance } else { 0.0 };
         let (cells, length) = (gathered.error[ray], gathered.length[ray]);
-        let value = if frame.mode == Mode::Mean { gathered.value[ray] / length } else { gathered.value[ray] };
+        let value = if frame.scene.mode == Mode::Mean { gathered.value[ray] / length } else { gathered.value[ray] };
         let finished = FinishedRay {
             behind,
-            value: value + frame.map.shift,
+            value: value + frame.scene.map.shift,
             length,
-            own: cells + tables.own_error(frame, 1.0 - transmittance),
+            own: cells + frame.own_error(1.0 - transmittance),
             pixel: pixels[ray],
         };
         let [off, of_levels] = deviations.of_finished(&levels.rays[ray], &finished);

@@ -9,7 +9,6 @@
 //!
 //! The cells of a round go through each stage together: stages are short, so that the processor overlaps several cells.
 
-use super::RayCounters;
 use super::fetch::{Cell, Raw, Rows};
 use super::integrate::{Chord, Line, Located, Part, integrate_at, locate};
 use super::lookup::Lookup;
@@ -19,7 +18,9 @@ use super::refine::Refine;
 use super::shade::PacketLighting;
 use super::shaded_cells::{AlongRay, CellShader, ShadeCells, ShadeQueue, ShadeRound};
 use super::simd::{LANES_LIMIT, Places, Simd, exp_minus, for_three};
-use super::walk::{POSITION_ERROR, Packet, PacketBrick, PerLane, ROUND, Step, VALUE_ERROR, Walker, places_along};
+use super::walk::{Packet, PacketBrick, PerLane, ROUND, Step, Walker, places_along};
+use crate::engines::rules::{POSITION_ERROR, VALUE_ERROR};
+use crate::stream::counters::RayCounters;
 
 /// Share of the lanes that must show for a round's cells to be shaded where they lie: packing costs, too.
 const DENSE: usize = 5;

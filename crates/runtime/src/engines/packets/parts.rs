@@ -4,71 +4,15 @@
 //! has gathered stays with it, so that its parts are composited, compared or averaged as one whole; packets and bricks know
 //! nothing of it (docs/decisions/022-solids-and-picking.md). Rays that wait for bricks are waited for in each part.
 
-use supervol_scene::camera::Ray;
 use supervol_scene::clip::{IndexRay, Segment};
 use supervol_scene::scene::Mode;
 
-use super::CpuFrame;
-use super::tile::{Gathered, TILE_RAYS, TILE_SIDE, TileRays, place_of};
-use crate::engines::packets::cast::PacketTables;
-
-/// Most parts of a ray that are found at once: a mesh is searched anew only behind them.
-const AHEAD_LIMIT: usize = 8;
-
-/// The next parts of each ray of a tile, which is in one after the other: solids are cut with once for several of them.
-#[derive(Debug, Clone, Default)]
-pub(super) struct PartsAhead {
-    /// None before a solid is cut with.
-    rays: Vec<KnownParts>,
-}
-
-/// Parts of a ray that have been found.
-#[derive(Debug, Clone, Default)]
-struct KnownParts {
-    /// Number of the first of them.
-    first: usize,
-    parts: Vec<Segment>,
-    /// Whether there are none behind these.
-    is_all: bool,
-}
-
-impl PartsAhead {
-    /// Most bytes that it holds beside itself.
-    pub(super) const MOST_BYTES: usize = TILE_RAYS * (size_of::<KnownParts>() + AHEAD_LIMIT * size_of::<Segment>());
-
-    /// Forgets the rays, not the room for them.
-    pub(super) fn clear(&mut self) {
-        for known in &mut self.rays {
-            known.parts.clear();
-            (known.first, known.is_all) = (0, false);
-        }
-    }
-
-    /// One of the parts of a ray of the tile that solids may cut: the first is number 0.
-    pub(super) fn part(
-        &mut self,
-        frame: &CpuFrame,
-        (ray, world_ray, index_ray): (usize, &Ray, &IndexRay),
-        part: usize,
-    ) -> Option<Segment> {
-        self.rays.resize_with(TILE_RAYS, KnownParts::default);
-        let KnownParts { first, parts, is_all } = &mut self.rays[ray];
-        if part >= *first + parts.len() && !*is_all {
-            let all = frame.parts_of(world_ray, index_ray);
-            parts.clear();
-            parts.extend(all.iter().skip(part).take(AHEAD_LIMIT));
-            (*first, *is_all) = (part, all.len() <= part + AHEAD_LIMIT);
-        }
-        parts.get(part - *first).copied()
-    }
-}
+use super::frame::PacketFrame;
+use super::places::{TILE_RAYS, TILE_SIDE, place_of};
+use super::tile::{Gathered, TileRays};
 
 /// Sets the rays of a tile on their way through the next part; false where some still wait in this one, or none has another.
-pub(super) fn begin_next_part(
-    (frame, tables): (&CpuFrame, &PacketTables),
-    corner: [u32; 2],
-    rays: &mut TileRays,
-) -> bool {
+pub(super) fn begin_next_part(frame: &PacketFrame, corner: [u32; 2], rays: &mut TileRays) -> bool {
     if rays.gathered.waiting.iter().any(Option::is_some) {
         return false;
     }
@@ -76,10 +20,10 @@ pub(super) fn begin_next_part(
     rays.take_off();
     rays.gathered.part += 1;
     for ray in (0..TILE_RAYS).filter(|&ray| is_in_picture(frame, corner, ray)) {
-        if has_ended((frame, tables), &rays.gathered, ray) {
+        if has_ended(frame, &rays.gathered, ray) {
             continue;
         }
-        if let Some((index_ray, segment)) = part_of_ray((frame, tables), corner, rays, ray) {
+        if let Some((index_ray, segment)) = part_of_ray(frame, corner, rays, ray) {
             // What lies in front of a gap has no side behind it.
             rays.gathered.iso[ray].known = 0;
             rays.set(ray, &index_ray, segment);
@@ -90,35 +34,35 @@ pub(super) fn begin_next_part(
 
 /// A ray of the tile, and the part of it that the tile is in, if it has that.
 pub(super) fn part_of_ray(
-    (frame, tables): (&CpuFrame, &PacketTables),
+    frame: &PacketFrame,
     corner: [u32; 2],
     rays: &mut TileRays,
     ray: usize,
 ) -> Option<(IndexRay, Segment)> {
     let [x, y] = place_of(ray);
-    let world_ray = tables.pixel_rays.ray(corner[0] + x, frame.rows.start + corner[1] + y);
-    let index_ray = tables.to_index.ray(&world_ray);
-    let segment = rays.ahead.part(frame, (ray, &world_ray, &index_ray), rays.gathered.part)?;
+    let world_ray = frame.tables.pixel_rays.ray(corner[0] + x, frame.scene.rows.start + corner[1] + y);
+    let index_ray = frame.tables.to_index.ray(&world_ray);
+    let segment = rays.ahead.part(&frame.scene, (ray, &world_ray, &index_ray), rays.gathered.part)?;
     Some((index_ray, segment))
 }
 
 /// Whether a ray of a tile, whose first pixel is counted in the frame's rows, lies in the picture.
-pub(super) fn is_in_picture(frame: &CpuFrame, corner: [u32; 2], ray: usize) -> bool {
-    let size = [frame.camera.width, frame.rows.len() as u32];
+pub(super) fn is_in_picture(frame: &PacketFrame, corner: [u32; 2], ray: usize) -> bool {
+    let size = [frame.scene.camera.width, frame.scene.rows.len() as u32];
     (0..2).all(|a| corner[a] + place_of(ray)[a] < size[a])
 }
 
 /// Whether nothing behind what a ray has gathered can be seen.
-pub(super) fn has_ended((frame, tables): (&CpuFrame, &PacketTables), gathered: &Gathered, ray: usize) -> bool {
-    match frame.mode {
-        Mode::Dvr => gathered.transmittance[ray] <= tables.end_error(),
-        _ => frame.is_done(&gathered.state(ray)),
+pub(super) fn has_ended(frame: &PacketFrame, gathered: &Gathered, ray: usize) -> bool {
+    match frame.scene.mode {
+        Mode::Dvr => gathered.transmittance[ray] <= frame.tables.end_error(),
+        _ => frame.scene.is_done(&gathered.state(ray)),
     }
 }
 
 /// Rays of a tile that lie in the picture.
-pub(super) fn rays_in_picture(frame: &CpuFrame, corner: [u32; 2]) -> u64 {
-    let size = [frame.camera.width, frame.rows.len() as u32];
+pub(super) fn rays_in_picture(frame: &PacketFrame, corner: [u32; 2]) -> u64 {
+    let size = [frame.scene.camera.width, frame.scene.rows.len() as u32];
     let [columns, rows] = [0, 1].map(|a| TILE_SIDE.min(size[a].saturating_sub(corner[a])));
     u64::from(columns) * u64::from(rows)
 }

@@ -1,10 +1,16 @@
 //! Tiles between passes, and back to pixels: row by row from the top.
 
-use super::levels::{TileErrors, has_transmittance};
-use super::tile::{Gathered, TILE_RAYS, TILE_SIDE, place_of};
-use super::work::TileWork;
-use super::{CpuFrame, RayState, pixel_of_light};
-use crate::engines::packets::cast::tiles_of;
+use super::noted::{TileErrors, TileWork};
+use super::places::{TILE_RAYS, TILE_SIDE, place_of};
+use super::tile::Gathered;
+use crate::engines::ray::{RayState, pixel_of_light};
+use crate::engines::ray_scene::RayScene;
+
+/// Tiles along both sides of the rows of a picture.
+#[must_use]
+pub fn tiles_of(scene: &RayScene) -> [u32; 2] {
+    [scene.camera.width.div_ceil(TILE_SIDE), (scene.rows.len() as u32).div_ceil(TILE_SIDE)]
+}
 
 /// One tile between passes.
 #[derive(Debug, Clone, Default)]
@@ -76,8 +82,8 @@ impl Tile {
 
 /// The pixels of all tiles, row by row from the top; of rays that wait `waiting` makes one.
 #[must_use]
-pub fn pixels_of(frame: &CpuFrame, tiles: &[Tile], waiting: impl Fn(&RayState) -> [f32; 4]) -> Vec<[f32; 4]> {
-    row_by_row(frame, tiles, |tile, ray| match tile {
+pub fn pixels_of(scene: &RayScene, tiles: &[Tile], waiting: impl Fn(&RayState) -> [f32; 4]) -> Vec<[f32; 4]> {
+    row_by_row(scene, tiles, |tile, ray| match tile {
         Tile::Fresh => waiting(&RayState::new(None)),
         Tile::Finished(finished) => finished.pixels[ray],
         Tile::Waiting(gathered) => waiting(&gathered.state(ray)),
@@ -85,9 +91,9 @@ pub fn pixels_of(frame: &CpuFrame, tiles: &[Tile], waiting: impl Fn(&RayState) -
 }
 
 /// The pixels of a tile whose rays are finished, in the rays' own order.
-pub(super) fn pixels_of_tile(frame: &CpuFrame, gathered: &Gathered) -> Box<[[f32; 4]]> {
-    if !has_transmittance(frame.mode) {
-        return (0..TILE_RAYS).map(|ray| frame.pixel(&gathered.state(ray))).collect();
+pub(super) fn pixels_of_tile(scene: &RayScene, gathered: &Gathered) -> Box<[[f32; 4]]> {
+    if !scene.has_transmittance() {
+        return (0..TILE_RAYS).map(|ray| scene.pixel(&gathered.state(ray))).collect();
     }
     let ([red, green, blue], transmittance) = (&gathered.color, &gathered.transmittance);
     (0..TILE_RAYS).map(|i| pixel_of_light([red[i], green[i], blue[i]], transmittance[i])).collect()
@@ -95,8 +101,8 @@ pub(super) fn pixels_of_tile(frame: &CpuFrame, gathered: &Gathered) -> Box<[[f32
 
 /// What the rays of all tiles may be off by, row by row from the top, grey; NaN of those that are not finished.
 #[must_use]
-pub fn error_pixels_of(frame: &CpuFrame, tiles: &[Tile]) -> Vec<[f32; 4]> {
-    row_by_row(frame, tiles, |tile, ray| {
+pub fn error_pixels_of(scene: &RayScene, tiles: &[Tile]) -> Vec<[f32; 4]> {
+    row_by_row(scene, tiles, |tile, ray| {
         tile.errors().map_or([f32::NAN; 4], |errors| {
             let error = errors.of_rays[ray];
             [error, error, error, 1.0]
@@ -106,8 +112,8 @@ pub fn error_pixels_of(frame: &CpuFrame, tiles: &[Tile]) -> Vec<[f32; 4]> {
 
 /// What the rays of all tiles have cost, row by row from the top: cells, leaps, 0, 1; NaN of those that are not finished.
 #[must_use]
-pub fn work_pixels_of(frame: &CpuFrame, tiles: &[Tile]) -> Vec<[f32; 4]> {
-    row_by_row(frame, tiles, |tile, ray| {
+pub fn work_pixels_of(scene: &RayScene, tiles: &[Tile]) -> Vec<[f32; 4]> {
+    row_by_row(scene, tiles, |tile, ray| {
         tile.work().map_or([f32::NAN; 4], |work| {
             let [cells, leaps] = work[ray].map(|count| count as f32);
             [cells, leaps, 0.0, 1.0]
@@ -116,9 +122,9 @@ pub fn work_pixels_of(frame: &CpuFrame, tiles: &[Tile]) -> Vec<[f32; 4]> {
 }
 
 /// What `pixel` says of each ray, row by row from the top.
-fn row_by_row(frame: &CpuFrame, tiles: &[Tile], pixel: impl Fn(&Tile, usize) -> [f32; 4]) -> Vec<[f32; 4]> {
-    let (width, height) = (frame.camera.width as usize, frame.rows.len());
-    let columns = tiles_of(frame)[0] as usize;
+fn row_by_row(scene: &RayScene, tiles: &[Tile], pixel: impl Fn(&Tile, usize) -> [f32; 4]) -> Vec<[f32; 4]> {
+    let (width, height) = (scene.camera.width as usize, scene.rows.len());
+    let columns = tiles_of(scene)[0] as usize;
     let mut pixels = vec![[0.0; 4]; width * height];
     for (index, tile) in tiles.iter().enumerate() {
         let corner = [index % columns, index / columns].map(|i| i * TILE_SIDE as usize);

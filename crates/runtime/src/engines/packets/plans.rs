@@ -6,24 +6,22 @@
 
 use std::sync::Arc;
 
-use supervol_format::BrickKey;
-use supervol_format::brick::APRON;
 use supervol_scene::transfer_function::TransferFunction;
 use supervol_scene::value_map::ValueMap;
 
-use super::blocks::cloud_of_blocks;
 use super::leap::{Ahead, ProximityCloud};
 use super::per_brick::PerBrick;
-use super::{CpuFrame, PacketRule, Skipping};
+use super::rule::PacketRule;
 use crate::engines::blocks::BLOCK;
-use crate::engines::packets::cast::PacketTables;
-use crate::stream::residency::DecodedBrick;
+use crate::engines::ray_scene::RayScene;
+use crate::stream::classify::Skipping;
+use crate::stream::field::FieldBrick;
 
 /// Most bytes of what is made once of each brick, and plans of another frame that may still be true.
 pub type Made = (u64, Option<Arc<BrickPlans>>);
 
 /// Share of a brick's blocks that show nothing from which rays leap.
-const LEAST_LEAPT: f64 = 0.125;
+pub(super) const LEAST_LEAPT: f64 = 0.125;
 
 /// How packets go through a brick.
 #[derive(Debug)]
@@ -35,9 +33,9 @@ pub struct BrickPlan {
     /// Cells that are integrated together: only where rays do not leap, or where they land would decide what goes together.
     pub span: usize,
     /// Which way rays go.
-    ahead: [Ahead; 3],
+    pub(super) ahead: [Ahead; 3],
     /// The direction for which the span was chosen, if it was.
-    span_along: Option<[f32; 3]>,
+    pub(super) span_along: Option<[f32; 3]>,
 }
 
 impl BrickPlan {
@@ -60,11 +58,11 @@ impl BrickPlan {
 
 /// Everything that plans depend on but for camera and brick.
 #[derive(Debug, Clone, PartialEq)]
-struct Premises {
+pub(super) struct Premises {
     transfer_function: TransferFunction,
     map: ValueMap,
     rule: PacketRule,
-    is_lit: bool,
+    pub(super) is_lit: bool,
     skipping: Skipping,
     bytes_limit: u64,
 }
@@ -72,7 +70,7 @@ struct Premises {
 /// The plans of bricks, for whatever camera.
 #[derive(Debug)]
 pub struct BrickPlans {
-    premises: Premises,
+    pub(super) premises: Premises,
     of_bricks: PerBrick<BrickPlan>,
 }
 
@@ -81,46 +79,31 @@ impl BrickPlans {
     #[must_use]
     pub fn new(
         kept: Option<Arc<Self>>,
-        frame: &CpuFrame,
+        scene: &RayScene,
         (source, rule): (&TransferFunction, PacketRule),
         bytes_limit: u64,
     ) -> Arc<Self> {
         let premises = Premises {
             transfer_function: source.clone(),
-            map: frame.map,
+            map: scene.map,
             rule: PacketRule { sums_errors: false, counts_work: false, ..rule },
-            is_lit: frame.lighting.is_some(),
-            skipping: frame.skipping,
+            is_lit: scene.lighting.is_some(),
+            skipping: scene.skipping,
             bytes_limit,
         };
         let kept = kept.filter(|kept| kept.premises == premises);
         kept.unwrap_or_else(|| Arc::new(Self { of_bricks: PerBrick::new(bytes_limit), premises }))
     }
 
-    /// How to go through a brick.
-    pub fn of(&self, frame: &CpuFrame, tables: &PacketTables, key: BrickKey, brick: &DecodedBrick) -> Arc<BrickPlan> {
-        let ahead = tables.ahead(frame, key);
-        let is_true = |plan: &BrickPlan| {
-            let direction = || tables.direction_through(frame, key);
-            plan.ahead == ahead && plan.span_along.is_none_or(|along| along == direction())
-        };
-        let make = || self.make(frame, tables, (key, ahead), brick);
-        self.of_bricks.of_which(frame.field.brick(key), is_true, BrickPlan::bytes, make)
-    }
-
-    fn make(
+    /// How to go through a brick: kept where rays go `ahead` as they did, and along the direction for which a span was chosen.
+    pub(super) fn of(
         &self,
-        frame: &CpuFrame,
-        tables: &PacketTables,
-        (key, ahead): (BrickKey, [Ahead; 3]),
-        brick: &DecodedBrick,
-    ) -> BrickPlan {
-        let shows = |[low, high]: [f32; 2]| frame.transfer_function.is_visible(low, high);
-        let cloud = cloud_of_blocks(brick, APRON, ahead, &frame.map, shows);
-        let leaps = LEAST_LEAPT * cloud.cubes() as f64 <= cloud.hidden as f64;
-        let may_span = !leaps && !self.premises.is_lit;
-        let span_along = may_span.then(|| tables.direction_through(frame, key));
-        let span = span_along.map_or(1, |along| tables.choose_span(frame, (key, brick), along));
-        BrickPlan { cloud, leaps: leaps && frame.skipping == Skipping::On, span, ahead, span_along }
+        brick: FieldBrick,
+        (ahead, direction): ([Ahead; 3], impl Fn() -> [f32; 3]),
+        make: impl FnOnce() -> BrickPlan,
+    ) -> Arc<BrickPlan> {
+        let is_true =
+            |plan: &BrickPlan| plan.ahead == ahead && plan.span_along.is_none_or(|along| along == direction());
+        self.of_bricks.of_which(brick, is_true, BrickPlan::bytes, make)
     }
 }

@@ -7,7 +7,6 @@
 //! grazes a step for example, goes to roots in `f64` ([`Host::integrate_exactly`]). A lane's parts depend on its own error
 //! alone, so that pictures do not depend on how lanes are packed.
 
-use super::RayCounters;
 use super::integrate::{Chord, Part, cubic_at, cubic_through, integrate};
 use super::lookup::Lookup;
 use super::packet::{Classifier, Host, Lanes};
@@ -15,26 +14,11 @@ use super::pending::{PART_NUMBERS, PENDING_LIMIT, Pending};
 use super::queue::{CELL_NUMBERS, QueuedCell};
 use super::shade::{LightAt, PacketLighting};
 use super::simd::{LANES_LIMIT, Simd, Task, for_three, lanes};
+use crate::engines::rules::{
+    EASY, EXACT_FROM, HARD, LEAST_PART, LEAST_SHARE, PARTS_LIMIT, PARTS_PER_ROOT, SHORTEST, TRIES_LIMIT,
+};
+use crate::stream::counters::RayCounters;
 
-/// Most parts that a cell is cut into at once.
-pub const PARTS_LIMIT: f32 = 64.0;
-/// Most parts that are tried for one cell: few need more than a hundred.
-const TRIES_LIMIT: f32 = 512.0;
-/// Shortest part, in cells.
-pub const LEAST_PART: f32 = 1.0 / 4096.0;
-/// Parts that are not halved any more: half of one, and what is left over behind it, would be one part again.
-pub const SHORTEST: f32 = 2.0 * LEAST_PART;
-/// Parts per square root of the error: what is left is then well below the tolerance.
-pub const PARTS_PER_ROOT: f32 = 1.4;
-/// Least share of a cell's tolerance that a part may use up, however short it is: few parts of a cell are so hard.
-pub const LEAST_SHARE: f32 = 1.0 / 4.0;
-/// Share of what is allowed, below which the next part is twice as long.
-pub const EASY: f32 = 1.0 / 8.0;
-/// Multiple of what is allowed, from which the next part is a quarter as long, not half.
-pub const HARD: f32 = 16.0;
-/// Error left after refinement, in tolerances, from which a cell is integrated exactly. What parts miss has either sign, and
-/// roots are no better where a normal turns over.
-const EXACT_FROM: f32 = 8.0;
 /// Share of the lanes, as its inverse, that must be without work before they get new cells: that costs a quarter of a part.
 const REFILL_SHARE: u32 = 5;
 

@@ -17,40 +17,11 @@ use supervol_format::Geometry;
 use super::integrate::Part;
 use super::simd::{Simd, exp_minus, for_three, minus_ln};
 use crate::engines::cells::shade::Lighting;
+use crate::engines::rules::{
+    BEND_SHARE, BOW_SHARE, COLOR_SHARE, CUT_SHARE, DEPARTURE_SHARE, GREATEST_TURN, HIGHLIGHT_REACH, HIGHLIGHT_SHARE,
+    KINK_SHARE, KINKED_BELOW, STEEP_FALL, STEEP_SHARE, TURN_SHARE, UNEVEN_SHARE,
+};
 
-/// Share of f's second difference that its mean may be off by where f may have a kink: 1/6 at the worst place.
-pub const KINK_SHARE: f32 = 0.25;
-/// The same where f is smooth: 1/50 and less, and the turn of the normal has an error of its own.
-pub const BEND_SHARE: f32 = 0.05;
-/// The same where the gradient nearly vanishes at one of the three places: nearly all of the turn may lie close to it. For a gradient
-/// that varies evenly down to a share r of its length, what is missed of `r / length` is a share of less than `1/6 - r`.
-pub const STEEP_SHARE: f32 = 1.0 / 6.0;
-/// Share of its length to which the gradient must fall for that.
-pub const STEEP_FALL: f32 = STEEP_SHARE - BEND_SHARE;
-/// Share of f's range that its mean may be off by, for a colour that varies by 1.
-pub const COLOR_SHARE: f32 = 0.15;
-/// Multiple of what is uneven, where nothing else is uncertain any more: then it is not outweighed by what is estimated too
-/// high.
-pub const UNEVEN_SHARE: f32 = 4.0;
-/// Share of colours' range that their mean may be off by where some are cut off at 1: see [`cut_from_colors`].
-pub const CUT_SHARE: f32 = 0.25;
-/// Share of the diffuse light that its mean may be off by, for a normal that turns by one radian; falls with the square.
-pub const TURN_SHARE: f32 = 0.1;
-/// Share of the highlights that their mean may be off by, where the square of the turn is the shininess's inverse: that is
-/// how wide a highlight is. Falls with the fourth power.
-pub const HIGHLIGHT_SHARE: f32 = 0.006;
-/// What |n.h| may be between two places more than at either of them, over the distance of their normals.
-pub const HIGHLIGHT_REACH: f32 = 0.5;
-/// Share of the second difference of gradients by which the gradient may leave the line between two places: 1/8 of a quadratic's,
-/// twice as much since it is a cubic.
-pub const BOW_SHARE: f32 = 0.25;
-/// Shininess below which a highlight has a kink where the normal stands across its direction: it is `|n.h|` to this power.
-pub const KINKED_BELOW: f32 = 2.0;
-/// Share of the second difference of gradients by which the gradient leaves the line between two places in the middle: of a quadratic. What
-/// it may turn by there and back again, the three places do not see.
-pub const DEPARTURE_SHARE: f32 = 1.0 / 8.0;
-/// Greatest square of a turn: there and back.
-pub const GREATEST_TURN: f32 = 4.0;
 /// Greatest whole half of a shininess that is reached by multiplications.
 const WHOLE_LIMIT: u32 = 128;
 /// Least square of |n.h|: a normal `f32`.

@@ -13,6 +13,7 @@ use super::shade::{LightAt, PacketLighting, transform};
 use super::simd::{LANES_LIMIT, Simd, Task, TaskOf, exp_minus, for_three};
 use super::turning::{SettleLight, TurningCells};
 use super::walk::{PacketBrick, ROUND, Step, Walker, places_along};
+use crate::engines::rules::REST_SHARE;
 
 /// A gradient in world space at the beginning, the middle and the end of a part.
 pub type Gradients<S> = [[<S as Simd>::F; 3]; 3];
@@ -43,10 +44,6 @@ impl<S: Simd> AlongRay<S> {
         [a, b, c, d, e, f, g, h, i, j, k, l]
     }
 }
-
-/// Share of a cell's tolerance that all but the light may use up, for the light alone to be made certain: parts of the cell
-/// would make the rest certain too.
-const REST_SHARE: f32 = 0.25;
 
 /// Where rays cross cells.
 #[derive(Clone, Copy)]

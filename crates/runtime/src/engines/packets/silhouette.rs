@@ -13,9 +13,10 @@ use supervol_scene::camera::{Camera, PixelRays, Projection};
 
 use super::leap::ProximityCloud;
 use super::simd::{Simd, Task};
-use super::tile::{BrickGrid, TILE_RAYS, TILE_SIDE, TileRays, place_of};
+use super::tile::{BrickGrid, TileRays};
 use super::walk::BLOCK_SIDE;
 use crate::engines::blocks::BLOCK;
+use crate::engines::packets::places::{TILE_RAYS, TILE_SIDE, place_of};
 
 /// Most boxes of a brick: where more blocks show something, they are taken by eights.
 const MOST_BOXES: usize = 512;

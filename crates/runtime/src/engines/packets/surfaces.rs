@@ -16,7 +16,8 @@ use super::fetch::Corners;
 use super::leap::{MacroRanges, ProximityCloud};
 use super::simd::{LANES_LIMIT, Simd, lanes};
 use super::values::{Chord, Gather, Rays, ValuePacket, greatest, holes, least};
-use super::walk::{POSITION_ERROR, Step, VALUE_ERROR};
+use super::walk::Step;
+use crate::engines::rules::{POSITION_ERROR, VALUE_ERROR};
 
 /// The numbers between which each ray goes on without meeting a surface: numbers 0 and 1 of a ray, see
 /// [`super::values::Host::bounds`].

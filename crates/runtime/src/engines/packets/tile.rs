@@ -11,26 +11,12 @@ use supervol_format::BrickKey;
 use supervol_format::space::HALF_VOXEL;
 use supervol_scene::clip::{IndexRay, Segment};
 
-use super::levels::LevelErrors;
-use super::parts::PartsAhead;
-use super::walk::{BLOCK_SIDE, Packet};
-use super::work::TileWork;
-use super::{IsoSides, RayState, SurfaceCrossing};
+use super::noted::{LevelErrors, TileWork};
+use super::parts_ahead::PartsAhead;
+use super::places::TILE_RAYS;
+use super::walk::Packet;
 use crate::engines::cells::walk::PARALLEL;
-
-/// Pixels along each side of a tile.
-pub const TILE_SIDE: u32 = 16;
-/// Rays of a tile.
-pub const TILE_RAYS: usize = (TILE_SIDE * TILE_SIDE) as usize;
-
-/// Place in the tile of ray number `ray`: neighbours in number are neighbours in the picture.
-#[must_use]
-pub const fn place_of(ray: usize) -> [u32; 2] {
-    let ray = ray as u32;
-    let (block, inside) = (ray / (BLOCK_SIDE * BLOCK_SIDE), ray % (BLOCK_SIDE * BLOCK_SIDE));
-    let blocks = TILE_SIDE / BLOCK_SIDE;
-    [block % blocks * BLOCK_SIDE + inside % BLOCK_SIDE, block / blocks * BLOCK_SIDE + inside / BLOCK_SIDE]
-}
+use crate::engines::ray::{IsoSides, RayState, SurfaceCrossing};
 
 /// One number for each ray of a tile.
 pub(super) type PerRay = [f64; TILE_RAYS];

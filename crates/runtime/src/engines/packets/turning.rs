@@ -7,10 +7,11 @@
 //! many places one after the other, and integrate the cell's parts again at each.
 
 use super::integrate::{Part, cubic_at, cubic_through};
-use super::shade::{HIGHLIGHT_REACH, KINK_SHARE, LightAt, PacketLighting, UNEVEN_SHARE, uneven};
+use super::shade::{LightAt, PacketLighting, uneven};
 use super::shaded_cells::AlongRay;
 use super::simd::{LANES_LIMIT, Simd, Task, for_three, lanes, load_from};
 use super::walk::PerLane;
+use crate::engines::rules::{HIGHLIGHT_REACH, KINK_SHARE, UNEVEN_SHARE};
 
 /// Places along a cell.
 const PLACES: usize = LANES_LIMIT;

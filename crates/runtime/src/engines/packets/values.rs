@@ -11,11 +11,12 @@
 
 use supervol_format::brick::MACRO_CELL;
 
-use super::RayCounters;
 use super::fetch::{Cell, Corners};
 use super::leap::{MacroRanges, ProximityCloud};
 use super::simd::{LANES_LIMIT, Simd, lanes};
-use super::walk::{POSITION_ERROR, Packet, PacketBrick, PerLane, ROUND, Step, Walker};
+use super::walk::{Packet, PacketBrick, PerLane, ROUND, Step, Walker};
+use crate::engines::rules::POSITION_ERROR;
+use crate::stream::counters::RayCounters;
 
 /// Numbers that a ray takes through a brick.
 const NUMBERS: usize = 3;

@@ -14,6 +14,7 @@ use super::leap::ProximityCloud;
 use super::shade::PacketLighting;
 use super::simd::{LANES_LIMIT, Places, Simd, hidden_in_memory};
 use crate::engines::blocks::BLOCK;
+use crate::engines::rules::POSITION_ERROR;
 
 /// Cells that are walked before anything is composited.
 pub const ROUND: usize = 6;
@@ -24,10 +25,6 @@ pub const BLOCK_SIDE: u32 = 4;
 /// Distance, in cells, that stands for beyond everything.
 const FAR: f32 = 1e30;
 
-/// Bound on the rounding of a position, in cells: `f32` over the 132 voxels of the largest brick.
-pub const POSITION_ERROR: f32 = 2e-5;
-/// Bound on the rounding of an interpolated value, in parts of it.
-pub const VALUE_ERROR: f32 = 5e-7;
 /// Numbers of one packet, lane by lane.
 pub type PerLane = [f32; LANES_LIMIT];
 

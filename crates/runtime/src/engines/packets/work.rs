@@ -7,16 +7,9 @@
 
 use supervol_format::BrickKey;
 
-use super::RayCounters;
-use super::tile::TILE_RAYS;
-use crate::engines::packets::cast::CastTile;
+use super::visit::CastTile;
+use crate::stream::counters::RayCounters;
 use crate::stream::residency::Resident;
-
-/// Of each ray of a tile: cells crossed, and leaps, a brick without anything to show being one.
-pub type TileWork = [[u32; 2]; TILE_RAYS];
-
-/// The same of no work at all.
-pub const NO_WORK: TileWork = [[0; 2]; TILE_RAYS];
 
 impl CastTile<'_> {
     /// The rays that meet a brick go through it one by one, and what each costs is noted.

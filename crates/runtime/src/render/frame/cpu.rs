@@ -11,12 +11,14 @@ use supervol_scene::units::InUnits;
 
 use super::FrameWalk;
 use super::setting::with_data_scale;
+use crate::engines::cpu::{CpuFrame, CpuQuality, CpuRays};
 use crate::engines::engine::{Advance, Engine, InSteps};
+use crate::engines::error::EngineError;
 use crate::engines::maps::Maps;
-use crate::engines::packets::levels::ErrorsByReason;
+use crate::engines::packets::Made;
 use crate::engines::packets::simd::InstructionSet;
-use crate::engines::packets::{CpuFrame, CpuQuality, Made, Rays, cast_pass};
-use crate::engines::totals::EngineTotals;
+use crate::engines::ray_scene::DrawnVolume;
+use crate::engines::totals::{EngineTotals, ErrorsByReason};
 use crate::lod::LodChoice;
 use crate::lod::deviation::Deviations;
 use crate::render::error::RenderError;
@@ -43,7 +45,9 @@ pub(crate) fn cpu_frame_of(
 ) -> CpuFrame {
     let InUnits { geometry, value_range, .. } = InUnits::of(container);
     let quality = CpuQuality { lod, skipping: options.skipping, caster: options.ray_caster(), made_bytes, plans };
-    let frame = CpuFrame::new(scene, container.pyramid(), &geometry, value_map(container), value_range, quality);
+    let (pyramid, map) = (container.pyramid(), value_map(container));
+    let volume = DrawnVolume { pyramid, geometry: &geometry, map, value_range };
+    let frame = CpuFrame::new(scene, &volume, quality);
     let frame = frame.counting(options.rays_finished.clone());
     if !options.predict_error {
         return frame;
@@ -72,8 +76,8 @@ pub fn render_cpu(
 /// The ray caster in Rust: reads bricks where the host cache holds them.
 pub struct CpuCaster {
     frame: CpuFrame,
-    band: CpuFrame,
-    states: Rays,
+    /// The rays of the present band; `None` before the first one.
+    rays: Option<CpuRays>,
     counters: RayCounters,
     /// How many of `counters.rays_terminated_early` are the present band's: it is noted whenever it is interrupted.
     terminated_in_band: u64,
@@ -84,11 +88,9 @@ impl CpuCaster {
     /// A caster for this frame.
     #[must_use]
     pub fn new(frame: CpuFrame) -> Self {
-        let band = frame.clone();
         Self {
             frame,
-            band,
-            states: Rays::default(),
+            rays: None,
             counters: RayCounters::default(),
             terminated_in_band: 0,
             errors: ErrorsByReason::default(),
@@ -101,28 +103,37 @@ impl CpuCaster {
         self.errors
     }
 
+    fn band(&self) -> &CpuRays {
+        self.rays.as_ref().expect("a frame begins its bands before it casts them")
+    }
+
+    fn band_mut(&mut self) -> &mut CpuRays {
+        self.rays.as_mut().expect("a frame begins its bands before it casts them")
+    }
+
     /// Sums up what the rays of a band say so far.
     fn note_band(&mut self) {
-        let terminated = self.states.terminated_early();
+        let Some(rays) = &self.rays else { return };
+        let terminated = rays.terminated_early();
         self.counters.rays_terminated_early += terminated - self.terminated_in_band;
         self.terminated_in_band = terminated;
-        self.errors = self.errors.or(self.states.errors());
+        self.errors = self.errors.or(rays.errors());
     }
 }
 
 impl Engine for CpuCaster {
-    fn begin(&mut self, pixel_rows: Range<u32>) -> Result<(), RenderError> {
+    fn begin(&mut self, pixel_rows: Range<u32>) -> Result<(), EngineError> {
         // Two bands' rays never exist at once: the budget has room for one.
-        self.states = Rays::default();
-        self.band = self.frame.band(pixel_rows);
-        self.states = self.band.begin();
+        self.rays = None;
+        let rays = self.frame.band(pixel_rows).into_rays();
         self.terminated_in_band = 0;
-        self.counters.rays += self.band.ray_count();
+        self.counters.rays += rays.ray_count();
+        self.rays = Some(rays);
         Ok(())
     }
 
-    fn advance(&mut self, view: &HostView<'_>) -> Result<Advance, RenderError> {
-        let feedback = cast_pass(view, &self.band, &mut self.states);
+    fn advance(&mut self, view: &HostView<'_>) -> Result<Advance, EngineError> {
+        let feedback = self.band_mut().cast_pass(view);
         self.counters.add(&feedback.counters);
         Ok(Advance {
             remaining: feedback.misses.iter().map(|miss| miss.rays).sum(),
@@ -133,14 +144,15 @@ impl Engine for CpuCaster {
         })
     }
 
-    fn write_image(&mut self, to: &mut [[f32; 4]]) -> Result<(), RenderError> {
+    fn write_image(&mut self, to: &mut [[f32; 4]]) -> Result<(), EngineError> {
         self.note_band();
-        to.copy_from_slice(&self.band.image(&self.states).pixels);
+        to.copy_from_slice(&self.band().image().pixels);
         Ok(())
     }
 
     fn pixel_maps(&mut self) -> Maps {
-        Maps { errors: self.band.error_pixels(&self.states), work: self.band.work_pixels(&self.states) }
+        let rays = self.band();
+        Maps { errors: rays.error_pixels(), work: rays.work_pixels() }
     }
 
     fn totals(&self) -> EngineTotals {
@@ -156,11 +168,13 @@ impl Engine for CpuCaster {
 impl InSteps for CpuCaster {
     fn stop_at(&mut self, stop: &Stop) {
         self.frame.set_stop(stop.clone());
-        self.band.set_stop(stop.clone());
+        if let Some(rays) = &mut self.rays {
+            rays.set_stop(stop.clone());
+        }
     }
 
     fn finished_pixels(&mut self) -> Image {
         self.note_band();
-        self.band.finished_pixels(&self.states)
+        self.band().finished_pixels()
     }
 }

@@ -1,47 +1,45 @@
-//! The GPU ray caster in a frame: bricks go from the host cache to its slots.
-//!
-//! Its page table is its own memory of what bricks are: a brick that the host cache dropped may still be resident there,
-//! and one that is in the host cache may have to be copied again.
+//! Frames on a device: what it holds stays from picture to picture, and another device takes the place of one that is lost.
 
 use std::collections::BTreeSet;
-use std::ops::Range;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use supervol_format::{BrickKey, Container, Pyramid, VoxelType};
+use supervol_format::{Container, VoxelType};
 use supervol_scene::facts::value_map;
 use supervol_scene::image::Image;
 use supervol_scene::scene::ResolvedScene;
 use supervol_scene::units::InUnits;
 
+use super::on_device::{GpuDrawn, GpuPicture};
 use super::setting::with_data_scale;
 use super::walk::FinishedBands;
 use super::{FrameWalk, plan_host_for, streamer_for};
-use crate::engines::engine::{Advance, Engine};
-use crate::engines::gpu::caster::{
-    BandErrors, DeviationOf, GpuDevice, GpuError, GpuOptions, GpuRenderer, GpuStats, GpuVolume, PageEntry,
-    SHARED_MEMORY, VoxelStorage,
-};
-use crate::engines::maps::Maps;
-use crate::engines::packets::levels::ErrorsByReason;
-use crate::engines::totals::{EngineErrors, EngineTotals};
+use crate::engines::error::EngineError;
+use crate::engines::gpu::caster::{GpuRenderer, PageEntry};
+use crate::engines::gpu::deviations::DeviationOf;
+use crate::engines::gpu::device::GpuDevice;
+use crate::engines::gpu::engine::GpuEngine;
+use crate::engines::gpu::error::GpuError;
+use crate::engines::gpu::limits::SHARED_MEMORY;
+use crate::engines::gpu::options::GpuOptions;
+use crate::engines::gpu::scene_tables::GpuVolume;
+use crate::engines::gpu::texels::VoxelStorage;
 use crate::lod::LodChoice;
 use crate::lod::deviation::{Deviation, Deviations};
 use crate::render::error::RenderError;
 use crate::render::options::RenderOptions;
 use crate::render::stats::FrameStats;
 use crate::stop::Stop;
-use crate::stream::budget::{CasterBytes, HostPlan};
+use crate::stream::budget::CasterBytes;
 use crate::stream::classify::may_have_holes;
-use crate::stream::counters::{DeviceCounters, RayCounters};
+use crate::stream::counters::DeviceCounters;
 use crate::stream::field::FieldBrick;
-use crate::stream::residency::{BrickView, Resident};
-use crate::stream::streamer::{Fetched, HostView, OnMissing, Streamer};
+use crate::stream::streamer::{OnMissing, Streamer};
 
 /// A device, and what it holds from picture to picture: bricks, tables, pipelines.
 pub(crate) struct GpuBackend {
     device: GpuDevice,
-    caster: Option<GpuCaster>,
+    caster: Option<GpuEngine>,
     /// What its page table holds.
     answers: Option<Answers>,
     /// The picture whose rays stopped where they were.
@@ -68,55 +66,6 @@ struct Answers {
     lod: LodChoice,
     /// Whether it says what bricks may be off by.
     states_errors: bool,
-}
-
-/// A finished picture.
-pub(crate) struct GpuDrawn {
-    pub(crate) image: Image,
-    pub(crate) stats: FrameStats,
-    /// What else was asked for of its pixels.
-    pub(crate) maps: Maps,
-    /// What its rays may be off by at most, where that was asked for.
-    pub(crate) errors: ErrorsByReason,
-    /// Time that went into fetching bricks.
-    pub(crate) fetching: Duration,
-}
-
-/// The ray caster in WGSL.
-struct GpuCaster {
-    renderer: GpuRenderer,
-    pyramid: Pyramid,
-    counters: RayCounters,
-    stop: Stop,
-    is_paused_when_due: bool,
-    /// Rows whose rays have begun; those of a picture that goes on.
-    rows: Range<u32>,
-    /// What the device had done before this picture.
-    before: DeviceCounters,
-    /// What levels do to rays, where that is summed up; of the picture so far; of the pixels of the last band.
-    deviations: Option<Arc<Deviations>>,
-    errors: ErrorsByReason,
-    error_pixels: Option<Image>,
-    /// Bricks that it was told have no voxels to draw, of this picture and those before it: the next camera asks for most of them again.
-    answered: BTreeSet<FieldBrick>,
-}
-
-/// Most bricks of which is remembered that they were asked for, with some 40 bytes each.
-const ANSWERED_LIMIT: usize = 1 << 15;
-
-/// What a picture is made from.
-pub(crate) struct GpuPicture<'a> {
-    pub(crate) scene: &'a ResolvedScene,
-    pub(crate) options: &'a RenderOptions,
-    pub(crate) plan: HostPlan,
-    pub(crate) stop: &'a Stop,
-    /// Whether rays stop where they are when it is time to ([`RenderError::Cancelled`]), to go on when the same picture is drawn
-    /// next; if not, it is completed from the bricks that are there.
-    pub(crate) is_paused_when_due: bool,
-    /// What pictures before it, for the same scene, have cost.
-    pub(crate) before: FrameStats,
-    /// The largest picture of the scene: rays along x and y, and whether it is asked what they may be off by.
-    pub(crate) room: ([u32; 2], bool),
 }
 
 impl GpuBackend {
@@ -160,7 +109,7 @@ impl GpuBackend {
         reopen: &dyn Fn() -> Result<GpuDevice, GpuError>,
     ) -> Result<GpuDrawn, RenderError> {
         let lost = match self.draw_once(streamer, picture) {
-            Err(RenderError::Gpu(GpuError::DeviceLost { message })) => message,
+            Err(RenderError::Engine(EngineError::Gpu(GpuError::DeviceLost { message }))) => message,
             other => return other,
         };
         let Ok(second) = reopen() else { return Err(GpuError::DeviceLost { message: lost }.into()) };
@@ -176,7 +125,7 @@ impl GpuBackend {
         let lod = options.lod();
         let (mut caster, mut bands) = match (caster, paused) {
             (Some(caster), Some(paused)) if paused.scene == *scene && paused.lod == lod => {
-                (caster.resumed(picture), paused.bands)
+                (caster.resumed(picture.stops()), paused.bands)
             }
             (caster, _) => {
                 let number = streamer.answers();
@@ -195,7 +144,7 @@ impl GpuBackend {
         match walk.run_on(&mut caster, scene.image_size, &mut bands) {
             Ok(image) => {
                 let fetching = walk.fetching();
-                let (stats, errors) = (FrameStats { backend: "gpu", ..walk.into_stats() }, caster.errors);
+                let (stats, errors) = (FrameStats { backend: "gpu", ..walk.into_stats() }, caster.errors());
                 self.caster = Some(caster);
                 Ok(GpuDrawn { image, stats, maps: bands.into_maps(), errors, fetching })
             }
@@ -211,12 +160,12 @@ impl GpuBackend {
     /// The caster of the picture before where there is room in it, else a new one.
     fn begin(
         &mut self,
-        caster: Option<GpuCaster>,
+        caster: Option<GpuEngine>,
         streamer: &mut Streamer,
         picture: &GpuPicture<'_>,
         keeps_answers: bool,
-    ) -> Result<GpuCaster, RenderError> {
-        let GpuPicture { scene, options, stop, .. } = *picture;
+    ) -> Result<GpuEngine, RenderError> {
+        let GpuPicture { scene, options, .. } = *picture;
         let container = streamer.container();
         let descriptor = container.descriptor();
         let map = value_map(container);
@@ -233,12 +182,13 @@ impl GpuBackend {
             options.predict_error.then(|| Arc::new(with_data_scale(container, |data| Deviations::new(scene, data))));
         let deviation_of = || deviations.as_ref().map(|of| deviation_of(container.clone(), of.clone()));
         let kept = match caster {
-            Some(mut kept) => {
-                let before = kept.renderer.stats().counters;
-                kept.renderer.set_max_error(options.max_error);
-                kept.renderer.set_deviations(deviation_of());
-                let has_room = kept.renderer.set_scene(&volume, scene, lod, keeps_answers)?;
-                has_room.then_some((kept.renderer, before, kept.answered))
+            Some(kept) => {
+                let (mut renderer, answered) = kept.into_parts();
+                let before = renderer.stats().counters;
+                renderer.set_max_error(options.max_error);
+                renderer.set_deviations(deviation_of());
+                let has_room = renderer.set_scene(&volume, scene, lod, keeps_answers)?;
+                has_room.then_some((renderer, before, answered))
             }
             None => None,
         };
@@ -266,21 +216,9 @@ impl GpuBackend {
             let keys: Vec<FieldBrick> = renderer.resident().filter(is_too_coarse).collect();
             keys.into_iter().for_each(|key| renderer.set_state(key.brick, PageEntry::TooCoarse));
         }
-        let mut caster = GpuCaster {
-            before,
-            renderer,
-            pyramid: descriptor.pyramid.clone(),
-            counters: RayCounters { rays: scene.rays(), ..RayCounters::default() },
-            stop: stop.clone(),
-            is_paused_when_due: picture.is_paused_when_due,
-            rows: 0..0,
-            deviations,
-            errors: ErrorsByReason::default(),
-            error_pixels: None,
-            answered: BTreeSet::new(),
-        };
+        let mut caster = GpuEngine::new(renderer, scene.rays(), picture.stops(), deviations, before);
         if keeps_answers {
-            caster.answered = answered;
+            caster.set_answered(answered);
         } else {
             let again = streamer.answer_again(answered);
             let view = streamer.view(OnMissing::Wait);
@@ -341,143 +279,6 @@ fn storage(voxel_type: VoxelType) -> VoxelStorage {
         1 => VoxelStorage::U8,
         2 => VoxelStorage::U16,
         _ => VoxelStorage::F32,
-    }
-}
-
-impl GpuCaster {
-    /// The same picture goes on, with more time.
-    fn resumed(self, picture: &GpuPicture<'_>) -> Self {
-        Self { stop: picture.stop.clone(), is_paused_when_due: picture.is_paused_when_due, ..self }
-    }
-
-    /// Copies bricks of the host cache to slots, as far as there are some for them.
-    fn insert(&mut self, view: &HostView<'_>, keys: impl IntoIterator<Item = BrickKey>) -> Result<(), RenderError> {
-        let mut bricks = Vec::new();
-        for key in keys {
-            if let (Resident::Brick(brick), false) = (view.stand_in(key), self.renderer.is_resident(key)) {
-                if matches!(view.lookup(key), Resident::TooCoarse) {
-                    self.renderer.set_state(key, PageEntry::TooCoarse);
-                }
-                bricks.push(brick);
-            }
-        }
-        Ok(self.renderer.insert_all(&bricks)?)
-    }
-
-    /// Says what a brick is that has no voxels to copy.
-    fn answer(&mut self, view: &HostView<'_>, key: BrickKey) {
-        if matches!(view.lookup(key), Resident::TooCoarse) {
-            self.renderer.set_state(key, PageEntry::TooCoarse);
-        }
-        match view.stand_in(key) {
-            Resident::Nothing => self.renderer.set_state(key, PageEntry::Nothing),
-            Resident::Uniform(value) => self.renderer.set_state(key, PageEntry::Uniform(value)),
-            Resident::UseParent => self.renderer.set_state(key, PageEntry::Failed),
-            Resident::Brick(_) | Resident::Missing | Resident::TooCoarse => {}
-        }
-    }
-
-    /// The same, and remembers that it was asked for.
-    fn note_answer(&mut self, view: &HostView<'_>, key: FieldBrick) {
-        if self.answered.len() >= ANSWERED_LIMIT {
-            self.answered.clear();
-        }
-        self.answered.insert(key);
-        self.answer(view, key.brick);
-    }
-
-    /// Nothing is waited for any more: what is not resident is drawn from its parent, and the coarsest brick is there.
-    fn stop_waiting(&mut self, view: &HostView<'_>) -> Result<(), RenderError> {
-        let coarsest = self.pyramid.coarsest();
-        let keys: Vec<BrickKey> = self.pyramid.keys_of(coarsest).collect();
-        self.insert(view, keys)?;
-        for entry in 0..self.pyramid.brick_count() {
-            let key = self.pyramid.key(entry).expect("entries below the count have keys");
-            if self.renderer.is_resident(key) {
-                continue;
-            }
-            self.answer(view, key);
-            if matches!(view.stand_in(key), Resident::Brick(_) | Resident::Missing) {
-                self.renderer.set_state(key, PageEntry::Failed);
-            }
-        }
-        Ok(())
-    }
-}
-
-impl Engine for GpuCaster {
-    fn room(&self) -> usize {
-        // One slot stays free for the coarsest brick, should the time run out.
-        self.renderer.slot_capacity().saturating_sub(1).max(1)
-    }
-
-    fn band_rows(&self) -> u32 {
-        (self.renderer.band_rows() / self.renderer.subgrid()).max(1)
-    }
-
-    fn begin(&mut self, pixel_rows: Range<u32>) -> Result<(), RenderError> {
-        if self.rows != pixel_rows {
-            let subgrid = self.renderer.subgrid();
-            self.renderer.begin(pixel_rows.start * subgrid..pixel_rows.end * subgrid);
-            self.rows = pixel_rows;
-        }
-        Ok(())
-    }
-
-    fn advance(&mut self, view: &HostView<'_>) -> Result<Advance, RenderError> {
-        let is_late = view.on_missing() == OnMissing::UseParent;
-        if is_late && self.is_paused_when_due {
-            return Err(RenderError::Cancelled);
-        }
-        if is_late {
-            self.stop_waiting(view)?;
-        }
-        // Who completes a picture stops only when somebody says so.
-        let stop = if self.is_paused_when_due { self.stop.clone() } else { self.stop.instead_at(None) };
-        let feedback = self.renderer.cast_pass_until(&stop)?;
-        self.counters.add(&feedback.counters);
-        Ok(Advance {
-            wanted: view.field().bricks(feedback.misses.into_iter().map(|miss| miss.key)),
-            used: view.field().bricks(feedback.uses),
-            remaining: feedback.unfinished_rays,
-            stood_in: feedback.counters.parent_bricks,
-            is_stopped: feedback.is_stopped,
-        })
-    }
-
-    fn update(&mut self, view: &HostView<'_>, fetched: &Fetched) -> Result<(), RenderError> {
-        fetched.answered.iter().chain(&fetched.neighbours).for_each(|key| self.note_answer(view, *key));
-        self.insert(view, fetched.bricks.iter().map(|key| key.brick))
-    }
-
-    fn write_image(&mut self, to: &mut [[f32; 4]]) -> Result<(), RenderError> {
-        let Some(deviations) = &self.deviations else { return Ok(self.renderer.write_image(to)?) };
-        if let Some(BandErrors { pixels, greatest, ended_early }) =
-            self.renderer.write_image_with_errors(deviations, to)?
-        {
-            self.errors = self.errors.or(greatest);
-            self.counters.rays_terminated_early += ended_early;
-            self.error_pixels = Some(pixels);
-        }
-        Ok(())
-    }
-
-    fn pixel_maps(&mut self) -> Maps {
-        Maps { errors: self.error_pixels.take(), work: None }
-    }
-
-    fn totals(&self) -> EngineTotals {
-        let stats = self.renderer.stats();
-        let counters = stats.counters.since(&self.before);
-        let [ray_ends, transfer_function, rounding] = self.renderer.common_errors();
-        let ErrorsByReason { cells, levels, .. } = self.errors;
-        let states_errors = self.deviations.is_some() && self.renderer.sums_cells();
-        EngineTotals {
-            rays: self.counters,
-            errors: states_errors.then_some(EngineErrors { cells, levels, ray_ends, transfer_function, rounding }),
-            device: Some(GpuStats { counters, ..stats }),
-            ..EngineTotals::default()
-        }
     }
 }
 

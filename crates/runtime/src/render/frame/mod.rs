@@ -1,5 +1,8 @@
-//! One frame, from an open container to an image: what it is made with ([`setting`]), who makes it ([`engine`]; [`cpu`], and on a device
-//! the ray caster in WGSL), and its passes ([`walk`]).
+//! One frame, from an open container to an image.
+//!
+//! - [`setting`]: memory, streamer and classifier of a frame;
+//! - [`cpu`]: frames of the CPU engines;
+//! - [`walk`]: the passes of a frame, for any [`Engine`](crate::engines::engine::Engine).
 //!
 //! ```text
 //! plan the host budget --> for each band of rows: advance --> wanted --> fetch --> advance ... until nothing remains --> image
@@ -11,7 +14,9 @@
 
 pub mod check;
 pub mod cpu;
+#[cfg_attr(not(feature = "gpu"), path = "no_gpu.rs")]
 pub(crate) mod gpu;
+pub(crate) mod on_device;
 pub mod predict;
 pub mod reference;
 pub mod setting;

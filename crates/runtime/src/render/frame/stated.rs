@@ -11,7 +11,7 @@
 use serde::Serialize;
 use supervol_scene::image::{GREY_LEVELS, Image};
 
-use crate::engines::packets::levels::ErrorsByReason;
+use crate::engines::totals::ErrorsByReason;
 
 /// See the module. A grey level is 1/255 of full scale.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]

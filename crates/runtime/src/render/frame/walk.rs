@@ -153,7 +153,7 @@ impl<'a> FrameWalk<'a> {
         if bands.pixels.len() != count {
             bands.pixels = vec![[0.0; 4]; count];
         }
-        bands.maps.begin(self.options, image_size);
+        bands.maps.begin(self.options.asked_maps(), image_size);
         let rows = self.plan.band_rows.min(engine.band_rows());
         for first in (bands.rows..height).step_by(rows as usize) {
             self.rows_finished = first;
@@ -322,7 +322,7 @@ impl<'a> FrameWalk<'a> {
         if !fetched.is_progress() && !self.stop.is_due() {
             return Err(no_progress(pass, wanted, remaining));
         }
-        engine.update(&self.streamer.view(OnMissing::Wait), &fetched)
+        Ok(engine.update(&self.streamer.view(OnMissing::Wait), &fetched)?)
     }
 
     /// Fetches the coarsest level, whatever it takes, and finer ones while they are small and the time allows: what rays

@@ -20,7 +20,7 @@ use supervol_scene::scene::{Mode, ResolvedScene};
 
 use super::resident::Resident;
 use crate::engines::maps::{Maps, of_work};
-use crate::engines::packets::levels::ErrorsByReason;
+use crate::engines::totals::ErrorsByReason;
 use crate::lod::by_error::ANY_ERROR;
 use crate::render::error::RenderError;
 use crate::render::frame::cpu::CpuCaster;
@@ -170,7 +170,7 @@ impl Drawing {
         options: &RenderOptions,
         stop: &Stop,
     ) -> Result<(), RenderError> {
-        self.maps.begin(options, self.scene.image_size);
+        self.maps.begin(options.asked_maps(), self.scene.image_size);
         let mut stop = stop.clone();
         if self.behind.is_none() && stop.deadline().is_some() {
             self.sketch(resident, options, &stop)?;

@@ -23,7 +23,7 @@ use super::resident::{Resident, level_within};
 use super::sampling::Sampler;
 use super::sheet::Sheet;
 use super::stages::Device;
-use crate::engines::packets::levels::ErrorsByReason;
+use crate::engines::totals::ErrorsByReason;
 use crate::lod::by_error::ANY_ERROR;
 use crate::render::error::RenderError;
 use crate::render::frame::stated::{ErrorStated, complete};

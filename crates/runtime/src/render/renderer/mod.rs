@@ -34,7 +34,9 @@ use supervol_scene::scene::{Mode, ResolvedScene};
 use supervol_scene::units::Units;
 
 use crate::engines::engine::Engine;
-use crate::engines::gpu::caster::{GpuDevice, SHARED_MEMORY, may_have_hardware};
+use crate::engines::gpu::device::GpuDevice;
+use crate::engines::gpu::hardware::may_have_hardware;
+use crate::engines::gpu::limits::SHARED_MEMORY;
 use crate::engines::maps::Maps;
 use crate::render::error::RenderError;
 use crate::render::frame::walk::FinishedBands;
@@ -318,7 +320,7 @@ impl Renderer {
         }
         let or_cpu = matches!(self.drawer, Drawer::Gpu { or_cpu: true, .. });
         match self.draw_by_drawer(scene, stop) {
-            Err(error @ (RenderError::Gpu(_) | RenderError::Budget(_))) if or_cpu => {
+            Err(error @ (RenderError::Engine(_) | RenderError::Budget(_))) if or_cpu => {
                 self.drawer = Drawer::Cpu { no_gpu_because: Some(error.to_string()) };
                 self.work = Work::Nothing;
                 self.draw_by_drawer(scene, stop)

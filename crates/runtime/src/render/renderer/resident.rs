@@ -9,7 +9,8 @@ use supervol_scene::transfer_function::TransferFunction;
 use supervol_scene::units::{InUnits, edges};
 
 use super::spread::{Spread, values_of};
-use crate::engines::packets::{BrickPlans, CpuFrame, Made};
+use crate::engines::cpu::CpuFrame;
+use crate::engines::packets::{BrickPlans, Made};
 use crate::render::error::RenderError;
 use crate::render::frame::{classifier_for, plan_host_for, streamer_for};
 use crate::render::options::{LevelChoice, RenderOptions};

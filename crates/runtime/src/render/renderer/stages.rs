@@ -14,11 +14,12 @@ use supervol_scene::scene::ResolvedScene;
 
 use super::drawing::{LEAST_SURE_SHARE, next_pixel, options_for, sketch_pixel, with_pixels};
 use super::resident::Resident;
-use crate::engines::gpu::caster::GpuDevice;
+use crate::engines::gpu::device::GpuDevice;
 use crate::engines::maps::Maps;
-use crate::engines::packets::levels::ErrorsByReason;
+use crate::engines::totals::ErrorsByReason;
 use crate::render::error::RenderError;
-use crate::render::frame::gpu::{GpuBackend, GpuDrawn, GpuPicture};
+use crate::render::frame::gpu::GpuBackend;
+use crate::render::frame::on_device::{GpuDrawn, GpuPicture};
 use crate::render::frame::stated::{ErrorStated, complete};
 use crate::render::options::RenderOptions;
 use crate::render::stats::FrameStats;

@@ -1,10 +1,10 @@
 //! Runs a test shader once for each of some inputs.
 
 use bytemuck::Pod;
-use supervol_runtime::engines::gpu::cache::{TEXEL_BYTES, VoxelStorage};
-use supervol_runtime::engines::gpu::caster::GpuDevice;
+use supervol_runtime::engines::gpu::device::GpuDevice;
 use supervol_runtime::engines::gpu::shaders::ShaderModule;
 use supervol_runtime::engines::gpu::table::Table;
+use supervol_runtime::engines::gpu::texels::{TEXEL_BYTES, VoxelStorage};
 
 /// What a test shader reads in group 0, by binding.
 pub enum Resource<'a> {

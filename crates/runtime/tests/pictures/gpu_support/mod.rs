@@ -11,13 +11,18 @@ use supervol_format::codec::BrickShape;
 use supervol_format::random::Random;
 use supervol_format::voxel_type::Absence;
 use supervol_format::{BrickKey, BrickLayout, Dims, Geometry, Lod, Pyramid, ValueRange, VoxelType};
-use supervol_runtime::engines::gpu::caster::{
-    GpuDevice, GpuError, GpuOptions, GpuRenderer, GpuStats, GpuVolume, Insertion, PageEntry, VoxelStorage,
-};
-use supervol_runtime::engines::packets;
-use supervol_runtime::engines::packets::{CpuFrame, CpuQuality, Skipping};
+use supervol_runtime::engines::cpu::{CpuFrame, CpuQuality};
+use supervol_runtime::engines::gpu::caster::{GpuRenderer, Insertion, PageEntry};
+use supervol_runtime::engines::gpu::device::GpuDevice;
+use supervol_runtime::engines::gpu::error::GpuError;
+use supervol_runtime::engines::gpu::options::GpuOptions;
+use supervol_runtime::engines::gpu::scene_tables::GpuVolume;
+use supervol_runtime::engines::gpu::texels::VoxelStorage;
+use supervol_runtime::engines::ray_scene::DrawnVolume;
 use supervol_runtime::engines::reference::{ReferenceVolume, render_reference};
+use supervol_runtime::engines::totals::GpuStats;
 use supervol_runtime::lod::LodChoice;
+use supervol_runtime::stream::classify::Skipping;
 use supervol_runtime::stream::residency::{BrickView, DecodedBrick, Resident};
 use supervol_scene::facts::VolumeFacts;
 use supervol_scene::image::Image;
@@ -138,11 +143,13 @@ impl TestVolume {
 
     pub fn cpu_image(&self, scene: &ResolvedScene, lod: LodChoice) -> Image {
         let quality = CpuQuality { lod, ..CpuQuality::default() };
-        let frame = CpuFrame::new(scene, &self.pyramid, &self.geometry, self.map, self.range, quality);
+        let (pyramid, geometry) = (&self.pyramid, &self.geometry);
+        let volume = DrawnVolume { pyramid, geometry, map: self.map, value_range: self.range };
+        let frame = CpuFrame::new(scene, &volume, quality);
         let mut states = frame.begin();
-        let feedback = packets::cast_pass(self, &frame, &mut states);
+        let feedback = states.cast_pass(self);
         assert!(feedback.is_converged());
-        frame.image(&states)
+        states.image()
     }
 
     /// The GPU's picture with room for `slots` bricks at least, its statistics, and the passes it took.

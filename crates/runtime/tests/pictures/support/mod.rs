@@ -8,9 +8,12 @@ use std::sync::Mutex;
 use supervol_format::codec::BrickShape;
 use supervol_format::voxel_type::Absence;
 use supervol_format::{BrickKey, BrickLayout, Dims, Geometry, Lod, Pyramid, ValueRange, VoxelType};
-use supervol_runtime::engines::packets::{CpuFrame, CpuQuality, RayCounters, Skipping, cast_pass};
+use supervol_runtime::engines::cpu::{CpuFrame, CpuQuality};
+use supervol_runtime::engines::ray_scene::DrawnVolume;
 use supervol_runtime::engines::reference::{ReferenceVolume, render_reference_counted};
 use supervol_runtime::lod::LodChoice;
+use supervol_runtime::stream::classify::Skipping;
+use supervol_runtime::stream::counters::RayCounters;
 use supervol_runtime::stream::residency::{BrickView, DecodedBrick, Resident};
 use supervol_scene::facts::VolumeFacts;
 use supervol_scene::image::Image;
@@ -156,7 +159,9 @@ impl Bricked {
     }
 
     pub fn frame_of(&self, scene: &ResolvedScene, quality: CpuQuality) -> CpuFrame {
-        CpuFrame::new(scene, &self.pyramid, &self.geometry, self.map, self.range, quality)
+        let (pyramid, geometry) = (&self.pyramid, &self.geometry);
+        let volume = DrawnVolume { pyramid, geometry, map: self.map, value_range: self.range };
+        CpuFrame::new(scene, &volume, quality)
     }
 
     pub fn render_with(&self, scene: &ResolvedScene, lod: LodChoice, skipping: Skipping) -> (Image, RayCounters) {
@@ -166,9 +171,9 @@ impl Bricked {
     pub fn render_of(&self, scene: &ResolvedScene, quality: CpuQuality) -> (Image, RayCounters) {
         let frame = self.frame_of(scene, quality);
         let mut states = frame.begin();
-        let feedback = cast_pass(self, &frame, &mut states);
+        let feedback = states.cast_pass(self);
         assert!(feedback.is_converged());
-        (frame.image(&states), feedback.counters)
+        (states.image(), feedback.counters)
     }
 
     /// The finest level, skipping on.

@@ -1,13 +1,16 @@
-//! Closed triangle meshes that rays are cut with: where a line enters and leaves one, in `f64`.
+//! Closed triangle meshes that rays are cut with: entry and exit points of a line, in `f64`.
 //!
-//! A mesh is closed where an even number of triangles meets in every edge; then every line crosses it an even number of times,
-//! and what lies between crossings 1 and 2, 3 and 4, and so on, is inside. That must hold for lines through edges and vertices,
-//! too, or a pixel would show what is cut away: the triangles that a line crosses are found in the plane across it, as by
-//! Woop, Benthin and Wald 2013 ("Watertight ray/triangle intersection"), but with signs that are exact, and points on an edge
-//! moved to one side of it (Edelsbrunner and Mücke 1990, "Simulation of simplicity"). So neighbours always agree.
+//! A mesh is closed if an even number of triangles meets in every edge. Every line then crosses it an even number of
+//! times. The parts of the line between crossings 1 and 2, 3 and 4, and so on are inside.
 //!
-//! Triangles lie in a tree of boxes, halved along the longest side. Boxes are a little larger than what they hold, so that
-//! rounding never leaves a triangle out. No crate does this: those at hand find the first hit, in `f32`, or lose edges.
+//! This must also hold for lines through edges and vertices; otherwise a pixel would show a region that is cut away.
+//! Crossings are therefore decided in the plane across the line, as in Woop, Benthin and Wald 2013 ("Watertight
+//! ray/triangle intersection"). In addition, signs are exact, and points on an edge are moved to one side (Edelsbrunner
+//! and Mücke 1990, "Simulation of simplicity"). So adjacent triangles always agree.
+//!
+//! Triangles are stored in a tree of boxes; each box is halved along its longest side. Boxes are slightly larger than
+//! their content, so that rounding never misses a triangle. Existing crates find only the first hit, work in `f32`, or
+//! lose edges.
 
 use std::collections::HashMap;
 
@@ -15,18 +18,19 @@ use glam::DVec3;
 
 use super::clip_slab;
 
-/// Most triangles of a mesh: about 90 bytes each are held.
+/// Most triangles of a mesh; a triangle takes about 90 bytes.
 pub const TRIANGLE_LIMIT: usize = 1 << 20;
 /// Most triangles of a leaf of the tree.
 const LEAF_TRIANGLES: usize = 4;
-/// By how much boxes of the tree are larger than what they hold, as a share of the mesh's diagonal: much more than rounding.
+/// Margin of the tree's boxes, as a share of the mesh's diagonal: far greater than rounding errors.
 const BOX_MARGIN: f64 = 1e-9;
-/// Crossings of two triangles that are less deep than this share of the mesh's diagonal are rounding, and not refused.
+/// Depth, as a share of the mesh's diagonal, up to which a crossing of two triangles is taken for a rounding error and
+/// accepted.
 const CROSSING_DEPTH: f64 = 1e-6;
-/// Most pairs of triangles with overlapping boxes, times the triangles, that are looked at for crossings.
+/// Most pairs of triangles with overlapping boxes that are checked for crossings, per triangle.
 const PAIRS_PER_TRIANGLE: usize = 512;
 
-/// Why triangles are no closed mesh. Points are in the file's coordinates.
+/// Reason why triangles are no closed mesh. Points are in the file's coordinates.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[allow(missing_docs, reason = "the messages say it")]
 pub enum MeshError {
@@ -49,33 +53,34 @@ pub enum MeshError {
     TooDense { near: DVec3 },
 }
 
-/// See the module.
+/// A closed mesh with its tree; see the module.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ClosedMesh {
     vertices: Vec<DVec3>,
-    /// In the order of the tree's leaves.
+    /// Indices of vertices, in the order of the tree's leaves.
     triangles: Vec<[u32; 3]>,
-    /// The first is the root; the children of a node lie side by side.
+    /// The first is the root; the two children of a node are adjacent.
     nodes: Vec<Node>,
     middle: DVec3,
 }
 
-/// A box of the tree, and what it holds.
+/// A box of the tree with its content.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Node {
     low: DVec3,
     high: DVec3,
-    /// The first of its triangles, or of its two children.
+    /// Index of the first of its triangles, or of its two children.
     first: u32,
-    /// How many triangles; 0: it has children.
+    /// Number of triangles; 0 for a node with children.
     count: u32,
 }
 
 impl ClosedMesh {
-    /// A mesh of vertices and triangles of their numbers; vertices in one place are one, triangles without an area are none.
+    /// A mesh of vertices and of triangles given by vertex indices. Vertices at the same position are merged; triangles
+    /// without an area are dropped.
     ///
     /// # Errors
-    /// If it is not closed, crosses itself, is empty or too large, or its numbers are no numbers of vertices.
+    /// If the mesh is not closed, crosses itself, is empty or too large, or has an index that is no vertex.
     pub fn new(vertices: &[DVec3], triangles: &[[u32; 3]]) -> Result<Self, MeshError> {
         if triangles.len() > TRIANGLE_LIMIT {
             return Err(MeshError::TooLarge);
@@ -91,23 +96,23 @@ impl ClosedMesh {
         Ok(mesh)
     }
 
-    /// Bytes that it holds.
+    /// Bytes of memory.
     #[must_use]
     pub fn bytes(&self) -> u64 {
         let parts = [size_of_val(&self.vertices[..]), size_of_val(&self.triangles[..]), size_of_val(&self.nodes[..])];
         parts.iter().map(|&bytes| bytes as u64).sum()
     }
 
-    /// Triangles, after those without an area are gone.
+    /// Number of triangles, without those that have no area.
     #[must_use]
     pub fn triangle_count(&self) -> usize {
         self.triangles.len()
     }
 
-    /// The t at which the line `origin + t * direction` crosses the mesh, ascending; always an even number of them.
+    /// The t at which the line `origin + t * direction` crosses the mesh, ascending. Their number is always even.
     #[must_use]
     pub fn crossings(&self, origin: DVec3, direction: DVec3) -> Vec<f64> {
-        // From the point beside the mesh's middle on: nothing is lost to the distance of the eye.
+        // Start near the mesh's middle, so that a distant eye costs no precision.
         let start = (self.middle - origin).dot(direction) / direction.length_squared();
         let Some(line) = Line::new(origin + start * direction, direction) else { return Vec::new() };
         let mut found = Vec::new();
@@ -129,7 +134,7 @@ impl ClosedMesh {
         found
     }
 
-    /// Whether any triangle may enter the box between two corners; never `false` where one does.
+    /// Whether a triangle may reach into the box between two corners. The answer `false` is certain.
     #[must_use]
     pub fn may_enter(&self, low: DVec3, high: DVec3) -> bool {
         let mut stack = vec![0];
@@ -158,7 +163,7 @@ impl ClosedMesh {
         [self.vertices[a as usize], self.vertices[b as usize], self.vertices[c as usize]]
     }
 
-    /// Builds the tree; orders the triangles by its leaves.
+    /// Builds the tree and sorts the triangles in the order of its leaves.
     fn build(&mut self, margin: DVec3) {
         let mut triangles = std::mem::take(&mut self.triangles);
         let placeholder = Node { low: DVec3::ZERO, high: DVec3::ZERO, first: 0, count: 0 };
@@ -186,7 +191,7 @@ impl ClosedMesh {
         self.triangles = triangles;
     }
 
-    /// Refuses meshes of which two triangles go through each other.
+    /// Refuses meshes in which two triangles cross each other.
     fn check_crossings(&self, depth: f64) -> Result<(), MeshError> {
         let mut pairs_left = PAIRS_PER_TRIANGLE * self.triangles.len();
         let mut stack = Vec::new();
@@ -216,7 +221,7 @@ impl ClosedMesh {
     }
 }
 
-/// Vertices in one place made one; triangles with three different vertices.
+/// Merges vertices at the same position and drops triangles with fewer than three different vertices.
 fn welded(vertices: &[DVec3], triangles: &[[u32; 3]]) -> Result<(Vec<DVec3>, Vec<[u32; 3]>), MeshError> {
     let mut kept: Vec<DVec3> = Vec::new();
     let mut number_of: HashMap<[u64; 3], u32> = HashMap::new();
@@ -225,7 +230,7 @@ fn welded(vertices: &[DVec3], triangles: &[[u32; 3]]) -> Result<(Vec<DVec3>, Vec
         if !found.is_finite() {
             return Err(MeshError::NotFinite { vertex, found });
         }
-        // Zero has two signs and one place.
+        // Zero has two signs but is one position.
         let bits = found.to_array().map(|x| (x + 0.0).to_bits());
         let next = kept.len() as u32;
         let number = *number_of.entry(bits).or_insert(next);
@@ -270,7 +275,7 @@ fn bounds_of(points: impl Iterator<Item = DVec3>) -> (DVec3, DVec3) {
     points.fold(nothing, |(low, high), point| (low.min(point), high.max(point)))
 }
 
-/// A point where an edge of one triangle goes through the other; edges that begin or end at a corner of both do not.
+/// A point in which an edge of one triangle crosses the other triangle. Edges that end at a common corner are ignored.
 fn crossing_of(pair: [[u32; 3]; 2], corners: [[DVec3; 3]; 2], depth: f64) -> Option<DVec3> {
     (0..2).find_map(|one| {
         let (triangle, edges) = (corners[1 - one], corners[one]);
@@ -282,7 +287,7 @@ fn crossing_of(pair: [[u32; 3]; 2], corners: [[DVec3; 3]; 2], depth: f64) -> Opt
     })
 }
 
-/// Where a line from end to end goes through a triangle, at least this deep on both sides.
+/// The point in which a line segment crosses a triangle, if both its ends lie at least `depth` away from the plane.
 fn goes_through([p, q]: [DVec3; 2], [a, b, c]: [DVec3; 3], depth: f64) -> Option<DVec3> {
     let normal = (b - a).cross(c - a).normalize_or_zero();
     let [before, after] = [normal.dot(p - a), normal.dot(q - a)];
@@ -294,12 +299,12 @@ fn goes_through([p, q]: [DVec3; 2], [a, b, c]: [DVec3; 3], depth: f64) -> Option
     sides.iter().all(|side| *side > 0.0).then_some(at)
 }
 
-/// A line, looked along: x and y across, z along it.
+/// A line with coordinates in its own frame: x and y across it, z along it.
 struct Line {
     origin: DVec3,
     direction: DVec3,
     axes: [usize; 3],
-    /// What x and y move by for each step along the third axis.
+    /// Change of x and y per step along the third axis.
     shear: [f64; 2],
 }
 
@@ -321,7 +326,7 @@ impl Line {
 
     /// The t at which the line crosses a triangle.
     fn crossing(&self, corners: [DVec3; 3]) -> Option<f64> {
-        // The same for a vertex, whatever triangle it is a corner of.
+        // Depends on the vertex alone: the same result for every triangle that shares it.
         let across = |corner: DVec3| {
             let from = corner - self.origin;
             let z = from[self.axes[2]];
@@ -348,14 +353,14 @@ fn cross(a: [f64; 3], b: [f64; 3]) -> f64 {
     a[0] * b[1] - a[1] * b[0]
 }
 
-/// On which side of the edge from a to b zero lies, exactly; never on it: zero is moved along x by less than any number, and
-/// along y by less than that. The edge from b to a has the other answer.
+/// The side of the edge from a to b on which zero lies, exactly. Zero never lies on the edge: it counts as moved along
+/// x by an infinitesimal amount, and along y by a still smaller one. The edge from b to a gives the opposite answer.
 fn side(a: [f64; 3], b: [f64; 3]) -> bool {
     let (p, q) = (a[0] * b[1], a[1] * b[0]);
     if p != q {
         return p > q;
     }
-    // What rounding took from the two products decides.
+    // The rounding errors of the two products decide.
     let (of_p, of_q) = (a[0].mul_add(b[1], -p), a[1].mul_add(b[0], -q));
     if of_p != of_q {
         return of_p > of_q;

@@ -32,7 +32,7 @@ fn mesh((vertices, triangles): (Vec<DVec3>, Vec<[u32; 3]>)) -> ClosedMesh {
     ClosedMesh::new(&vertices, &triangles).unwrap()
 }
 
-/// How often the mesh goes around a point: 1 inside, 0 outside (van Oosterom and Strackee 1983).
+/// Winding number of the mesh around a point: 1 inside, 0 outside (van Oosterom and Strackee 1983).
 fn winding((vertices, triangles): &(Vec<DVec3>, Vec<[u32; 3]>), point: DVec3) -> f64 {
     let solid_angle = |t: &[u32; 3]| {
         let [a, b, c] = t.map(|vertex| vertices[vertex as usize] - point);
@@ -87,7 +87,7 @@ fn what_is_not_closed_is_refused_with_the_place() {
     let mut broken = vertices.clone();
     broken[3].y = f64::INFINITY;
     assert!(matches!(refused(&broken, &triangles), MeshError::NotFinite { vertex: 3, .. }));
-    // Two boxes: through each other, side by side, and one in the other, which is a box with a hollow.
+    // Two boxes: crossing each other, side by side, and one inside the other, which makes a hollow box.
     let both = |low: f64, high: f64| {
         let (others, _) = cuboid([low; 3], [high; 3]);
         let numbers = triangles.iter().map(|t| t.map(|n| n + 8));
@@ -106,7 +106,7 @@ fn what_is_not_closed_is_refused_with_the_place() {
 }
 
 proptest! {
-    /// What lies between odd and even crossings is what the mesh goes around.
+    /// The inside by crossings is the inside by winding number.
     #[test]
     fn inside_is_what_the_mesh_goes_around(
         origin in prop::array::uniform3(-5.0..5.0f64),
@@ -129,7 +129,7 @@ proptest! {
 }
 
 proptest! {
-    /// A box that holds a point of the surface is never said to be free of it; one far from it is.
+    /// A box that holds a point of the surface is never reported free; a box far from the surface is.
     #[test]
     fn boxes_with_a_part_of_the_surface_are_entered(
         triangle in 0..256usize,
@@ -142,7 +142,7 @@ proptest! {
         let size = DVec3::from(sizes);
         let mesh = mesh(solid);
         prop_assert!(mesh.may_enter(point - size, point + size));
-        // In the ring's hole, and beside it.
+        // In the hole of the ring, and above it.
         for far in [DVec3::ZERO, DVec3::new(0.0, 0.0, 5.0)] {
             prop_assert!(!mesh.may_enter(far - 0.5 * size, far + 0.5 * size));
         }

@@ -1,5 +1,7 @@
-//! Triangle meshes from files: PLY (text, binary), STL (text, binary), OBJ. Polygons become fans of triangles; what is neither
-//! a place nor a face is passed over. Files are read as a stream, and no more is kept than the limit of triangles allows.
+//! Readers of triangle meshes: PLY (text, binary), STL (text, binary), OBJ.
+//!
+//! Polygons become fans of triangles. Everything but positions and faces is skipped. Files are read as a stream; memory
+//! is bounded by the limit of triangles.
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read};
@@ -17,12 +19,12 @@ const LINE_LIMIT: u64 = 1 << 16;
 const CORNER_LIMIT: u64 = 1 << 12;
 /// Most lines of the header of a PLY file.
 const HEADER_LIMIT: usize = 1 << 10;
-/// Most vertices: three of each triangle.
+/// Most vertices: three per triangle.
 const VERTEX_LIMIT: usize = 3 * TRIANGLE_LIMIT;
-/// Bytes of a binary STL file before its triangles, and of each of these.
+/// Bytes of a binary STL file before the first triangle, and per triangle.
 const STL_BYTES: [u64; 2] = [84, 50];
 
-/// Why a file is no mesh to cut with.
+/// Reason why a file holds no mesh to cut with.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {reason}", path.display())]
 pub struct MeshFileError {
@@ -42,23 +44,23 @@ enum Reason {
     Content { expected: String, found: String },
 }
 
-/// Vertices and triangles as they come.
+/// Vertices and triangles in file order, not yet checked.
 #[derive(Default)]
 struct Soup {
     vertices: Vec<DVec3>,
     triangles: Vec<[u32; 3]>,
 }
 
-/// Which file it was, and what it held; only as long as somebody uses it.
+/// A file that is in use: path, time of change, length in bytes, and its mesh as long as a scene holds it.
 type Known = (PathBuf, Option<SystemTime>, u64, Weak<ClosedMesh>);
 
-/// Meshes that are in use: scenes are resolved again and again, files need not be read as often.
+/// Meshes in use. Scenes are resolved for every picture; this list avoids reading their files again.
 static IN_USE: Mutex<Vec<Known>> = Mutex::new(Vec::new());
 
-/// The closed mesh in a file, by the end of its name.
+/// Reads the closed mesh in a file; the extension of the name gives the format.
 ///
 /// # Errors
-/// If it cannot be read, is no such file, or holds no closed mesh.
+/// If the file cannot be read, has no known format, or holds no closed mesh.
 pub fn read(path: &Path) -> Result<Arc<ClosedMesh>, MeshFileError> {
     let refused = |reason| MeshFileError { path: path.to_owned(), reason };
     let state = std::fs::metadata(path).map_err(|e| refused(e.into()))?;
@@ -99,7 +101,7 @@ impl Soup {
         Ok(self.vertices.len() as u32 - 1)
     }
 
-    /// A polygon as a fan around its first corner.
+    /// Adds a polygon as a fan of triangles around its first corner.
     fn add_face(&mut self, corners: &[u32]) -> Result<(), Reason> {
         if corners.len() < 3 {
             return Err(content("at least three corners of a face", corners.len()));
@@ -145,7 +147,8 @@ fn obj(reader: &mut impl BufRead) -> Result<Soup, Reason> {
             Some("f") => {
                 let vertices = soup.vertices.len() as i64;
                 let corner = |word: &str| {
-                    // Of place/texture/normal only the place counts; numbers begin at 1, or at the end where they are negative.
+                    // A corner is position/texture/normal; only the position is read. Indices begin at 1; negative ones
+                    // count from the end.
                     let place = word.split('/').next().unwrap_or_default();
                     let written: i64 = place.parse().map_err(|_| content("the number of a vertex", place))?;
                     let index = if written < 0 { vertices + written } else { written - 1 };
@@ -201,14 +204,14 @@ fn stl(reader: &mut impl BufRead, length: u64) -> Result<Soup, Reason> {
     Ok(soup)
 }
 
-/// Whether a binary STL file that begins with the word of text files has the length that it counts.
+/// Whether a file that begins with "solid", as text files do, has the length of a binary STL file.
 fn has_counted_length(reader: &mut impl BufRead, length: u64) -> Result<bool, Reason> {
     let begin = reader.fill_buf()?;
     let count = begin.get(80..84).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]));
     Ok(count.is_some_and(|count| length == STL_BYTES[0] + STL_BYTES[1] * u64::from(count)))
 }
 
-/// How the numbers of a PLY file are written.
+/// Number format of a PLY file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Written {
     Text,
@@ -216,7 +219,7 @@ enum Written {
     Big,
 }
 
-/// Types of numbers in PLY files.
+/// Number types of PLY files.
 #[derive(Debug, Clone, Copy)]
 enum Scalar {
     I8,
@@ -231,7 +234,7 @@ enum Scalar {
 
 struct Property {
     name: String,
-    /// The type of the count, for lists.
+    /// For lists, the type of the length.
     list: Option<Scalar>,
     scalar: Scalar,
 }
@@ -283,11 +286,11 @@ impl Scalar {
     }
 }
 
-/// The numbers of a PLY file, one after the other.
+/// Reads the numbers of a PLY file one after the other.
 struct Numbers<'a, R> {
     reader: &'a mut R,
     written: Written,
-    /// Words of the present line, the next one last.
+    /// Unread words of the current line, the next one last.
     words: Vec<String>,
 }
 
@@ -388,7 +391,7 @@ fn ply_header(reader: &mut impl BufRead) -> Result<(Written, Vec<Element>), Reas
             _ => {}
         }
     }
-    // An element without properties takes no bytes, so that its count would be believed for ever.
+    // An element without properties takes no bytes, so that a false count would cause an endless loop.
     elements.retain(|element| !element.properties.is_empty());
     let written = written.ok_or_else(|| content("a format: ascii or binary", "none"))?;
     Ok((written, elements))

@@ -74,7 +74,7 @@ fn stl_text() -> Vec<u8> {
 fn obj() -> Vec<u8> {
     let mut text = "# none\no four\n".to_owned();
     CORNERS.iter().for_each(|[x, y, z]| writeln!(text, "v {x} {y} {z}").unwrap());
-    // From the beginning and from the end.
+    // Indices from the beginning, and from the end.
     FACES[..3].iter().for_each(|[a, b, c]| writeln!(text, "f {}/1/1 {}//2 {}", a + 1, b + 1, c + 1).unwrap());
     (text + "f -3 -2 -1\n").into_bytes()
 }
@@ -135,7 +135,7 @@ fn what_is_no_mesh_is_refused_with_what_was_expected() {
     assert!(read(Path::new("/nowhere/a.ply")).unwrap_err().to_string().contains("/nowhere/a.ply"));
 }
 
-/// Scenes are resolved for every picture; a file that has changed is read again.
+/// Scenes are resolved for every picture. A changed file is read again.
 #[test]
 fn a_mesh_is_read_once() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,7 +1,8 @@
-//! Kinds of data, recognised by what the file says (format, space, name, unit) and holds (histogram, percentiles).
+//! Recognition of the kind of data from the file's metadata (format, space, name, unit) and values (histogram,
+//! percentiles).
 //!
-//! The kind decides the default picture and nothing else. Rules are tried from the surest to the vaguest; the first that
-//! holds wins and says why. Limits are in the units that their field uses, or shares of the range of values.
+//! The kind decides the default picture and nothing else. Rules are tried from the most to the least reliable. The
+//! first rule that holds wins and gives its reason. Limits are in the field's own units or shares of the value range.
 
 use std::str::FromStr;
 
@@ -12,12 +13,12 @@ use supervol_format::{Container, ValueRange, VoxelType};
 
 use super::histogram::Histogram;
 
-/// What kind of data a volume holds: decides the default picture only.
+/// Kind of data in a volume. It decides only the default picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum DataKind {
-    /// Seismic amplitudes: signed, zero means nothing, z points down.
+    /// Seismic amplitudes: signed, zero is neutral, z points down.
     Seismic,
-    /// A one-signed quantity of a survey: velocity, impedance, coherence.
+    /// Survey quantity of one sign: velocity, impedance, coherence.
     SeismicAttribute,
     /// Computed tomography in Hounsfield units.
     Ct,
@@ -25,17 +26,17 @@ pub enum DataKind {
     CtOffset,
     /// Magnetic resonance, and other images of patients.
     Mri,
-    /// Few bright voxels in the dark: fluorescence, angiography.
+    /// A few bright voxels on a dark background: fluorescence, angiography.
     Fluorescence,
-    /// Dense grey all over: electron microscopy.
+    /// Grey everywhere, without a background: electron microscopy.
     ElectronMicroscopy,
     /// Solid matter in air: micro-CT of rock, plants, materials.
     MicroCt,
-    /// Numbers that name things.
+    /// Numbers that name objects.
     Labels,
-    /// Two values: in and out.
+    /// Two values: inside and outside.
     Mask,
-    /// One value.
+    /// The same value everywhere.
     Constant,
     /// No present voxel.
     Empty,
@@ -62,7 +63,7 @@ impl DataKind {
         Self::Generic,
     ];
 
-    /// The kind's name, which is its preset's name too.
+    /// The kind's name; its preset has the same name.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -100,31 +101,31 @@ impl FromStr for DataKind {
     }
 }
 
-/// A kind, and what it was recognised by.
+/// A recognised kind and the reason.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Recognised {
     /// The kind.
     pub kind: DataKind,
-    /// Why, as the end of a sentence.
+    /// The reason, as the end of a sentence.
     pub because: String,
 }
 
-/// Most different numbers of labels, and the greatest of them.
+/// Most different labels, and the greatest label.
 const LABELS: usize = 40;
 const LABEL_LIMIT: f64 = 255.0;
-/// Least voxels of each label on average: fewer are noise.
+/// Least average number of voxels per label; with fewer, the values are noise.
 const VOXELS_PER_LABEL: u64 = 64;
-/// Hounsfield units: where air lies, and how far values may reach.
+/// Hounsfield units: values of air, and the greatest possible range.
 const AIR: [f64; 2] = [-1100.0, -850.0];
 const HOUNSFIELD: [f64; 2] = [-3100.0, 32_767.0];
-/// Fat, water and muscle in Hounsfield units with 1024 added, and the gap between these and lungs.
+/// Fat, water and muscle in Hounsfield units plus 1024, and the gap between these and lungs.
 const SOFT_WITH_OFFSET: [f64; 2] = [880.0, 1120.0];
 const GAP_WITH_OFFSET: [f64; 2] = [350.0, 800.0];
 
-/// Amplitudes reach about as far below zero as above: the shorter side at least this share of the longer one.
+/// Amplitudes are roughly symmetric: the shorter side reaches at least this share of the longer side.
 const SYMMETRY: f64 = 0.3;
 
-/// What the data of a container are, and why.
+/// The kind of a container's data and the reason.
 #[must_use]
 pub fn recognise(container: &Container) -> Recognised {
     let descriptor = container.descriptor();
@@ -133,7 +134,7 @@ pub fn recognise(container: &Container) -> Recognised {
     Evidence::new(container.manifest(), integral).recognise()
 }
 
-/// What is known of a volume.
+/// The evidence from which the kind is recognised.
 struct Evidence<'a> {
     manifest: &'a Manifest,
     range: ValueRange,
@@ -160,7 +161,7 @@ impl<'a> Evidence<'a> {
         self.manifest.percentile(percent).unwrap_or(self.range.min)
     }
 
-    /// A word of the file's name, set off by anything but letters and digits.
+    /// Whether one of the words is part of the file's name. Words are separated by anything but letters and digits.
     fn name_says(&self, words: &[&str]) -> bool {
         let name = self.manifest.source.name.to_lowercase();
         name.split(|c: char| !c.is_alphanumeric()).any(|part| words.contains(&part))
@@ -201,7 +202,7 @@ impl<'a> Evidence<'a> {
             let because = format!("every voxel is {} or {}", Number(self.range.min), Number(self.range.max));
             return Some((DataKind::Mask, because));
         }
-        // Bins narrower than 1 hold one whole number each.
+        // Bins narrower than 1 hold at most one whole number each.
         let labels = self.integral
             && self.range.min >= 0.0
             && self.range.max <= LABEL_LIMIT
@@ -269,8 +270,9 @@ impl<'a> Evidence<'a> {
         is_dark.then_some(found)
     }
 
-    /// Whether the file holds channels beside the one that was read: microscopes do, scanners of solid matter do not. Readers say so in
-    /// a note where nobody has chosen one, else the choice is part of the name.
+    /// Whether the file holds other channels beside the one that was read. This is usual for microscopes, not for
+    /// scanners of solid matter. If the user chose the channel, the choice is part of the name; otherwise the reader
+    /// writes a note.
     fn is_one_of_several_channels(&self) -> bool {
         let is_noted = |note: &String| note.contains(" channels") && note.contains("--channel");
         self.manifest.source.name.contains(" --channel ") || self.manifest.notes.iter().any(is_noted)

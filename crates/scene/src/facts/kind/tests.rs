@@ -2,7 +2,7 @@ use supervol_format::container::manifest::{AxisName, Source};
 
 use super::*;
 
-/// A volume by its counts in bins of 0 to 1, 1 to 2, ... times `step`, from `min` on.
+/// A volume given by its histogram: bin i holds the voxels of value `min + i * step`.
 struct Made {
     counts: Vec<u64>,
     min: f64,
@@ -50,7 +50,7 @@ impl Made {
     }
 }
 
-/// Counts of a bell around a bin.
+/// Bell-shaped counts around the bin `middle`.
 fn bell(bins: usize, middle: f64, width: f64, most: f64) -> Vec<u64> {
     (0..bins).map(|i| (most * (-((i as f64 - middle) / width).powi(2)).exp()) as u64).collect()
 }
@@ -64,9 +64,9 @@ fn seismic_files_hold_amplitudes_or_attributes() {
     let survey = |counts, min, step| Made { counts, min, step, integral: false, format: "segy", ..PLAIN };
     assert_eq!(survey(bell(256, 128.0, 20.0, 1e4), -12_800.0, 100.0).kind(), DataKind::Seismic);
     assert_eq!(survey(bell(256, 100.0, 40.0, 1e4), 1500.0, 12.0).kind(), DataKind::SeismicAttribute);
-    // One-sided but for a little noise.
+    // Values of one sign, except for a little noise.
     assert_eq!(survey(bell(256, 100.0, 60.0, 1e4), -10.0, 1.0).kind(), DataKind::SeismicAttribute);
-    // Bytes around 128: amplitudes without a sign.
+    // Bytes around 128: amplitudes stored unsigned.
     let bytes = Made { counts: bell(256, 127.0, 20.0, 1e4), format: "segy", ..PLAIN };
     assert_eq!(bytes.kind(), DataKind::Seismic);
     let synthetic =
@@ -79,11 +79,11 @@ fn tomography_is_recognised_by_air_and_by_soft_tissue() {
     let body = sum(&bell(256, 10.0, 3.0, 3e4), &bell(256, 78.0, 3.0, 2e4));
     let hounsfield = Made { counts: body.clone(), min: -1180.0, step: 16.0, ..PLAIN };
     assert_eq!(hounsfield.kind(), DataKind::Ct);
-    // The same with 1024 added, and nothing below zero.
+    // The same with 1024 added and nothing below zero.
     let unsigned =
         Made { counts: sum(&bell(256, 2.0, 3.0, 3e4), &bell(256, 66.0, 3.0, 2e4)), min: 0.0, step: 16.0, ..PLAIN };
     assert_eq!(unsigned.kind(), DataKind::CtOffset);
-    // Wide amplitudes in a file that does not say so have no air.
+    // Wide amplitudes in a file whose format is not seismic: no air peak.
     let signed = Made { counts: bell(256, 128.0, 12.0, 1e4), min: -2560.0, step: 20.0, ..PLAIN };
     assert_eq!(signed.kind(), DataKind::Generic);
 }
@@ -104,7 +104,7 @@ fn images_are_told_apart_by_how_bright_they_are() {
     assert_eq!(Made { counts: bell(256, 120.0, 50.0, 1e4), ..PLAIN }.kind(), DataKind::ElectronMicroscopy);
     let solid = sum(&bell(256, 5.0, 5.0, 1e5), &bell(256, 180.0, 20.0, 1e4));
     assert_eq!(Made { counts: solid.clone(), ..PLAIN }.kind(), DataKind::MicroCt);
-    // The same in a file that holds other channels beside it: nuclei, not pebbles.
+    // The same in a file with other channels: fluorescence instead of solid matter.
     let channel = Made { counts: solid, name: "cells.ome.tif --channel 1", ..PLAIN };
     assert_eq!(channel.kind(), DataKind::Fluorescence);
     let field = Made { counts: bell(256, 120.0, 50.0, 1e4), integral: false, ..PLAIN };
@@ -120,7 +120,7 @@ fn few_values_are_labels_or_a_mask_and_one_is_nothing() {
     counts[90] = 500;
     assert_eq!(Made { counts: counts.clone(), ..PLAIN }.kind(), DataKind::Labels);
     assert_ne!(Made { counts, integral: false, ..PLAIN }.kind(), DataKind::Labels);
-    // A handful of voxels are no labels, however few values they have.
+    // A few dozen voxels are too few for labels, even with few different values.
     assert_ne!(Made { counts: vec![1; 27], ..PLAIN }.kind(), DataKind::Labels);
     assert_eq!(Made { counts: vec![7], min: 3.0, ..PLAIN }.kind(), DataKind::Constant);
     assert_eq!(PLAIN.kind(), DataKind::Empty);

@@ -1,9 +1,9 @@
-//! Where default and named cameras stand.
+//! Positions of default and named cameras.
 //!
-//! A frame of the world has a front, from which things are looked at unless somebody says otherwise, and an up. Azimuth
-//! turns the camera from the front towards the viewer's right, elevation lifts it, both in degrees. Patients are seen
-//! from the front, head up; surveys with depth downwards; what says nothing of itself with z upwards. A section is seen
-//! face on, as its field prints it.
+//! A world frame has a front and an up direction. Default cameras look from the front. Azimuth turns the camera from
+//! the front towards the viewer's right; elevation lifts it; both are in degrees. Patients are seen from the front with
+//! the head up, surveys with depth downwards, other volumes with z upwards. Sections are seen face on, as usual in
+//! their field.
 
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
@@ -14,61 +14,63 @@ use crate::camera::unit_vector;
 use crate::facts::{DataKind, Frame, VolumeFacts};
 use crate::scene::CameraSpec;
 
-/// Vertical angle of view of cameras that are not asked for another, degrees.
+/// Default vertical angle of view of a perspective camera, in degrees.
 const FOV_Y: f64 = 30.0;
-/// Share of the picture that what is framed fills: in perspective, and face on.
+/// Share of the picture that the framed region fills: perspective, and face on.
 const FILL: f64 = 0.92;
 const FILL_FACE_ON: f64 = 0.96;
-/// Where a camera stands by default, azimuth and elevation in degrees: for anything, and for patients.
+/// Default azimuth and elevation in degrees: general, and for patients.
 const THREE_QUARTERS: [f64; 2] = [36.253_837, 28.263_1];
 const PATIENT: [f64; 2] = [20.0, 10.0];
-/// What is so many times as deep as it is wide, front to back, is seen from its side: an animal on its belly.
+/// A patient volume that is deeper than wide by at least this factor is seen from the side, for example an animal on
+/// its belly.
 const LONG: f64 = 1.6;
 const LONG_SIDE: [f64; 2] = [65.0, 15.0];
 
-/// Share of what can be seen that may lie hidden behind something else before another side is looked for, and by which factor less
-/// has to be hidden there.
+/// Another side is tried if more than the first share of the visible region is hidden. It is taken if the hidden share
+/// there is less than the second factor times as much.
 const MUCH_HIDDEN: f64 = 0.3;
 const UNCOVERED: f64 = 0.6;
-/// Share of the middle extent that lies empty between what hides and what is hidden: hollow things hide nothing of interest.
+/// Least gap between the hiding and the hidden part, as a share of the middle extent. Hollow objects are not counted as
+/// hiding.
 const WALL_GAP: f64 = 0.1;
-/// Lines of sight along the extent.
+/// Lines of sight across the greatest extent.
 const WALL_CELLS: f64 = 24.0;
-/// About as many boxes are looked at, at most: some milliseconds.
+/// Approximate limit of the boxes that are examined; they take some milliseconds.
 const WALL_BOXES: usize = 1 << 15;
 
-/// Directions in which a camera that goes around is to see everything.
+/// Directions for which a turning camera is fitted.
 const TURNS: u32 = 72;
 
-/// World direction that is upright in the default view: a unit vector.
+/// World direction, a unit vector, that points up in the default view.
 #[must_use]
 pub fn upright(facts: &VolumeFacts) -> DVec3 {
     front_and_up(facts).1
 }
 
-/// A direction to look from, and how.
+/// A viewing direction with its up vector, projection and distance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct View {
-    /// World direction from what is shown to the camera; a unit vector.
+    /// World direction from the framed region to the camera; a unit vector.
     pub outward: DVec3,
-    /// World direction that is up in the picture; not parallel to `outward`.
+    /// World direction that points up in the picture; not parallel to `outward`.
     pub up: DVec3,
-    /// Parallel rays, for sections and maps; otherwise perspective.
+    /// Whether the projection is orthographic, as for sections and maps; otherwise perspective.
     pub is_face_on: bool,
-    /// World distance from the middle of what is shown; `None`: so that all of it is seen.
+    /// World distance of the camera from the middle of the framed region; `None`: the region just fits.
     pub distance: Option<f64>,
-    /// How many times as large as all of it fits.
+    /// Magnification relative to a region that just fits.
     pub zoom: f64,
 }
 
-/// Named directions.
+/// Named viewing directions.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Direction {
-    /// From the front: a patient's face, a survey's side of the first inlines.
+    /// From the front: the face of a patient, the first inlines of a survey.
     Front,
     /// From behind.
     Back,
-    /// From the left: a patient's own left, else the viewer's.
+    /// From the left: a patient's own left, otherwise the viewer's left.
     Left,
     /// From the right.
     Right,
@@ -88,15 +90,15 @@ impl View {
             return Self::section(facts, axis);
         }
         match (facts.frame, facts.kind) {
-            // As a stack of images is projected: x to the right, y down.
+            // The usual projection of a stack of images: x to the right, y down.
             (Frame::Unknown, DataKind::Fluorescence) => Self::section(facts, 2),
             (frame, _) if frame.is_patient() => Self::from(facts, Direction::Angles(patient_angles(facts))),
             _ => Self::from(facts, Direction::Angles(THREE_QUARTERS)),
         }
     }
 
-    /// The default view of what can be seen of a volume. Where nothing says which side is the front, one from which no wall hides the
-    /// rest: the usual direction, unless much lies hidden and a quarter turn or two uncover it.
+    /// The default view of the visible region. In a world frame without a known front, it avoids directions in which a
+    /// wall hides the rest. The usual direction is kept unless much is hidden and one or two quarter turns uncover it.
     #[must_use]
     pub fn facing(facts: &VolumeFacts, framed: &Framed) -> Self {
         let usual = Self::of(facts);
@@ -109,7 +111,7 @@ impl View {
             Self { outward: turn * usual.outward, up: turn * usual.up, ..usual }
         };
         let [_, middle, size] = framed.extents();
-        // A volume that is long in one direction has no wider gaps for that.
+        // The middle extent: a long volume must not have wider gaps for its length.
         let hidden = |view: &Self| framed.hidden(view, size, WALL_GAP * middle);
         let by_usual = hidden(&usual);
         if by_usual <= MUCH_HIDDEN {
@@ -124,7 +126,7 @@ impl View {
     #[must_use]
     pub fn from(facts: &VolumeFacts, direction: Direction) -> Self {
         let (front, up) = front_and_up(facts);
-        // A patient's left is at the right of who looks at the face.
+        // Seen from the front, a patient's left is on the viewer's right.
         let left = if facts.frame.is_patient() { 90.0 } else { -90.0 };
         let [azimuth, elevation] = match direction {
             Direction::Front => [0.0, 0.0],
@@ -140,7 +142,8 @@ impl View {
         let (sin_e, cos_e) = elevation.to_radians().sin_cos();
         let level = cos_a * front + sin_a * right;
         let outward = (cos_e * level + sin_e * up).normalize();
-        // Straight from above or below, up is away from the front as on a map; a patient's front is up.
+        // Straight from above or below, the picture's up direction points away from the front, as on a map. For
+        // patients it points to the front.
         let up = match (cos_e.abs() < 1e-6, facts.frame.is_patient()) {
             (false, _) => up,
             (true, true) => level,
@@ -161,16 +164,18 @@ impl View {
             Frame::Unknown if axis == 2 => (along[0], -along[1]),
             Frame::Unknown => (along[1 - axis], along[2]),
         };
-        // Sheared grids: up is made perpendicular to right.
+        // In sheared grids, up is made perpendicular to right.
         let up = (up - up.dot(right) * right).try_normalize().unwrap_or_else(|| right.any_orthonormal_vector());
         Self { outward: right.cross(up), up, is_face_on: true, distance: None, zoom: 1.0 }
     }
 
-    /// The camera of a picture of `size` pixels that just sees all of what is framed, unless distance or zoom say otherwise.
+    /// The camera that just sees all of the framed region, unless distance or zoom is set. `size` is the picture's
+    /// width and height in pixels.
     ///
-    /// Let (x, y, z) be a point in the camera's frame around the middle. An eye at (cx, cy, -d) has it inside the picture where
-    /// `|x - cx| <= k (d + z)` with `k = FILL tan_x`, and likewise y. So the greatest `x / k - z` and `-x / k - z` of all points
-    /// say where the eye has to be: cx is k times half their difference, d half their sum. Parallel rays have no z in it.
+    /// Let (x, y, z) be a point in the camera's frame around the middle. An eye at (cx, cy, -d) has it inside the
+    /// picture if `|x - cx| <= k (d + z)` with `k = FILL tan_x`, and likewise for y. Take the greatest `x / k - z` and
+    /// `-x / k - z` of all points: cx is k times half their difference, d is half their sum. Orthographic cameras have
+    /// no z term.
     #[must_use]
     pub fn camera(&self, framed: &Framed, size: [u32; 2]) -> CameraSpec {
         let ([right, up], slopes) = self.picture_plane(size);
@@ -180,8 +185,8 @@ impl View {
         self.looking_at(centre, fits, framed)
     }
 
-    /// The camera of a picture of `size` pixels that sees all of what is framed from every side, when it goes around the middle
-    /// of that about a world axis.
+    /// The camera that sees all of the framed region from every side while it turns around the region's middle about a
+    /// world axis. `size` is in pixels.
     #[must_use]
     pub fn turning_camera(&self, framed: &Framed, size: [u32; 2], axis: DVec3) -> CameraSpec {
         let fits = (0..TURNS).map(|i| {
@@ -192,7 +197,8 @@ impl View {
         self.looking_at(framed.middle, fits.fold(0.0, f64::max), framed)
     }
 
-    /// Right and up in the picture, and by how much of the distance, or of the half height, the picture reaches along them.
+    /// Right and up vectors of the picture. The factors give half the picture's width and height, per distance or per
+    /// half height.
     fn picture_plane(&self, size: [u32; 2]) -> ([DVec3; 2], [f64; 2]) {
         let forward = -self.outward;
         let right = forward.cross(self.up).normalize();
@@ -200,7 +206,7 @@ impl View {
         ([right, right.cross(forward)], [slope * f64::from(size[0]) / f64::from(size[1]), slope])
     }
 
-    /// How far what is framed reaches to the right, left, top and bottom: see [`Self::camera`].
+    /// Reach of the framed region to the right, left, top and bottom: see [`Self::camera`].
     fn reach(&self, framed: &Framed, size: [u32; 2]) -> [f64; 4] {
         let (across, slopes) = self.picture_plane(size);
         let depth = if self.is_face_on { 0.0 } else { 1.0 };
@@ -208,7 +214,7 @@ impl View {
         framed.greatest(std::array::from_fn(|i| normals[i / 2][i % 2] / slopes[i / 2] + depth * self.outward))
     }
 
-    /// The camera that looks at a point, so far away, or with so much height, that what is framed fits.
+    /// The camera that looks at a point from a distance, or with a height, at which the framed region fits.
     fn looking_at(&self, centre: DVec3, fits: f64, framed: &Framed) -> CameraSpec {
         let (fov_y, height, distance) = if self.is_face_on {
             let away = framed.greatest([self.outward; 4])[0].abs();
@@ -223,19 +229,19 @@ impl View {
     }
 }
 
-/// What a camera has in its picture: boxes of one size, in world space.
+/// The region that a camera shows: equal boxes in world space.
 #[derive(Debug, Clone)]
 pub struct Framed {
-    /// A point in the midst of them.
+    /// World position near the middle of all boxes.
     middle: DVec3,
-    /// The boxes' centres, relative to it.
+    /// Centres of the boxes relative to `middle`.
     centres: Vec<DVec3>,
-    /// Half the boxes' edges.
+    /// Vectors of half a box's edges.
     half_edges: [DVec3; 3],
 }
 
 impl Framed {
-    /// One box in index coordinates.
+    /// A region of one box in index coordinates.
     #[must_use]
     pub fn whole(facts: &VolumeFacts, [low, high]: [[f64; 3]; 2]) -> Self {
         let middle = DVec3::from_array(std::array::from_fn(|a| 0.5 * low[a] + 0.5 * high[a]));
@@ -243,7 +249,7 @@ impl Framed {
         Self::boxes(facts, middle, vec![middle], half)
     }
 
-    /// Boxes around these index points, each reaching `half` to both sides of its own.
+    /// Boxes around these index points, each extending by `half` to both sides along each axis.
     #[must_use]
     pub fn boxes(facts: &VolumeFacts, middle: DVec3, mut centres: Vec<DVec3>, half: [f64; 3]) -> Self {
         let linear = facts.geometry.linear();
@@ -253,7 +259,7 @@ impl Framed {
         Self { middle, centres, half_edges }
     }
 
-    /// Sides of the box around the boxes, the shortest first.
+    /// Edges of the bounding box of all boxes, in ascending order, as world lengths.
     fn extents(&self) -> [f64; 3] {
         let mut extents = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| {
             let [high, low, ..] = self.greatest([axis, -axis, axis, -axis]);
@@ -263,13 +269,14 @@ impl Framed {
         extents
     }
 
-    /// Share of the boxes that lie behind others and behind a gap of at least `gap`, by parallel rays of `size / WALL_CELLS` across.
+    /// Share of the boxes that lie behind others with a gap of at least `gap` in between. Lines of sight are parallel
+    /// and `size / WALL_CELLS` wide.
     fn hidden(&self, view: &View, size: f64, gap: f64) -> f64 {
         let right = view.up.cross(view.outward).normalize();
         let up = view.outward.cross(right);
         let cell = |at: f64| (at / size * WALL_CELLS).floor() as i64;
         let mut lines: BTreeMap<(i64, i64), Vec<f64>> = BTreeMap::new();
-        // An odd step: neither every row nor every other one is passed over.
+        // An odd step, so that even rows are not systematically skipped.
         let step = (self.centres.len() / WALL_BOXES) | 1;
         for centre in self.centres.iter().step_by(step) {
             lines.entry((cell(centre.dot(right)), cell(centre.dot(up)))).or_default().push(-centre.dot(view.outward));
@@ -283,7 +290,7 @@ impl Framed {
         hidden as f64 / self.centres.len().div_ceil(step).max(1) as f64
     }
 
-    /// The greatest value that each of these has on all boxes, relative to the middle.
+    /// The maximum of each functional (a scalar product with a vector) over all boxes, relative to the middle.
     fn greatest(&self, functionals: [DVec3; 4]) -> [f64; 4] {
         let mut greatest = [f64::NEG_INFINITY; 4];
         for centre in &self.centres {
@@ -297,13 +304,13 @@ impl Framed {
     }
 }
 
-/// Unit vectors along the grid's axes, world space.
+/// Unit vectors along the grid's axes, in world space.
 fn axes(facts: &VolumeFacts) -> [DVec3; 3] {
     let linear = facts.geometry.linear();
     [linear.x_axis, linear.y_axis, linear.z_axis].map(|axis| unit_vector(axis).unwrap_or(DVec3::X))
 }
 
-/// World directions: from the volume to who looks at it from the front, and up. Unit vectors, perpendicular.
+/// World directions from the volume to a viewer in front of it, and up. Unit vectors, perpendicular.
 fn front_and_up(facts: &VolumeFacts) -> (DVec3, DVec3) {
     let up = match facts.frame {
         Frame::Survey => -axes(facts)[2],
@@ -312,7 +319,7 @@ fn front_and_up(facts: &VolumeFacts) -> (DVec3, DVec3) {
     let front = match facts.frame {
         Frame::RightAnteriorSuperior => DVec3::Y,
         Frame::LeftPosteriorSuperior => DVec3::NEG_Y,
-        // The world's x runs to the right where it is not upright itself.
+        // x points to the right, unless x is the vertical axis itself.
         Frame::Survey | Frame::Unknown => {
             let reference = if up.x.abs() < 0.9 { DVec3::X } else { DVec3::Y };
             (reference - reference.dot(up) * up).normalize().cross(up)
@@ -321,7 +328,7 @@ fn front_and_up(facts: &VolumeFacts) -> (DVec3, DVec3) {
     (front, up)
 }
 
-/// From where something in a patient's frame is seen: from the front, or nearly from its side where it is long.
+/// Default azimuth and elevation in a patient's frame: from the front, or almost from the side for long volumes.
 fn patient_angles(facts: &VolumeFacts) -> [f64; 2] {
     let linear = facts.geometry.linear();
     let edges: [DVec3; 3] = std::array::from_fn(|a| linear.col(a) * facts.dims.0[a] as f64);
@@ -329,7 +336,7 @@ fn patient_angles(facts: &VolumeFacts) -> [f64; 2] {
     if extent(1) >= LONG * extent(0).max(extent(2)) { LONG_SIDE } else { PATIENT }
 }
 
-/// Right and up of a section across `across`, as radiologists hold it: the patient's right at the left.
+/// Right and up of a section across `across`, in the radiological convention: the patient's right is on the left.
 fn patient_section(facts: &VolumeFacts, across: DVec3) -> (DVec3, DVec3) {
     let (front, head) = front_and_up(facts);
     let left = head.cross(front);
@@ -341,7 +348,7 @@ fn patient_section(facts: &VolumeFacts, across: DVec3) -> (DVec3, DVec3) {
     } else {
         (-front, head)
     };
-    // Oblique sections: both in the plane.
+    // Oblique sections: both vectors are projected into the plane.
     let in_plane = |d: DVec3| (d - d.dot(across) * across).normalize_or(across.any_orthonormal_vector());
     (in_plane(right), in_plane(up))
 }

@@ -18,7 +18,7 @@ fn facts(frame: Frame, dims: [u64; 3], direction: [f64; 9]) -> VolumeFacts {
 const STRAIGHT: [f64; 9] = Geometry::IDENTITY.direction;
 const Y_TURNED: [f64; 9] = [1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 1.0];
 
-/// Where an index point lies in the picture, right and up, in parts of its half height.
+/// Position of an index point in the picture: right and up, in half heights of the picture.
 fn seen(facts: &VolumeFacts, view: &View, point: [f64; 3]) -> [f64; 2] {
     let camera =
         view.camera(&Framed::whole(facts, domain(facts)), [640, 480]).camera(&Units::WORLD, [640, 480]).unwrap();
@@ -30,7 +30,7 @@ fn seen(facts: &VolumeFacts, view: &View, point: [f64; 3]) -> [f64; 2] {
     [p.dot(camera.right) / depth, p.dot(camera.up) / depth]
 }
 
-/// Signs of the way from the first voxel to its neighbour along an axis, as the picture shows it.
+/// Signs of the picture direction (right, up) from the first voxel to its neighbour along an axis.
 fn way(facts: &VolumeFacts, view: &View, axis: usize) -> [i32; 2] {
     let mut next = [0.0; 3];
     next[axis] = 1.0;
@@ -40,7 +40,8 @@ fn way(facts: &VolumeFacts, view: &View, axis: usize) -> [i32; 2] {
 
 #[test]
 fn a_survey_seen_from_above_is_its_map_and_not_the_mirror_image() {
-    // Inlines ascend against y: to the left of the crosslines' way, as where they run north and crosslines east.
+    // Inlines ascend against y: if inlines run north and crosslines east, inline numbers ascend to the left of the
+    // crosslines.
     let north = facts(Frame::Survey, [40, 50, 60], Y_TURNED);
     let top = View::from(&north, Direction::Top);
     assert_eq!((way(&north, &top, 0), way(&north, &top, 1)), ([1, 0], [0, 1]));
@@ -69,7 +70,7 @@ fn sections_of_surveys_have_depth_downwards_and_lines_to_the_right() {
 #[test]
 fn a_patient_looks_the_same_in_either_frame_of_the_world() {
     let right = facts(Frame::RightAnteriorSuperior, [40, 50, 60], STRAIGHT);
-    // The same voxels: x and y of the world turned round.
+    // The same voxels with the world's x and y reversed.
     let turned = [-1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 1.0];
     let mut left = facts(Frame::LeftPosteriorSuperior, [40, 50, 60], turned);
     left.geometry.origin = [-10.0, 20.0, 5.0];
@@ -81,7 +82,7 @@ fn a_patient_looks_the_same_in_either_frame_of_the_world() {
             assert!((a[0] - b[0]).abs() + (a[1] - b[1]).abs() < 1e-9, "{direction:?} {point:?}: {a:?}, {b:?}");
         }
     }
-    // From the front, the patient's right is at the left and the head up; from the left, the front is at the left.
+    // From the front, the patient's right is on the left and the head up. From the left, the front is on the left.
     let front = View::from(&right, Direction::Front);
     assert_eq!((way(&right, &front, 0)[0], way(&right, &front, 2)[1]), (-1, 1));
     let side = View::from(&right, Direction::Left);
@@ -139,7 +140,7 @@ fn a_camera_that_goes_around_sees_everything_from_every_side() {
     }
 }
 
-/// A ball behind a wall is looked at from another side; a ball before a wall, and a patient, are not.
+/// A ball behind a wall is seen from another side. A ball in front of a wall, and a patient, are not.
 #[test]
 fn a_wall_does_not_hide_the_rest() {
     let facts = |frame| VolumeFacts { geometry: Geometry::IDENTITY, ..facts(frame, [40; 3], STRAIGHT) };
@@ -153,7 +154,7 @@ fn a_wall_does_not_hide_the_rest() {
         for i in -10..=10 {
             for j in -10..=10 {
                 centres.push(side * 10.0 * along + f64::from(i) * across + f64::from(j) * up);
-                // A ball is thicker than a wall.
+                // The ball is thicker than the wall.
                 for k in (-6..=6).filter(|k| i * i + j * j + k * k <= 36) {
                     centres.push(f64::from(i) * across + f64::from(j) * up + f64::from(k) * along);
                 }

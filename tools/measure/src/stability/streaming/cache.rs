@@ -83,7 +83,7 @@ fn small_cache(context: &Context<'_>) -> Result<Outcome, ChartError> {
             if series == "orbit" {
                 total = (total.0 + frame.stats.streaming.page_ins, total.1 + whole.stats.streaming.page_ins);
             } else {
-                // A frame's first look at a brick must page it in; what was kept from the last frame need not be.
+                // A frame's first access to a brick must load it; bricks kept from the last frame need no load.
                 let least = if i == 0 { 1.0 } else { 1.0 - percent as f64 / 100.0 };
                 curve.push(CurvePoint::new(series, percent as f64, ratio, Some(least)));
             }
@@ -107,7 +107,7 @@ fn small_cache(context: &Context<'_>) -> Result<Outcome, ChartError> {
     Ok(Outcome { curve, gates, note })
 }
 
-/// What the three experiments of S33 found.
+/// Results of the three experiments of S33.
 #[derive(Default)]
 struct Starved {
     pixels_lost: usize,
@@ -151,7 +151,7 @@ fn starvation(context: &Context<'_>) -> Result<Outcome, ChartError> {
     Ok(Outcome { curve: failing.curve, gates, note })
 }
 
-/// Two views of opposite corners, in turn. Returns the share of bricks that both use, as a text.
+/// Two views of opposite corners in alternation. Returns the fraction of bricks used by both, as text.
 fn two_views(context: &Context<'_>, starved: &mut Starved) -> Result<String, ChartError> {
     let (volume, _) = VirtualVolume::open(Field::BrickId, [2048; 3], 16)?;
     let size = context.pick((120, 90), (40, 30));
@@ -159,7 +159,7 @@ fn two_views(context: &Context<'_>, starved: &mut Starved) -> Result<String, Cha
         let target = [low; 3];
         let eye = target.map(|t| if low < 1024.0 { t - 300.0 } else { t + 300.0 });
         let camera = format!(r#""camera": {{"eye": {eye:?}, "target": {target:?}, "up": [0, 0.1, 1], "fov_y": 20}}"#);
-        // Opaque within a corner: rays end before they meet the other view's bricks.
+        // Opaque within a corner: rays end before they reach the other view's bricks.
         let dense = translucent(0.02 * volume.radius());
         scene(&volume, &[camera, image_size(size.0, size.1), dense])
     };
@@ -185,7 +185,7 @@ fn two_views(context: &Context<'_>, starved: &mut Starved) -> Result<String, Cha
     Ok(format!("{shared} of {}", whole[0].stats.streaming.page_ins))
 }
 
-/// A frame that wants a hundred times as many bricks as the cache holds. Returns how many.
+/// A frame that needs a hundred times as many bricks as the cache holds. Returns the number of bricks.
 fn overflow(context: &Context<'_>, starved: &mut Starved) -> Result<u64, ChartError> {
     let (volume, _) = VirtualVolume::open(Field::BrickId, [65_536; 3], 16)?;
     let view = &orbit(&volume, 1, context.pick((192, 144), (96, 72)))?[0];
@@ -196,7 +196,7 @@ fn overflow(context: &Context<'_>, starved: &mut Starved) -> Result<u64, ChartEr
     Ok(whole.stats.streaming.page_ins)
 }
 
-/// What one brick that always fails did to 32 frames.
+/// Effects on 32 frames of one brick that always fails.
 struct Failing {
     curve: Vec<CurvePoint>,
     attempts: u64,
@@ -235,7 +235,7 @@ fn one_failing_brick(context: &Context<'_>) -> Result<Failing, ChartError> {
         failing.frames_silent += u64::from(frame.stats.bricks_failed != 1 || !named);
         failing.pixels_lost += pixels_lost(&frame.image, &whole.image);
         failing.attempts = session.streamer().states().transitions(StateKind::Reading, StateKind::Failed);
-        // Attempts lie 2, 4, 8, ... frames apart: the n-th in frame 2^n - 1.
+        // Attempts are 2, 4, 8, ... frames apart: attempt n is in frame 2^n - 1.
         let expected = f64::from(frame_number + 1).log2().floor();
         let x = f64::from(frame_number);
         failing.curve.push(CurvePoint::new("default", x, failing.attempts as f64, Some(expected)));

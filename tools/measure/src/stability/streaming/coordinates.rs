@@ -1,9 +1,10 @@
-//! S39: coordinates so large that single precision cannot tell one voxel from the next.
+//! S39: coordinates so large that single precision cannot distinguish neighbouring voxels.
 
 use std::sync::Arc;
 
 use supervol_format::{Container, Geometry, Lod};
-use supervol_runtime::engines::gpu::caster::GpuError;
+use supervol_runtime::engines::error::EngineError;
+use supervol_runtime::engines::gpu::error::GpuError;
 use supervol_runtime::render::error::RenderError;
 use supervol_runtime::render::options::Backend;
 use supervol_scene::image::Image;
@@ -36,11 +37,11 @@ const PIXELS_PER_VOXEL: u32 = 16;
 /// Northing of a survey in UTM, metres.
 const UTM: f64 = 6.5e6;
 
-/// A brick border, and where the same two bricks meet near voxel 0.
+/// A brick border, and a border near voxel 0 between bricks with the same values.
 struct Border {
-    /// First voxel behind it.
+    /// First voxel after the border.
     voxel: u64,
-    /// The same near voxel 0.
+    /// First voxel after the border near voxel 0.
     twin: u64,
 }
 
@@ -58,7 +59,7 @@ fn volume_at(origin: f64) -> Result<Volume, ChartError> {
     Ok(Volume::of("BRICKID", Arc::new(Container::from_source(Arc::new(source))?)))
 }
 
-/// Values on either side of a border, in the first macro cells of y and z.
+/// Values on both sides of a border, in the first macro cells of y and z.
 fn values(border: u64) -> [f64; 2] {
     [border - 1, border].map(|x| f64::from(value(CORE, Lod::FINEST, [x, 0, 0])))
 }
@@ -66,7 +67,7 @@ fn values(border: u64) -> [f64; 2] {
 fn border_scene(volume: &Volume, border: u64, camera: String, size: (u32, u32)) -> Result<ResolvedScene, ChartError> {
     let [a, b] = values(border);
     let ramp = transfer_function(1.0, &[(a.min(b), [1.0; 3], 0.0), (a.max(b), [1.0; 3], 1.0)]);
-    // Inside the first macro cells of y and z, where a brick has one value.
+    // Clipped to the first macro cells of y and z, where a brick has one value.
     let clip = format!(r#""clip": {{"box": [[{}.0, 0, 0], [{}.0, 6, 6]]}}"#, border - 6, border + 6);
     scene(volume, &[camera, image_size(size.0, size.1), ramp, clip, r#""mode": "mip""#.into()])
 }
@@ -75,7 +76,7 @@ fn picture(volume: &Volume, scene: &ResolvedScene, backend: Backend) -> Result<I
     volume.finest(scene, backend)
 }
 
-/// Largest distance between the position seen and the true one, voxels.
+/// Largest distance between the position in the picture and the true position, voxels.
 fn position_error(volume: &Volume, border: u64, backend: Backend) -> Result<f64, ChartError> {
     let target = volume.world([border as f64, 3.0, 3.0]);
     let eye = target - glam::DVec3::Z * 40.0;
@@ -93,7 +94,7 @@ fn position_error(volume: &Volume, border: u64, backend: Backend) -> Result<f64,
         for x in 0..width {
             let seen = f64::from(image.pixels[(y * width + x) as usize][3]);
             let at = index_from_world.transform_point3(scene.camera.ray(x, y).origin).x;
-            // Between the border's two voxels the value is linear; beyond them it is constant.
+            // Between the border's two voxels the value is linear; outside it is constant.
             let share = (at - (border - 1) as f64).clamp(0.0, 1.0);
             let expected = if b > a { share } else { 1.0 - share };
             worst = worst.max((seen - expected).abs());
@@ -113,14 +114,14 @@ fn orbit_picture(volume: &Volume, border: u64, step: u32, backend: Backend) -> R
     picture(volume, &scene, backend)
 }
 
-/// The greatest change of alpha from one pixel to the next, down the picture.
+/// Greatest change of alpha between vertically neighbouring pixels.
 fn steepest(image: &Image) -> f64 {
     let width = image.width as usize;
     let pairs = image.pixels.iter().zip(&image.pixels[width..]);
     pairs.map(|(a, b)| f64::from((a[3] - b[3]).abs())).fold(0.0, f64::max)
 }
 
-/// Pixels by which the far orbit must have shaken for its pictures to differ as they do from the near orbit's.
+/// Shift of the far orbit, in pixels, that explains the difference between its pictures and those of the near orbit.
 fn jitter(near: &Volume, far: &Volume, border: &Border, steps: u32, backend: Backend) -> Result<f64, ChartError> {
     let mut worst = 0.0f64;
     for step in 0..steps {
@@ -141,7 +142,7 @@ fn huge_coordinates(context: &Context<'_>) -> Result<Outcome, ChartError> {
             .to_owned();
     for (name, backend) in [("CPU", Backend::Cpu), ("GPU", Backend::Gpu)] {
         let (mut worst_error, mut worst_jitter) = (0.0f64, 0.0f64);
-        // Every picture on a software adapter compiles the shaders first: the smallest run takes the hardest case only.
+        // On a software adapter each picture first compiles the shaders, so the small scale runs only the hardest case.
         let least = context.pick(false, backend == Backend::Gpu);
         let mut measure = || -> Result<(), ChartError> {
             for border in borders().into_iter().skip(if least { 2 } else { 0 }) {
@@ -163,7 +164,7 @@ fn huge_coordinates(context: &Context<'_>) -> Result<Outcome, ChartError> {
                 gates.push(Gate::at_most(what, worst_error, 1.0 / 256.0));
                 gates.push(Gate::at_most(format!("jitter of an orbit, {name} (pixels)"), worst_jitter, 0.1));
             }
-            Err(ChartError::Render(RenderError::Gpu(GpuError::NoAdapter { reason }))) => {
+            Err(ChartError::Render(RenderError::Engine(EngineError::Gpu(GpuError::NoAdapter { reason })))) => {
                 note += &format!(" Not measured: the GPU; no GPU adapter: {reason}.");
             }
             Err(error) => return Err(error),

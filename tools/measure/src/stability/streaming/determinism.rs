@@ -1,6 +1,7 @@
-//! S40 and S44: edits while bricks arrive; the same picture whatever the number of threads and whatever is there already.
+//! S40 and S44: edits while bricks are loading; equal pictures for any number of threads and any cache content.
 
-use supervol_runtime::engines::gpu::caster::GpuError;
+use supervol_runtime::engines::error::EngineError;
+use supervol_runtime::engines::gpu::error::GpuError;
 use supervol_runtime::render::error::RenderError;
 use supervol_runtime::render::options::{Backend, RenderOptions};
 use supervol_runtime::render::renderer::{Renderer, render};
@@ -35,7 +36,7 @@ pub const DETERMINISM: Regime = Regime {
     run: determinism,
 };
 
-/// A camera's scene under a transfer function, iso surfaces, or both in turn.
+/// Scenes of one camera with different transfer functions and an iso surface.
 fn edits(volume: &Volume, size: (u32, u32)) -> Result<Vec<ResolvedScene>, ChartError> {
     let unit = volume.radius() / 4.0;
     let (blue, gold) = ([0.1, 0.3, 0.9], [1.0, 0.75, 0.2]);
@@ -88,7 +89,7 @@ fn determinism(context: &Context<'_>) -> Result<Outcome, ChartError> {
         for threads in [1, 2, 8] {
             for (series, cache_bytes) in [("CPU, ample cache", None), ("CPU, cache for a seventh", small)] {
                 let mut session = Session::new(&volume.container, Settings { threads, cache_bytes, ..settings })?;
-                // Cold, then warm.
+                // First with a cold cache, then with a warm one.
                 let mut here = 0.0f64;
                 for _ in 0..2 {
                     here = here.max(linf(&session.frame(&view, None)?.image, &whole.image));
@@ -105,7 +106,7 @@ fn determinism(context: &Context<'_>) -> Result<Outcome, ChartError> {
             gates.push(Gate::at_most("greatest difference between GPU pictures", worst, 1e-5));
             note += " GPU pictures: memory for all bricks and for a few, so that bricks arrive in other orders.";
         }
-        Err(ChartError::Render(RenderError::Gpu(GpuError::NoAdapter { reason }))) => {
+        Err(ChartError::Render(RenderError::Engine(EngineError::Gpu(GpuError::NoAdapter { reason })))) => {
             note += &format!(" Not measured: the GPU; no GPU adapter: {reason}.");
         }
         Err(error) => return Err(error),
@@ -123,20 +124,20 @@ fn gpu_differences(context: &Context<'_>, size: (u32, u32), curve: &mut Vec<Curv
         ..finest(Backend::Gpu)
     };
     let (whole, stats) = render(&volume.container, &view, &options(1, 64 << 20))?;
-    // What rays, tables and the fewest bricks take, and a tenth of what all bricks take.
+    // Memory for rays, tables and the fewest bricks, plus a tenth of the memory of all bricks.
     let least = match render(&volume.container, &view, &options(1, 1)) {
-        Err(RenderError::Gpu(GpuError::Budget { needed, .. })) => needed,
+        Err(RenderError::Engine(EngineError::Gpu(GpuError::Budget { needed, .. }))) => needed,
         other => return Err(ChartError::Broken(format!("a picture in 1 byte of GPU memory: {:?}", other.err()))),
     };
     let few = least + stats.gpu_bytes.saturating_sub(least) / 10;
     let mut worst = 0.0f64;
-    // Every picture on a software adapter compiles the shaders first: the smallest run takes one of each kind only.
+    // On a software adapter each picture first compiles the shaders, so the small scale runs one case of each kind.
     let all = [(1, 64 << 20), (1, few), (2, 64 << 20), (2, few), (8, 64 << 20), (8, few)];
     for (threads, memory) in all.into_iter().skip(context.pick(0, 4)) {
         let living = supervol_runtime::render::volume::PlacedVolume::of(volume.container.clone());
         let mut renderer = Renderer::new(living, options(threads, memory))?;
         let mut here = 0.0f64;
-        // Cold, then warm.
+        // First with a cold cache, then with a warm one.
         for _ in 0..2 {
             renderer.set_scene(view.clone());
             renderer.begin_anew();

@@ -1,9 +1,11 @@
-//! S42: work that takes a graphics device too long; a device that is lost.
+//! S42: long work on a graphics device; a lost device.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use supervol_runtime::engines::gpu::caster::{GpuDevice, GpuError};
+use supervol_runtime::engines::error::EngineError;
+use supervol_runtime::engines::gpu::device::GpuDevice;
+use supervol_runtime::engines::gpu::error::GpuError;
 use supervol_runtime::render::error::RenderError;
 use supervol_runtime::render::frame::render_gpu_surviving;
 use supervol_runtime::render::options::{Backend, Progress, RenderOptions};
@@ -28,7 +30,7 @@ pub const DEVICE_LOSS: Regime = Regime {
     run: device_loss,
 };
 
-/// Longest time that one piece of work may keep a device from its display, milliseconds.
+/// Longest time that one dispatch may block the display, milliseconds.
 const DISPATCH_LIMIT_MS: f64 = 100.0;
 
 fn options() -> RenderOptions {
@@ -69,7 +71,7 @@ fn device_loss(context: &Context<'_>) -> Result<Outcome, ChartError> {
     Ok(Outcome { curve, gates, note })
 }
 
-/// Every cell shows, is shaded, and lets light through.
+/// A scene in which every cell is visible, shaded and translucent.
 fn heavy(volume: &Volume, width: u32) -> Result<ResolvedScene, ChartError> {
     let points = [(0.0, [0.1, 0.2, 0.9], 0.02), (125.0, [0.9, 0.9, 0.8], 0.05), (249.0, [1.0, 0.5, 0.1], 0.1)];
     let tf = transfer_function(volume.radius(), &points);
@@ -88,7 +90,7 @@ fn draw(
     Ok((image, stats))
 }
 
-/// What devices that were lost did to a picture.
+/// Results of pictures with a lost device.
 #[derive(Default)]
 struct Losses {
     cases: u64,
@@ -108,7 +110,7 @@ fn losses(context: &Context<'_>, volume: &Volume) -> Result<Losses, ChartError> 
         losses.cases += 1;
         let device = GpuDevice::open()?;
         let passes = AtomicU64::new(0);
-        // Only the first device is destroyed: its pass numbers come first.
+        // Only the first device is destroyed: its passes are counted first.
         let doomed = device.clone();
         let destroy = move |_: Progress| {
             if passes.fetch_add(1, Ordering::Relaxed) + 1 == lose_after {
@@ -119,7 +121,7 @@ fn losses(context: &Context<'_>, volume: &Volume) -> Result<Losses, ChartError> 
         match draw(device.clone(), volume, &scene, &options) {
             Ok((image, stats)) => {
                 losses.worst = losses.worst.max(linf(&image, &whole));
-                // After its last pass a picture is read back: that needs the device, too.
+                // After the last pass the picture is read back, which also needs the device.
                 losses.silent += u64::from(stats.gpu_lost_because.is_none());
                 losses.message = stats.gpu_lost_because.unwrap_or_default();
             }
@@ -127,7 +129,8 @@ fn losses(context: &Context<'_>, volume: &Volume) -> Result<Losses, ChartError> 
         }
         let gone = || Err(GpuError::NoAdapter { reason: "the only device is gone".into() });
         let again = render_gpu_surviving(device, &gone, &volume.container, &scene, &options).err();
-        losses.unclear += u64::from(!matches!(again, Some(RenderError::Gpu(GpuError::DeviceLost { .. }))));
+        losses.unclear +=
+            u64::from(!matches!(again, Some(RenderError::Engine(EngineError::Gpu(GpuError::DeviceLost { .. })))));
     }
     Ok(losses)
 }

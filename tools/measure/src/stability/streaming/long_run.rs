@@ -1,7 +1,8 @@
-//! S48: memory of a long run.
+//! S48: memory growth of a long run.
 
 use glam::DVec3;
-use supervol_runtime::engines::gpu::caster::GpuError;
+use supervol_runtime::engines::error::EngineError;
+use supervol_runtime::engines::gpu::error::GpuError;
 use supervol_runtime::render::error::RenderError;
 use supervol_runtime::render::options::Backend;
 use supervol_runtime::render::process;
@@ -24,10 +25,10 @@ pub const LONG_RUN: Regime = Regime {
     run: long_run,
 };
 
-/// Growth beyond the first tenth of a run that is lost memory and no noise, MiB. A driver that compiles a shader anew for
-/// every dispatch keeps 4 MiB each time.
+/// Largest memory growth after the first tenth of a run that counts as noise, MiB. For comparison: a driver that
+/// recompiles a shader for every dispatch keeps 4 MiB each time.
 const GROWTH_LIMIT_MIB: f64 = 16.0;
-/// Points of a curve.
+/// Number of points of a curve.
 const POINTS: usize = 50;
 
 fn long_run(context: &Context<'_>) -> Result<Outcome, ChartError> {
@@ -47,7 +48,7 @@ fn long_run(context: &Context<'_>) -> Result<Outcome, ChartError> {
                 let shown = (0..=last).filter(|i| i % resident.len().div_ceil(POINTS) == 0 || *i == last);
                 curve.extend(shown.map(|i| CurvePoint::new(series, i as f64 + 1.0, resident[i], Some(settled))));
             }
-            Err(ChartError::Render(RenderError::Gpu(GpuError::NoAdapter { reason }))) => {
+            Err(ChartError::Render(RenderError::Engine(EngineError::Gpu(GpuError::NoAdapter { reason })))) => {
                 note += &format!(" Not measured: the GPU; no GPU adapter: {reason}.");
             }
             Err(error) => return Err(error),
@@ -56,7 +57,7 @@ fn long_run(context: &Context<'_>) -> Result<Outcome, ChartError> {
     Ok(Outcome { curve, gates, note })
 }
 
-/// MiB that the process has resident after each picture.
+/// Resident memory of the process after each picture, MiB.
 fn resident_after(context: &Context<'_>, volume: &Volume, backend: Backend) -> Result<Vec<f64>, ChartError> {
     let pictures = context.pick(1000, 60);
     let mut session = Session::new(&volume.container, Settings { backend, ..Settings::default() })?;
@@ -70,7 +71,7 @@ fn resident_after(context: &Context<'_>, volume: &Volume, backend: Backend) -> R
     Ok(resident)
 }
 
-/// The scene of a picture of the run.
+/// Scene of one picture of the run.
 fn look(volume: &Volume, picture: usize) -> Result<ResolvedScene, ChartError> {
     let angle = 0.1 * picture as f64;
     let camera = volume.looking_from(DVec3::new(angle.cos(), angle.sin(), 0.4), 2.7);

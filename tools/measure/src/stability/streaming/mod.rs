@@ -1,8 +1,7 @@
-//! The regimes of streaming: memory that is too small, sources that fail, volumes that are too large, frames too fast.
+//! Regimes of streaming: too little memory, failing sources, huge volumes, fast frames.
 //!
-//! Nearly all run on [`crate::virtual_volume`], so that the container is as large as the regime asks and every byte is
-//! accounted for. `session` keeps a streamer over several frames, as a viewer does; `sources` counts, delays and
-//! damages what is read.
+//! Nearly all use [`crate::virtual_volume`], so the container can have any size and every byte is known. `session`
+//! keeps a streamer over several frames, as a viewer does. `sources` counts, delays and damages reads.
 
 mod cache;
 mod coordinates;

@@ -1,4 +1,4 @@
-//! S34 and S35: what planning costs in volumes of any size; flying through one faster than it can be read.
+//! S34 and S35: planning cost in volumes of any size; flying through a volume faster than it can be read.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -38,7 +38,7 @@ pub const FLY_THROUGH: Regime = Regime {
     run: fly_through,
 };
 
-/// Milliseconds that every read of the fly-through takes at least.
+/// Least duration of a read of the fly-through.
 const READ_DELAY: Duration = Duration::from_micros(300);
 
 fn watched(dims: [u64; 3], core: u32, rule: Rule) -> Result<(Volume, Arc<Watched>), ChartError> {
@@ -55,7 +55,7 @@ fn whole_view(volume: &Volume, degrees: f64, size: (u32, u32)) -> Result<Resolve
     scene(volume, &[camera, image_size(size.0, size.1), translucent(volume.radius())])
 }
 
-/// From a place inside, along the volume; the nearest 200 voxels hide what lies behind them by half.
+/// View from inside along the volume. The nearest 200 voxels have an opacity of about one half.
 fn inside_view(volume: &Volume, degrees: f64, size: (u32, u32)) -> Result<ResolvedScene, ChartError> {
     let angle = (20.0 + degrees).to_radians();
     let eye = volume.world(volume.facts.dims.0.map(|n| 0.3 * n as f64));
@@ -65,22 +65,22 @@ fn inside_view(volume: &Volume, degrees: f64, size: (u32, u32)) -> Result<Resolv
     scene(volume, &[camera, image_size(size.0, size.1), translucent(100.0)])
 }
 
-/// The view at an angle, in a picture of a size.
+/// A view at an angle in degrees, with an image size.
 type View = fn(&Volume, f64, (u32, u32)) -> Result<ResolvedScene, ChartError>;
 
-/// Planning time of one frame: all of the streamer's part but the source's reads and decoding.
+/// Planning time of one frame, ms: the streamer's time without the source's reads and decoding.
 fn planning_ms(session: &mut Session, scene: &ResolvedScene, source: &Watched) -> Result<f64, ChartError> {
     let before = source.time();
     let stats = session.frame(scene, None)?.stats;
-    // What is read while planning: pages of the table of contents.
+    // Planning reads pages of the table of contents; their time is subtracted.
     Ok(stats.streaming.plan_ms - (source.time() - before).as_secs_f64() * 1e3)
 }
 
-/// Planning of frames of one view: cold, warm, and the bricks that the frame uses.
+/// Planning of frames of one view: cold time, warm time (ms), and bricks used by the frame.
 fn plan_view(context: &Context<'_>, dims: [u64; 3], view: View, size: (u32, u32)) -> Result<[f64; 3], ChartError> {
     let (mut cold, mut warm, mut bricks) = (Vec::new(), Vec::new(), 0);
     for _ in 0..context.pick(2, 1) {
-        // Opened anew: the table of contents is cold, too.
+        // Opened again, so that the table of contents is cold too.
         let (volume, source) = watched(dims, 32, pass())?;
         let scene = |degrees| view(&volume, degrees, size);
         let mut session = Session::new(&volume.container, Settings::default())?;
@@ -96,7 +96,7 @@ fn plan_view(context: &Context<'_>, dims: [u64; 3], view: View, size: (u32, u32)
 fn planner_cost(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let mut curve = Vec::new();
     let (mut worst_cold, mut worst_warm) = (0.0f64, 0.0f64);
-    // Bricks and cold planning time of the frame that uses most.
+    // Bricks and cold planning time of the frame with the most bricks.
     let mut largest = [0.0f64; 2];
     let views: [(&str, View); 2] = [("whole", whole_view), ("inside", inside_view)];
     for (name, dims) in [("16821 x 7494 x 2070", [16_821, 7494, 2070]), ("65,536^3", [65_536; 3])] {
@@ -133,7 +133,7 @@ fn planner_cost(context: &Context<'_>) -> Result<Outcome, ChartError> {
     Ok(Outcome { curve, gates, note })
 }
 
-/// Pixels that the first image lacks, and how long it took.
+/// Missing pixels of the first image, and its time.
 fn first_image(context: &Context<'_>) -> Result<(usize, f64), ChartError> {
     let (volume, _) = watched([65_536; 3], 64, pass())?;
     let view = whole_view(&volume, 0.0, context.pick((160, 120), (64, 48)))?;
@@ -144,7 +144,7 @@ fn first_image(context: &Context<'_>) -> Result<(usize, f64), ChartError> {
     Ok((pixels_lost(&first.image, &whole.image), first.ms))
 }
 
-/// Frame `step` of 6 of a zoom to one of five places.
+/// Frame `step` of 6 of a zoom to one of five positions.
 fn zoom(volume: &Volume, place: usize, step: usize, size: (u32, u32)) -> Result<ResolvedScene, ChartError> {
     const PLACES: [[f64; 3]; 5] = [[0.2, 0.3, 0.8], [0.8, 0.7, 0.1], [0.5, 0.1, 0.5], [0.1, 0.9, 0.6], [0.9, 0.2, 0.9]];
     let target = DVec3::from_array(PLACES[place]) * 4096.0;
@@ -152,7 +152,7 @@ fn zoom(volume: &Volume, place: usize, step: usize, size: (u32, u32)) -> Result<
     let eye = target + DVec3::new(0.57, -0.71, 0.41).normalize() * distance;
     let (eye, target) = (eye.to_array(), target.to_array());
     let camera = format!(r#""camera": {{"eye": {eye:?}, "target": {target:?}, "up": [0.02, 0.013, 1], "fov_y": 38}}"#);
-    // The closer, the denser: as many voxels deep in the picture at every distance.
+    // Opacity grows as the camera comes closer: the visible depth in voxels is the same at every distance.
     scene(volume, &[camera, image_size(size.0, size.1), translucent(distance / 2.0)])
 }
 

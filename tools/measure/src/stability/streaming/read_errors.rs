@@ -1,4 +1,4 @@
-//! S41: reads that fail, end early, or lie.
+//! S41: reads that fail, are truncated, or return wrong bytes.
 
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -31,31 +31,31 @@ pub const READ_ERRORS: Regime = Regime {
     run: read_errors,
 };
 
-/// The container's bytes, and its picture while they are whole.
+/// The container's bytes and its undamaged picture.
 struct Subject {
     bytes: Arc<Vec<u8>>,
-    /// First bytes of header, records, TOC, manifest, footer; then the length of the file.
+    /// Start offsets of header, records, TOC, manifest and footer; then the file length. Bytes.
     borders: [u64; 6],
     scene: ResolvedScene,
     whole: Frame,
     reads: u64,
 }
 
-/// What became of one damaged container.
+/// Outcome of one damaged container.
 #[derive(Debug, PartialEq, Eq)]
 enum Fate {
-    /// It was not opened, and the error says why.
+    /// The container was not opened, and the error gives the reason.
     Refused,
     /// At least one brick is reported as failed, with its name.
     Named {
-        /// Pixels without anything where the whole picture shows something.
+        /// Empty pixels that are not empty in the undamaged picture.
         pixels_lost: usize,
     },
-    /// The picture is that of the whole container and nothing is reported: the damage was not on its way.
+    /// The picture is undamaged and nothing is reported: the damage was not read.
     Unharmed,
-    /// The picture differs and nothing is reported, or a brick failed without a name.
+    /// The picture is wrong without a report, or a brick failed without a name.
     Wrong,
-    /// It panicked.
+    /// The renderer panicked.
     Panicked,
 }
 
@@ -68,7 +68,7 @@ struct Tally {
     unharmed: u64,
     wrong: u64,
     panicked: u64,
-    /// Pixels lost by damage that can cost one brick at most.
+    /// Pixels lost by damage that may cost one brick at most.
     pixels_lost: u64,
 }
 
@@ -103,7 +103,7 @@ const SETTINGS: Settings = Settings {
 
 impl Subject {
     fn new(context: &Context<'_>) -> Result<Self, ChartError> {
-        // Half of the bricks along x have no data, others have holes: absent must not be taken for failed.
+        // Half of the bricks along x have no data, and others have holes: absent voxels must not count as failed.
         let field = |v: [u64; 3]| {
             let p = point(v) / 19.5 - DVec3::ONE;
             if v[0] >= 32 || v[1] + v[2] < 9 { f64::NAN } else { 200.0 * marschner_lobb_at(p) }
@@ -158,26 +158,26 @@ impl Subject {
     }
 }
 
-/// Every read of opening and drawing fails once.
+/// Each read of opening and drawing fails once.
 fn each_read_fails(subject: &Subject) -> Result<Tally, ChartError> {
     let mut tally = Tally::default();
     for fail_at in 0..subject.reads {
         let rule: Rule =
             Box::new(move |n, _, _| if n == fail_at { Err(io::Error::other("injected EIO")) } else { Ok(()) });
-        // What was read a second time is whole.
+        // A second read returns the right bytes.
         tally.add_local(&subject.fate(subject.watched(rule))?);
     }
     Ok(tally)
 }
 
-/// Ends at each border, one byte before it and one behind: cut before it is opened, or afterwards.
+/// Truncation at each border, one byte before it and one after it; before opening and after opening.
 fn truncations(subject: &Subject) -> Result<Tally, ChartError> {
     let mut tally = Tally::default();
     let length = subject.borders[5];
     for end in subject.borders.iter().flat_map(|&b| [b.saturating_sub(1), b, b + 1]).filter(|&end| end < length) {
         let fate = subject.fate(subject.watched(pass()).map(|w| w.with_length(end)))?;
         tally.add(&if fate == Fate::Unharmed { Fate::Wrong } else { fate });
-        // The footer is read when the container is opened: what is cut afterwards is missed brick by brick.
+        // Opening reads the footer. Bytes cut later are missed brick by brick.
         let footer = subject.borders[4];
         let rule: Rule = Box::new(move |_, offset, buffer| {
             let is_opening = offset >= footer || offset == 0;
@@ -189,7 +189,7 @@ fn truncations(subject: &Subject) -> Result<Tally, ChartError> {
     Ok(tally)
 }
 
-/// One flipped bit each, the same number in every section.
+/// One flipped bit per case, the same number of cases in every section.
 fn bit_flips(subject: &Subject, section: usize, cases: u64) -> Result<Tally, ChartError> {
     let mut random = Random::new(0x541 + section as u64);
     let mut tally = Tally::default();
@@ -203,7 +203,7 @@ fn bit_flips(subject: &Subject, section: usize, cases: u64) -> Result<Tally, Cha
             Ok(())
         });
         let fate = subject.fate(subject.watched(rule))?;
-        // A flip in a record costs its brick; one in the TOC costs its page, which here names every brick.
+        // A flip in a record costs its brick. A flip in the TOC costs its page, which holds every brick here.
         if section == 1 { tally.add_local(&fate) } else { tally.add(&fate) }
     }
     Ok(tally)

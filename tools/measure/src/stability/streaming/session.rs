@@ -1,6 +1,6 @@
-//! Frames by one renderer, one after the other: what a viewer does, and a headless run does not.
+//! Sessions: several frames by one renderer, as in a viewer.
 //!
-//! By the CPU ray caster, unless paths ask for the other.
+//! The default backend is the CPU ray caster.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -19,21 +19,21 @@ use crate::context::ChartError;
 use crate::measure::Spread;
 use crate::volume::{HOST_MEMORY_BYTES, Point, Volume, transfer_function};
 
-/// What the frames of a session have in common.
+/// Settings shared by all frames of a session.
 #[derive(Debug, Clone, Copy)]
 pub struct Settings {
-    /// Threads that cast and decode.
+    /// Threads for casting and decoding.
     pub threads: usize,
-    /// Which level bricks are taken from.
+    /// Level of detail of the bricks.
     pub level: LevelChoice,
-    /// Bytes of host memory.
+    /// Memory limit of the host, bytes.
     pub host_memory_bytes: u64,
-    /// Bytes of the host cache, where it is not to have all that is left of the host memory.
+    /// Capacity of the host cache, bytes; `None`: all host memory that is left.
     pub cache_bytes: Option<u64>,
-    /// Who casts the rays.
+    /// Backend that casts the rays.
     pub backend: Backend,
-    /// Error that is aimed for, a share of full scale. `ANY_ERROR` by default, so that levels go by the size of voxels alone: BRICKID
-    /// states the width of all values as the error of every brick, and the number of bricks is to follow the picture.
+    /// Requested error, fraction of full scale. The default is `ANY_ERROR`, so that levels depend only on the size of
+    /// voxels. BRICKID states its whole value range as the error of every brick, which would select too fine levels.
     pub max_error: f64,
 }
 
@@ -51,7 +51,7 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// The same with level 0 everywhere.
+    /// The same settings with level 0 everywhere.
     pub fn finest(self) -> Self {
         Self { level: LevelChoice::Fixed(Lod::FINEST), ..self }
     }
@@ -69,11 +69,11 @@ impl Settings {
     }
 }
 
-/// A renderer that outlives its frames, and is watched.
+/// A renderer that is kept between frames and observed.
 pub struct Session {
     renderer: Renderer,
     passes: Arc<Mutex<Vec<Progress>>>,
-    /// Passes of a frame after which it is cancelled.
+    /// Number of passes after which a frame is cancelled.
     cancel_after: Arc<AtomicU64>,
 }
 
@@ -81,18 +81,18 @@ pub struct Session {
 pub struct Frame {
     /// The picture.
     pub image: Image,
-    /// What it cost.
+    /// Statistics of the frame.
     pub stats: FrameStats,
-    /// Passes after which rays waited although nothing had been read for those that waited before.
+    /// Passes whose rays had to wait although nothing had been read for the rays that waited before.
     pub idle_passes: u64,
-    /// Wall time.
+    /// Wall time, milliseconds.
     pub ms: f64,
 }
 
 impl Session {
-    /// A session that has loaded nothing.
+    /// A session with an empty cache.
     ///
-    /// # Errors
+    /// If threads cannot be started.
     /// If threads cannot be started.
     pub fn new(container: &Arc<Container>, settings: Settings) -> Result<Self, ChartError> {
         let passes: Arc<Mutex<Vec<Progress>>> = Arc::default();
@@ -112,7 +112,7 @@ impl Session {
         Ok(Self { renderer, passes, cancel_after })
     }
 
-    /// The streamer, for whoever wants to look.
+    /// The streamer, for inspection.
     ///
     /// # Panics
     /// Before the first frame.
@@ -120,10 +120,10 @@ impl Session {
         self.renderer.streamer().expect("a frame has been drawn")
     }
 
-    /// Begins a frame that nobody finishes: it is cancelled after so many passes.
+    /// Begins a frame and cancels it after this many passes.
     ///
     /// # Errors
-    /// If there is no progress, or memory does not suffice.
+    /// If there is no progress, or the memory is too small.
     pub fn begin_only(&mut self, scene: &ResolvedScene, passes: u64) -> Result<(), ChartError> {
         self.begin(scene);
         if passes == 0 {
@@ -135,10 +135,10 @@ impl Session {
         step.map_err(ChartError::from).map(|_| ())
     }
 
-    /// The next frame; with a time budget it may end before it has converged.
+    /// Draws the next frame; with a time budget it may end before it converges.
     ///
     /// # Errors
-    /// If there is no progress, or memory does not suffice.
+    /// If there is no progress, or the memory is too small.
     pub fn frame(&mut self, scene: &ResolvedScene, time_budget_ms: Option<u64>) -> Result<Frame, ChartError> {
         self.begin(scene);
         let start = Instant::now();
@@ -152,7 +152,7 @@ impl Session {
         Ok(Frame { image, idle_passes, stats: self.renderer.stats(), ms })
     }
 
-    /// Reads for the frame that comes next if the camera goes on like this, for so many milliseconds at most.
+    /// Reads ahead for the next frame, if the camera moves on as before, for at most this many milliseconds.
     ///
     /// # Errors
     /// If threads cannot be started.
@@ -160,7 +160,7 @@ impl Session {
         Ok(self.renderer.look_ahead(Some(Instant::now() + Duration::from_millis(most_ms)))?)
     }
 
-    /// Every frame is a new one, even of the same scene.
+    /// Every frame is a new one, even for the same scene.
     fn begin(&mut self, scene: &ResolvedScene) {
         locked(&self.passes).clear();
         self.renderer.set_scene(scene.clone());
@@ -172,7 +172,7 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// One frame by a renderer of its own, converged.
+/// One converged frame by a new renderer.
 ///
 /// # Errors
 /// As [`Session::frame`].
@@ -180,22 +180,22 @@ pub fn fresh(volume: &Volume, scene: &ResolvedScene, settings: Settings) -> Resu
     Session::new(&volume.container, settings)?.frame(scene, None)
 }
 
-/// Everything shows, and rays get through to the far side of a volume with this radius.
+/// A transfer function for which everything is visible and rays reach the far side of a volume with this radius.
 pub fn translucent(radius: f64) -> String {
     const POINTS: [Point; 3] =
         [(0.0, [0.1, 0.2, 0.9], 0.05), (125.0, [0.9, 0.9, 0.8], 0.15), (249.0, [1.0, 0.5, 0.1], 0.3)];
     transfer_function(0.5 * radius, &POINTS)
 }
 
-/// The scene of these members.
+/// The scene with these members.
 ///
 /// # Errors
-/// If they make none.
+/// If the members are not a valid scene.
 pub fn scene(volume: &Volume, members: &[String]) -> Result<ResolvedScene, ChartError> {
     volume.scene(&members.iter().map(String::as_str).collect::<Vec<_>>())
 }
 
-/// Pixels that `whole` shows something in and `picture` does not.
+/// Number of pixels that are not empty in `whole` but empty in `picture`.
 pub fn pixels_lost(picture: &Image, whole: &Image) -> usize {
     picture.pixels.iter().zip(&whole.pixels).filter(|(p, w)| w[3] > 0.0 && p[3] <= 0.0).count()
 }
@@ -205,7 +205,7 @@ pub fn linf(a: &Image, b: &Image) -> f64 {
     crate::measure::distance(a, b).linf
 }
 
-/// The middle of some times.
+/// Median of some times, ms.
 ///
 /// # Panics
 /// If there are none.

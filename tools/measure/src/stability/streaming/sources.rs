@@ -1,4 +1,4 @@
-//! A byte source that watches another: it counts and times reads, and lets a rule fail or change them.
+//! Byte source that wraps another one: it counts and times reads. A rule can let reads fail or change their bytes.
 
 use std::io;
 use std::sync::Arc;
@@ -8,10 +8,10 @@ use std::time::{Duration, Instant};
 use supervol_format::ByteSource;
 use supervol_runtime::stream::loader::READER;
 
-/// Told the number of the read (from 0), its offset, and the bytes that were read; may fail the read or change the bytes.
+/// Called with the number of the read (from 0), its offset and the bytes read. May fail the read or change the bytes.
 pub type Rule = Box<dyn Fn(u64, u64, &mut [u8]) -> io::Result<()> + Send + Sync>;
 
-/// See the module.
+/// Byte source that wraps another one.
 pub struct Watched {
     inner: Arc<dyn ByteSource>,
     rule: Rule,
@@ -21,33 +21,33 @@ pub struct Watched {
 }
 
 impl Watched {
-    /// Watches `inner`.
+    /// Wraps `inner`.
     ///
     /// # Errors
-    /// If its length cannot be had.
+    /// If its length is unknown.
     pub fn new(inner: Arc<dyn ByteSource>, rule: Rule) -> io::Result<Self> {
         let bytes = inner.len()?;
         Ok(Self { inner, rule, bytes, reads: AtomicU64::new(0), nanoseconds: AtomicU64::new(0) })
     }
 
-    /// The same, that claims another length: a file cut short, or one that was cut after it was opened.
+    /// The same source with another length: a file cut short before or after it was opened.
     #[must_use]
     pub fn with_length(self, bytes: u64) -> Self {
         Self { bytes, ..self }
     }
 
-    /// Reads so far, failed ones included.
+    /// Number of reads so far, including failed ones.
     pub fn reads(&self) -> u64 {
         self.reads.load(Ordering::Relaxed)
     }
 
-    /// Time spent so far in reads that somebody waits for: not those of the streamer's own threads.
+    /// Time spent so far in reads that a frame waits for; reads by the streamer's own threads are not included.
     pub fn time(&self) -> Duration {
         Duration::from_nanos(self.nanoseconds.load(Ordering::Relaxed))
     }
 }
 
-/// The rule that lets everything pass.
+/// The rule that lets all reads pass.
 pub fn pass() -> Rule {
     Box::new(|_, _, _| Ok(()))
 }
@@ -68,7 +68,7 @@ impl ByteSource for Watched {
         if std::thread::current().name().is_some_and(|name| name.starts_with(READER)) {
             return result;
         }
-        // A frame's reads take less than the centuries that 64 bits of nanoseconds hold.
+        // 64 bits of nanoseconds hold centuries.
         self.nanoseconds.fetch_add(start.elapsed().as_nanos() as u64, Ordering::Relaxed);
         result
     }

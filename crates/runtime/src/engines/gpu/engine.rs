@@ -1,0 +1,226 @@
+//! The GPU ray caster as an engine: bricks go from the host cache to its slots.
+//!
+//! Its page table is its own memory of what bricks are: a brick that the host cache dropped may still be resident there,
+//! and one that is in the host cache may have to be copied again.
+
+use std::collections::BTreeSet;
+use std::ops::Range;
+use std::sync::Arc;
+
+use supervol_format::BrickKey;
+use supervol_scene::image::Image;
+
+use super::caster::{GpuRenderer, PageEntry};
+use super::errors::BandErrors;
+use crate::engines::engine::{Advance, Engine};
+use crate::engines::error::EngineError;
+use crate::engines::maps::Maps;
+use crate::engines::totals::{EngineErrors, EngineTotals, ErrorsByReason, GpuStats};
+use crate::lod::deviation::Deviations;
+use crate::stop::Stop;
+use crate::stream::counters::{DeviceCounters, RayCounters};
+use crate::stream::field::FieldBrick;
+use crate::stream::residency::{BrickView, Resident};
+use crate::stream::streamer::{Fetched, HostView, OnMissing};
+
+/// When the engine stops, and whether its rays stay where they are then; if not, the picture is completed from the bricks that
+/// are there.
+#[derive(Debug, Clone)]
+pub(crate) struct WhenToStop {
+    pub(crate) stop: Stop,
+    pub(crate) is_paused_when_due: bool,
+}
+
+/// The ray caster in WGSL.
+pub(crate) struct GpuEngine {
+    renderer: GpuRenderer,
+    counters: RayCounters,
+    stops: WhenToStop,
+    /// Rows whose rays have begun; those of a picture that goes on.
+    rows: Range<u32>,
+    /// What the device had done before this picture.
+    before: DeviceCounters,
+    /// What levels do to rays, where that is summed up; of the picture so far; of the pixels of the last band.
+    deviations: Option<Arc<Deviations>>,
+    errors: ErrorsByReason,
+    error_pixels: Option<Image>,
+    /// Bricks that it was told have no voxels to draw, of this picture and those before it: the next camera asks for most of them again.
+    answered: BTreeSet<FieldBrick>,
+}
+
+/// Most bricks of which is remembered that they were asked for, with some 40 bytes each.
+const ANSWERED_LIMIT: usize = 1 << 15;
+
+impl GpuEngine {
+    /// An engine of so many rays, whose device had done so much before.
+    pub(crate) fn new(
+        renderer: GpuRenderer,
+        rays: u64,
+        stops: WhenToStop,
+        deviations: Option<Arc<Deviations>>,
+        before: DeviceCounters,
+    ) -> Self {
+        Self {
+            renderer,
+            counters: RayCounters { rays, ..RayCounters::default() },
+            stops,
+            rows: 0..0,
+            before,
+            deviations,
+            errors: ErrorsByReason::default(),
+            error_pixels: None,
+            answered: BTreeSet::new(),
+        }
+    }
+
+    /// The same picture goes on, with more time.
+    pub(crate) fn resumed(self, stops: WhenToStop) -> Self {
+        Self { stops, ..self }
+    }
+
+    /// The renderer, and the bricks of which it was told that they have no voxels to draw.
+    pub(crate) fn into_parts(self) -> (GpuRenderer, BTreeSet<FieldBrick>) {
+        (self.renderer, self.answered)
+    }
+
+    /// Takes over the bricks of which the renderer was told that they have no voxels to draw.
+    pub(crate) fn set_answered(&mut self, answered: BTreeSet<FieldBrick>) {
+        self.answered = answered;
+    }
+
+    /// What its rays may be off by at most so far, where that is asked for.
+    pub(crate) fn errors(&self) -> ErrorsByReason {
+        self.errors
+    }
+
+    /// Copies bricks of the host cache to slots, as far as there are some for them.
+    fn insert(&mut self, view: &HostView<'_>, keys: impl IntoIterator<Item = BrickKey>) -> Result<(), EngineError> {
+        let mut bricks = Vec::new();
+        for key in keys {
+            if let (Resident::Brick(brick), false) = (view.stand_in(key), self.renderer.is_resident(key)) {
+                if matches!(view.lookup(key), Resident::TooCoarse) {
+                    self.renderer.set_state(key, PageEntry::TooCoarse);
+                }
+                bricks.push(brick);
+            }
+        }
+        Ok(self.renderer.insert_all(&bricks)?)
+    }
+
+    /// Says what a brick is that has no voxels to copy.
+    fn answer(&mut self, view: &HostView<'_>, key: BrickKey) {
+        if matches!(view.lookup(key), Resident::TooCoarse) {
+            self.renderer.set_state(key, PageEntry::TooCoarse);
+        }
+        match view.stand_in(key) {
+            Resident::Nothing => self.renderer.set_state(key, PageEntry::Nothing),
+            Resident::Uniform(value) => self.renderer.set_state(key, PageEntry::Uniform(value)),
+            Resident::UseParent => self.renderer.set_state(key, PageEntry::Failed),
+            Resident::Brick(_) | Resident::Missing | Resident::TooCoarse => {}
+        }
+    }
+
+    /// The same, and remembers that it was asked for.
+    pub(crate) fn note_answer(&mut self, view: &HostView<'_>, key: FieldBrick) {
+        if self.answered.len() >= ANSWERED_LIMIT {
+            self.answered.clear();
+        }
+        self.answered.insert(key);
+        self.answer(view, key.brick);
+    }
+
+    /// Nothing is waited for any more: what is not resident is drawn from its parent, and the coarsest brick is there.
+    fn stop_waiting(&mut self, view: &HostView<'_>) -> Result<(), EngineError> {
+        let coarsest = self.renderer.pyramid.coarsest();
+        let keys: Vec<BrickKey> = self.renderer.pyramid.keys_of(coarsest).collect();
+        self.insert(view, keys)?;
+        for entry in 0..self.renderer.pyramid.brick_count() {
+            let key = self.renderer.pyramid.key(entry).expect("entries below the count have keys");
+            if self.renderer.is_resident(key) {
+                continue;
+            }
+            self.answer(view, key);
+            if matches!(view.stand_in(key), Resident::Brick(_) | Resident::Missing) {
+                self.renderer.set_state(key, PageEntry::Failed);
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Engine for GpuEngine {
+    fn room(&self) -> usize {
+        // One slot stays free for the coarsest brick, should the time run out.
+        self.renderer.slot_capacity().saturating_sub(1).max(1)
+    }
+
+    fn band_rows(&self) -> u32 {
+        (self.renderer.band_rows() / self.renderer.subgrid()).max(1)
+    }
+
+    fn begin(&mut self, pixel_rows: Range<u32>) -> Result<(), EngineError> {
+        if self.rows != pixel_rows {
+            let subgrid = self.renderer.subgrid();
+            self.renderer.begin(pixel_rows.start * subgrid..pixel_rows.end * subgrid);
+            self.rows = pixel_rows;
+        }
+        Ok(())
+    }
+
+    fn advance(&mut self, view: &HostView<'_>) -> Result<Advance, EngineError> {
+        let is_late = view.on_missing() == OnMissing::UseParent;
+        if is_late && self.stops.is_paused_when_due {
+            return Err(EngineError::Stopped);
+        }
+        if is_late {
+            self.stop_waiting(view)?;
+        }
+        // Who completes a picture stops only when somebody says so.
+        let stop =
+            if self.stops.is_paused_when_due { self.stops.stop.clone() } else { self.stops.stop.instead_at(None) };
+        let feedback = self.renderer.cast_pass_until(&stop)?;
+        self.counters.add(&feedback.counters);
+        Ok(Advance {
+            wanted: view.field().bricks(feedback.misses.into_iter().map(|miss| miss.key)),
+            used: view.field().bricks(feedback.uses),
+            remaining: feedback.unfinished_rays,
+            stood_in: feedback.counters.parent_bricks,
+            is_stopped: feedback.is_stopped,
+        })
+    }
+
+    fn update(&mut self, view: &HostView<'_>, fetched: &Fetched) -> Result<(), EngineError> {
+        fetched.answered.iter().chain(&fetched.neighbours).for_each(|key| self.note_answer(view, *key));
+        self.insert(view, fetched.bricks.iter().map(|key| key.brick))
+    }
+
+    fn write_image(&mut self, to: &mut [[f32; 4]]) -> Result<(), EngineError> {
+        let Some(deviations) = &self.deviations else { return Ok(self.renderer.write_image(to)?) };
+        if let Some(BandErrors { pixels, greatest, ended_early }) =
+            self.renderer.write_image_with_errors(deviations, to)?
+        {
+            self.errors = self.errors.or(greatest);
+            self.counters.rays_terminated_early += ended_early;
+            self.error_pixels = Some(pixels);
+        }
+        Ok(())
+    }
+
+    fn pixel_maps(&mut self) -> Maps {
+        Maps { errors: self.error_pixels.take(), work: None }
+    }
+
+    fn totals(&self) -> EngineTotals {
+        let stats = self.renderer.stats();
+        let counters = stats.counters.since(&self.before);
+        let [ray_ends, transfer_function, rounding] = self.renderer.common_errors();
+        let ErrorsByReason { cells, levels, .. } = self.errors;
+        let states_errors = self.deviations.is_some() && self.renderer.sums_cells();
+        EngineTotals {
+            rays: self.counters,
+            errors: states_errors.then_some(EngineErrors { cells, levels, ray_ends, transfer_function, rounding }),
+            device: Some(GpuStats { counters, ..stats }),
+            ..EngineTotals::default()
+        }
+    }
+}

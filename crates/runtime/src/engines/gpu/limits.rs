@@ -1,0 +1,18 @@
+//! Sizes and limits that several files of the GPU backend and its shaders share. They depend on no other file.
+
+/// Most cache textures: the number of texture bindings in the shader.
+pub const TEXTURE_LIMIT: usize = 4;
+
+/// Texels of the light table from a bin to the next one: three, and one that fills the cache line of 64 bytes.
+pub const BIN_TEXELS: usize = 4;
+
+/// Greatest root of a channel's share of the greatest channel, in the second texel of a bin.
+pub const GREATEST_ROOT: u32 = 65_535;
+
+/// Beyond everything, in world lengths.
+pub const FAR: f32 = 1e30;
+/// How far beyond a face a leap ends, voxels: a few roundings.
+pub const LEAP_MARGIN: f32 = 2e-5;
+
+/// Bytes of graphics memory that are used where nobody says how many, of all adapters but cards.
+pub const SHARED_MEMORY: u64 = 256 << 20;

@@ -1,0 +1,32 @@
+//! Memory and precision that a renderer on a device may use.
+
+use crate::engines::packets::PacketRule;
+use crate::stream::classify::Skipping;
+
+/// What a renderer may use, and how.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GpuOptions {
+    /// Bytes of GPU memory in all: cache, tables, rays, staging.
+    pub memory_bytes: u64,
+    /// Whether macro cells that cannot change the picture are skipped.
+    pub skipping: Skipping,
+    /// Largest error of any channel of any pixel that is aimed at in mode `dvr`, 1 being white; brought to
+    /// [`MAX_ERROR_LIMITS`](crate::engines::rules::MAX_ERROR_LIMITS).
+    pub max_error: f64,
+    /// Whether there is room to sum up what rays may be off by.
+    pub sums_errors: bool,
+    /// Rays along x and y of the largest picture for which there is room; `None`: the first one's.
+    pub room: Option<[u32; 2]>,
+}
+
+impl Default for GpuOptions {
+    fn default() -> Self {
+        Self {
+            memory_bytes: 1 << 30,
+            skipping: Skipping::On,
+            max_error: PacketRule::DEFAULT.max_error,
+            sums_errors: false,
+            room: None,
+        }
+    }
+}

@@ -1,0 +1,76 @@
+//! What the rays of a band have gathered, read back: the device puts it in the order of the pixels, piece by piece, and while the
+//! host makes pixels of one piece the next one is on its way.
+
+use std::collections::VecDeque;
+
+use super::pass::Caster;
+use super::pixels::{ERROR_BYTES, GATHERED_BYTES, Gathered, PIECES_IN_FLIGHT};
+use crate::engines::gpu::error::GpuError;
+use crate::engines::gpu::layout::{RayErrors, WORKGROUP_RAYS};
+
+/// A piece on its way.
+struct Piece {
+    /// Number of its first pixel in the band, and how many there are.
+    first: u64,
+    rays: u64,
+    buffer: usize,
+    submission: wgpu::SubmissionIndex,
+}
+
+impl Caster {
+    /// Hands what the rays of the band have gathered to `visit`, row by row: the number of the first pixel, what is behind it, and what
+    /// that may be off by where it is summed up.
+    pub(super) fn read_pixels(
+        &mut self,
+        sums_errors: bool,
+        mut visit: impl FnMut(usize, &[Gathered], &[RayErrors]),
+    ) -> Result<(), GpuError> {
+        let grid = self.grid();
+        let pixels = u64::from(grid.width) * u64::from(grid.height);
+        let mut flying: VecDeque<Piece> = VecDeque::new();
+        for (number, first) in (0..pixels).step_by(self.pixels.rays as usize).enumerate() {
+            if flying.len() == PIECES_IN_FLIGHT
+                && let Some(piece) = flying.pop_front()
+            {
+                self.land_piece(piece, sums_errors, &mut visit)?;
+            }
+            let rays = self.pixels.rays.min(pixels - first);
+            let buffer = number % PIECES_IN_FLIGHT;
+            flying.push_back(Piece {
+                first,
+                rays,
+                buffer,
+                submission: self.submit_piece(first, rays, buffer, sums_errors),
+            });
+        }
+        flying.into_iter().try_for_each(|piece| self.land_piece(piece, sums_errors, &mut visit))
+    }
+
+    fn submit_piece(&self, first: u64, rays: u64, buffer: usize, sums_errors: bool) -> wgpu::SubmissionIndex {
+        self.write_job(first as u32, 0);
+        let (pixels, bound) = (&self.pixels, self.bound());
+        let mut encoder = self.encoder();
+        let groups = rays.div_ceil(u64::from(WORKGROUP_RAYS)) as u32;
+        let bindings = [&bound.pixels.view, &bound.pixels.buffers];
+        self.dispatch_on(&mut encoder, &bound.pipelines.gather_pixels, bindings, groups);
+        let (to, bytes) = (&pixels.read_back[buffer], rays * GATHERED_BYTES);
+        encoder.copy_buffer_to_buffer(&pixels.gathered, 0, to, 0, bytes);
+        if sums_errors {
+            encoder.copy_buffer_to_buffer(&pixels.errors, 0, to, bytes, rays * ERROR_BYTES);
+        }
+        self.gpu.submit(encoder)
+    }
+
+    fn land_piece(
+        &self,
+        Piece { first, rays, buffer, submission }: Piece,
+        sums_errors: bool,
+        visit: &mut impl FnMut(usize, &[Gathered], &[RayErrors]),
+    ) -> Result<(), GpuError> {
+        let bytes = rays * (GATHERED_BYTES + if sums_errors { ERROR_BYTES } else { 0 });
+        self.gpu.read_after(Some(submission), &self.pixels.read_back[buffer], bytes, |bytes| {
+            let (gathered, errors) = bytes.split_at((rays * GATHERED_BYTES) as usize);
+            visit(first as usize, bytemuck::cast_slice(gathered), bytemuck::cast_slice(errors));
+        })
+    }
+}

@@ -1,0 +1,132 @@
+//! A picture by packets: its description, its tables, and when they stop.
+
+use std::ops::Range;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use supervol_scene::scene::{Mode, ResolvedScene};
+
+use super::plans::{BrickPlans, Made};
+use super::rule::PacketRule;
+use super::simd::InstructionSet;
+use super::tables::PacketTables;
+use crate::engines::ray_scene::{BrickChoice, DrawnVolume, RayScene};
+use crate::engines::rules::{TERMINATION_OPACITY, own_error};
+use crate::engines::totals::{EngineErrors, ErrorsByReason};
+use crate::lod::deviation::Deviations;
+use crate::stop::Stop;
+
+/// A picture by packets.
+#[derive(Debug, Clone)]
+pub struct PacketFrame {
+    pub(crate) scene: RayScene,
+    /// Tables that packets look up.
+    pub(super) tables: Arc<PacketTables>,
+    /// In mode `dvr` with surfaces: the frame of these, in mode `iso`, which lists all crossings and adds none.
+    pub(super) inner: Option<Arc<PacketFrame>>,
+    /// What coarser levels do, where errors are summed up.
+    pub(super) deviations: Option<Arc<Deviations>>,
+    /// When packets stop where they are.
+    stop: Stop,
+    /// Rays that packets have finished, where somebody counts them.
+    finished: Option<Arc<AtomicU64>>,
+}
+
+impl PacketFrame {
+    /// The picture of a scene, by packets that keep so much of bricks.
+    #[must_use]
+    pub fn new(
+        scene: &ResolvedScene,
+        volume: &DrawnVolume<'_>,
+        bricks: BrickChoice,
+        rule: PacketRule,
+        (mut made_bytes, plans): Made,
+    ) -> Self {
+        let mut inner = None;
+        if scene.mode == Mode::Dvr && !scene.iso.is_empty() {
+            made_bytes /= 2;
+            let scene = ResolvedScene { mode: Mode::Iso, ..scene.clone() };
+            let mut surfaces = RayScene::new(&scene, volume, bricks, TERMINATION_OPACITY);
+            surfaces.lists_crossings = true;
+            inner = Some(Arc::new(Self::of(surfaces, &scene, rule, (made_bytes, None), None)));
+        }
+        let ray_scene = RayScene::new(scene, volume, bricks, TERMINATION_OPACITY);
+        Self::of(ray_scene, scene, rule, (made_bytes, plans), inner)
+    }
+
+    fn of(ray_scene: RayScene, scene: &ResolvedScene, rule: PacketRule, made: Made, inner: Option<Arc<Self>>) -> Self {
+        let tables = Arc::new(PacketTables::new(&ray_scene, &scene.transfer_function, rule, made));
+        Self { scene: ray_scene, tables, inner, deviations: None, stop: Stop::NEVER, finished: None }
+    }
+
+    /// Where errors are summed up, what these coarser levels do counts, too.
+    #[must_use]
+    pub fn with_deviations(self, deviations: Deviations) -> Self {
+        let deviations = self.tables.sums_errors().then(|| Arc::new(deviations));
+        Self { deviations, ..self }
+    }
+
+    /// Packets stop when this is due: rays wait where they are, and go on from there in the next pass.
+    pub(crate) fn set_stop(&mut self, stop: Stop) {
+        self.stop = stop;
+    }
+
+    /// Whether it is time to stop.
+    pub(super) fn is_due(&self) -> bool {
+        self.stop.is_due()
+    }
+
+    /// Packets count the rays that they finish here.
+    #[must_use]
+    pub fn counting(self, finished: Option<Arc<AtomicU64>>) -> Self {
+        Self { finished, ..self }
+    }
+
+    pub(super) fn count_finished(&self, rays: u64) {
+        if let Some(finished) = &self.finished {
+            finished.fetch_add(rays, Ordering::Relaxed);
+        }
+    }
+
+    /// What was found out of bricks, for a picture of another camera; `None` in all modes but `dvr`.
+    #[must_use]
+    pub fn plans(&self) -> Option<Arc<BrickPlans>> {
+        (self.scene.mode == Mode::Dvr).then(|| self.tables.plans.clone())
+    }
+
+    /// The same picture for some rows of pixels only: see [`RayScene::band`].
+    ///
+    /// # Panics
+    /// If the picture has no such rows.
+    #[must_use]
+    pub fn band(&self, pixel_rows: Range<u32>) -> Self {
+        let inner = self.inner.as_ref().map(|surfaces| Arc::new(surfaces.band(pixel_rows.clone())));
+        Self { scene: self.scene.band(pixel_rows), inner, ..self.clone() }
+    }
+
+    /// The instructions that packets are cast with.
+    #[must_use]
+    pub fn instructions(&self) -> InstructionSet {
+        self.tables.instructions()
+    }
+
+    /// What a picture may be off by whose rays are off by so much, where that is summed up: in mode `dvr`.
+    #[must_use]
+    pub fn errors(&self, rays: ErrorsByReason) -> Option<EngineErrors> {
+        let tables = Some(&self.tables).filter(|tables| self.scene.mode == Mode::Dvr && tables.sums_errors())?;
+        Some(EngineErrors {
+            cells: rays.cells,
+            levels: rays.levels,
+            ray_ends: tables.end_error(),
+            transfer_function: tables.fit_error(),
+            rounding: tables.rounding_error(&self.scene),
+        })
+    }
+
+    /// See [`own_error`].
+    pub(super) fn own_error(&self, opacity: f64) -> f64 {
+        // Of surfaces no more is known than that they aim at this, as in mode `iso`.
+        let aims = (self.tables.max_error, self.inner.is_some());
+        own_error(self.scene.mode, opacity, aims, self.scene.pyramid.layout().core())
+    }
+}

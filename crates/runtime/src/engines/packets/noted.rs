@@ -1,0 +1,33 @@
+//! Notes on the rays of a tile beside what they gather: how far they may be off, and what they cost.
+
+use super::places::TILE_RAYS;
+use crate::engines::totals::ErrorsByReason;
+use crate::lod::deviation::RayDeviation;
+
+/// What coarser levels may do to the rays of a tile.
+#[derive(Debug, Clone)]
+pub struct LevelErrors {
+    pub(super) rays: [RayDeviation; TILE_RAYS],
+    /// Whether a voxel may be there in one level and not in the other.
+    pub(super) presence_may_change: bool,
+}
+
+/// What the rays of a finished tile may be off by; 1 is white.
+#[derive(Debug, Clone)]
+pub struct TileErrors {
+    /// Each ray, for all reasons.
+    pub of_rays: [f32; TILE_RAYS],
+    /// The greatest of them for each reason.
+    pub greatest: ErrorsByReason,
+}
+
+impl LevelErrors {
+    /// Nothing is off.
+    pub const NONE: Self = Self { rays: [RayDeviation::NONE; TILE_RAYS], presence_may_change: false };
+}
+
+/// Of each ray of a tile: cells crossed, and leaps, a brick without anything to show being one.
+pub type TileWork = [[u32; 2]; TILE_RAYS];
+
+/// The same of no work at all.
+pub const NO_WORK: TileWork = [[0; 2]; TILE_RAYS];

@@ -1,0 +1,120 @@
+//! Rays of a picture in tiles.
+
+use supervol_format::BrickKey;
+use supervol_scene::image::Image;
+
+use super::cast::cast_tiles;
+use super::frame::PacketFrame;
+use super::pixels::{Tile, error_pixels_of, pixels_of, tiles_of, work_pixels_of};
+use crate::engines::feedback::PassFeedback;
+use crate::engines::totals::ErrorsByReason;
+use crate::stop::Stop;
+use crate::stream::residency::{BrickView, KnownEntry, Resident};
+
+/// The rays of a picture, and the picture that they are cast for.
+#[derive(Debug, Clone)]
+pub struct PacketRays {
+    frame: PacketFrame,
+    tiles: Vec<Tile>,
+}
+
+impl PacketRays {
+    /// All rays before the first pass.
+    #[must_use]
+    pub fn new(frame: PacketFrame) -> Self {
+        let [columns, rows] = tiles_of(&frame.scene);
+        Self { frame, tiles: vec![Tile::Fresh; columns as usize * rows as usize] }
+    }
+
+    /// Packets stop when this is due: rays wait where they are, and go on from there in the next pass.
+    pub(crate) fn set_stop(&mut self, stop: Stop) {
+        self.frame.set_stop(stop);
+    }
+
+    /// Casts every unfinished ray as far as resident bricks allow.
+    ///
+    /// # Panics
+    /// If a brick's size is not what the pyramid says.
+    pub fn cast_pass<V: BrickView + ?Sized>(&mut self, view: &V) -> PassFeedback {
+        PassFeedback::merged(cast_tiles(&Viewed(view), &self.frame, &mut self.tiles))
+    }
+
+    /// The picture of what the rays have gathered, sub-grid averaged.
+    #[must_use]
+    pub fn image(&self) -> Image {
+        let scene = &self.frame.scene;
+        scene.image_of(pixels_of(scene, &self.tiles, |state| scene.pixel(state)))
+    }
+
+    /// The picture of finished tiles, sub-grid averaged: NaN elsewhere.
+    #[must_use]
+    pub fn finished_pixels(&self) -> Image {
+        let scene = &self.frame.scene;
+        scene.image_of(pixels_of(scene, &self.tiles, |_| [f32::NAN; 4]))
+    }
+
+    /// What each pixel of finished tiles may be off by, grey, 1 being white, sub-grid averaged: NaN elsewhere; `None` where
+    /// that is not summed up.
+    #[must_use]
+    pub fn error_pixels(&self) -> Option<Image> {
+        self.frame.deviations.as_ref()?;
+        let scene = &self.frame.scene;
+        Some(scene.image_of(error_pixels_of(scene, &self.tiles)))
+    }
+
+    /// What the rays of each pixel of finished tiles cost, sub-grid averaged: cells, leaps, 0, 1; NaN elsewhere; `None` where that is
+    /// not counted.
+    #[must_use]
+    pub fn work_pixels(&self) -> Option<Image> {
+        let scene = &self.frame.scene;
+        self.frame.tables.counts_work().then(|| scene.image_of(work_pixels_of(scene, &self.tiles)))
+    }
+
+    /// What rays may be off by at most, where that is summed up.
+    #[must_use]
+    pub fn errors(&self) -> ErrorsByReason {
+        let errors = self.tiles.iter().filter_map(Tile::errors);
+        errors.fold(ErrorsByReason::default(), |greatest, tile| greatest.or(tile.greatest))
+    }
+
+    /// Rays that wait for a brick.
+    #[must_use]
+    pub fn waiting(&self) -> u64 {
+        self.tiles.iter().map(Tile::waiting).sum()
+    }
+
+    /// Whether every ray is finished.
+    #[must_use]
+    pub fn is_finished(&self) -> bool {
+        self.tiles.iter().all(|tile| matches!(tile, Tile::Finished(_)))
+    }
+
+    /// Rays that ended before they left the volume.
+    #[must_use]
+    pub fn terminated_early(&self) -> u64 {
+        self.tiles.iter().map(Tile::terminated_early).sum()
+    }
+
+    /// Rays of the picture.
+    #[must_use]
+    pub fn ray_count(&self) -> u64 {
+        self.frame.scene.ray_count()
+    }
+}
+
+/// A view of any kind as one that can be named: the packet caster is compiled once.
+struct Viewed<'a, V: ?Sized>(&'a V);
+
+impl<V: BrickView + ?Sized> BrickView for Viewed<'_, V> {
+    fn lookup(&self, key: BrickKey) -> Resident<'_> {
+        self.0.lookup(key)
+    }
+
+    fn stand_in(&self, key: BrickKey) -> Resident<'_> {
+        self.0.stand_in(key)
+    }
+
+    fn entry(&self, key: BrickKey) -> Option<KnownEntry> {
+        self.0.entry(key)
+    }
+}

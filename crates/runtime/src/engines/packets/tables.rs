@@ -1,0 +1,297 @@
+//! Tables of a picture that all its packets look up, and what is kept of bricks.
+
+use std::sync::Arc;
+
+use glam::DVec3;
+use supervol_format::BrickKey;
+use supervol_format::brick::APRON;
+use supervol_scene::camera::{PixelRays, Projection};
+use supervol_scene::clip::{IndexRay, ToIndex};
+use supervol_scene::scene::Mode;
+use supervol_scene::transfer_function::TransferFunction;
+use supervol_scene::transfer_function::pieces::TransferPieces;
+
+use super::blocks::cloud_of_blocks;
+use super::fetch::Stored;
+use super::leap::Ahead;
+use super::lookup::{FewPieces, ManyPieces};
+use super::order::{View, ways_through};
+use super::packet::{Classifier, ClassifyTask, Precision};
+use super::per_brick::PerBrick;
+use super::plans::{BrickPlan, BrickPlans, LEAST_LEAPT, Made};
+use super::rule::PacketRule;
+use super::silhouette::{Projector, Silhouette};
+use super::simd::{InstructionSet, Simd, Task, dispatch};
+use super::span::ChooseSpan;
+use super::summaries::BrickSummaries;
+use super::tile::BrickGrid;
+use super::walk::PacketBrick;
+use crate::engines::ray_scene::RayScene;
+use crate::engines::rules::{
+    END_SHARE, FIT_SHARE, LEAST_SHADED_SHARE, MAX_ERROR_LIMITS, cell_error, fit_error, rounding_error,
+};
+use crate::lod::deviation::Deviation;
+use crate::stream::classify::Skipping;
+use crate::stream::residency::{DecodedBrick, Voxels};
+
+/// What packets look up, the same for all rays of a frame.
+#[derive(Debug)]
+pub struct PacketTables {
+    pub(super) pieces: TransferPieces,
+    /// The render value from which packets and their pieces count.
+    pub(super) origin: f32,
+    table: Table,
+    pub(super) set: InstructionSet,
+    pub(super) precision: Precision,
+    /// What a pixel may be off by.
+    pub(super) max_error: f64,
+    pub(super) view: View,
+    pub(super) pixel_rays: PixelRays,
+    pub(super) to_index: ToIndex,
+    /// Of bricks, in mode `dvr`.
+    pub(super) plans: Arc<BrickPlans>,
+    pub(super) projector: Projector,
+    /// Of bricks, in mode `dvr`, where they are worth it.
+    pub(super) silhouettes: PerBrick<Option<Silhouette>>,
+    /// Of bricks, in all modes but `dvr`.
+    pub(super) summaries: BrickSummaries,
+    /// What bricks of coarser levels are off by, where errors are summed up.
+    pub(super) of_levels: PerBrick<Deviation>,
+    /// Whether it is noted what each ray costs.
+    pub(super) counts_work: bool,
+}
+
+/// Part of what is kept of bricks, as a divisor, that is for what coarser levels do.
+const LEVELS_SHARE: u64 = 8;
+/// The same for where they lie in the picture.
+const SILHOUETTES_SHARE: u64 = 4;
+
+/// Lanes up to which look-ups in registers are not compiled: arrays have none.
+const FEW_LANES: usize = 4;
+
+/// The pieces in the smallest table that holds them.
+#[derive(Debug)]
+enum Table {
+    UpTo16(Box<FewPieces<16>>),
+    UpTo32(Box<FewPieces<32>>),
+    Many,
+}
+
+impl Table {
+    fn new(pieces: &TransferPieces) -> Self {
+        let up_to_16 = FewPieces::new(pieces).map(|few| Self::UpTo16(Box::new(few)));
+        let up_to_32 = || FewPieces::new(pieces).map(|few| Self::UpTo32(Box::new(few)));
+        up_to_16.or_else(up_to_32).unwrap_or(Self::Many)
+    }
+}
+
+/// A task that looks up the transfer function of a frame.
+struct WithTable<'a, T> {
+    tables: &'a PacketTables,
+    task: T,
+}
+
+impl<T: ClassifyTask> Task for WithTable<'_, T> {
+    type Output = T::Output;
+
+    #[inline(always)]
+    fn run<S: Simd>(self) -> T::Output {
+        let Self { tables: PacketTables { pieces, table, .. }, task } = self;
+        let TransferPieces { narrow, clear, .. } = *pieces;
+        if S::LANES <= FEW_LANES {
+            return task.run::<S, _>(&Classifier { table: &ManyPieces::new(pieces), narrow, clear });
+        }
+        match table {
+            Table::UpTo16(few) => task.run::<S, _>(&Classifier { table: &**few, narrow, clear }),
+            Table::UpTo32(few) => task.run::<S, _>(&Classifier { table: &**few, narrow, clear }),
+            Table::Many => task.run::<S, _>(&Classifier { table: &ManyPieces::new(pieces), narrow, clear }),
+        }
+    }
+}
+
+impl PacketTables {
+    /// The tables of a frame.
+    pub fn new(scene: &RayScene, source: &TransferFunction, rule: PacketRule, (made_bytes, plans): Made) -> Self {
+        let max_error = rule.max_error.clamp(MAX_ERROR_LIMITS[0], MAX_ERROR_LIMITS[1]);
+        let origin = origin_of(source, scene.map.shift);
+        let pieces = TransferPieces::new(source, scene.map.shift + f64::from(origin), FIT_SHARE * max_error);
+        let precision = precision_of(max_error, pieces.has_steps(), rule.sums_errors);
+        let for_levels = if rule.sums_errors { made_bytes / LEVELS_SHARE } else { 0 };
+        let for_silhouettes = if scene.mode == Mode::Dvr { made_bytes / SILHOUETTES_SHARE } else { 0 };
+        let for_bricks = made_bytes - for_levels - for_silhouettes;
+        let set = rule.instructions.unwrap_or_else(InstructionSet::best);
+        let ray = scene.camera.ray(0, 0);
+        let index_ray = IndexRay::new(&ray, &scene.geometry);
+        let view = match scene.camera.projection {
+            Projection::Perspective { .. } => View::Eye(DVec3::from_array(index_ray.origin)),
+            Projection::Orthographic { .. } => View::Direction(DVec3::from_array(index_ray.direction)),
+        };
+        Self {
+            table: Table::new(&pieces),
+            pieces,
+            origin,
+            set,
+            precision,
+            max_error,
+            view,
+            pixel_rays: scene.camera.rays(),
+            to_index: ToIndex::new(&scene.geometry),
+            // A frame has one mode: only one of the two is filled.
+            plans: BrickPlans::new(plans, scene, (source, rule), for_bricks),
+            projector: Projector::new(&scene.camera, &scene.geometry),
+            silhouettes: PerBrick::new(for_silhouettes),
+            summaries: BrickSummaries::new(for_bricks),
+            of_levels: PerBrick::new(for_levels),
+            counts_work: rule.counts_work,
+        }
+    }
+
+    /// The instructions that packets are cast with.
+    pub fn instructions(&self) -> InstructionSet {
+        self.set
+    }
+
+    /// Whether the errors of cells are summed up.
+    pub fn sums_errors(&self) -> bool {
+        self.precision.sums_errors
+    }
+
+    /// Whether it is noted what each ray costs.
+    pub fn counts_work(&self) -> bool {
+        self.counts_work
+    }
+
+    /// What is left out behind the end of a ray that ends early, 1 being white: never more.
+    pub fn end_error(&self) -> f64 {
+        f64::from(self.precision.last_transmittance)
+    }
+
+    /// See [`fit_error`].
+    pub fn fit_error(&self) -> f64 {
+        fit_error(self.max_error)
+    }
+
+    /// See [`rounding_error`].
+    pub fn rounding_error(&self, scene: &RayScene) -> f64 {
+        rounding_error(scene.pyramid.layout().core())
+    }
+
+    /// How many cells of a brick to integrate together, where rays go along this direction.
+    pub(super) fn choose_span(
+        &self,
+        scene: &RayScene,
+        (key, brick): (BrickKey, &DecodedBrick),
+        direction: [f32; 3],
+    ) -> usize {
+        let (brick, _) = self.packet_brick(scene, key, brick);
+        self.dispatch(ChooseSpan { brick: &brick, precision: self.precision, direction })
+    }
+
+    /// A brick of values as the pieces count them: see [`packet_brick`].
+    pub(super) fn packet_brick<'a>(
+        &self,
+        scene: &RayScene,
+        key: BrickKey,
+        brick: &'a DecodedBrick,
+    ) -> (PacketBrick<'a>, BrickGrid) {
+        let (packet_brick, grid) = packet_brick(scene, key, brick);
+        let [centre, scale, offset] = packet_brick.stored.to_values_from(self.origin, &scene.map);
+        (PacketBrick { centre, scale, offset, ..packet_brick }, grid)
+    }
+
+    /// Direction of rays through a brick's middle, in cells per world length.
+    pub(super) fn direction_through(&self, scene: &RayScene, key: BrickKey) -> [f32; 3] {
+        let scale = scene.pyramid.level_at(key.lod()).scale.map(|s| s as f64);
+        let core = scene.pyramid.core_box(key);
+        let middle = DVec3::from_array(std::array::from_fn(|a| scale[a] * 0.5 * (core.start[a] + core.end[a]) as f64));
+        let direction = match self.view {
+            View::Direction(direction) => direction,
+            View::Eye(eye) => middle - eye,
+        };
+        let world: DVec3 = scene.geometry.linear() * direction;
+        let per_world = 1.0 / world.length();
+        std::array::from_fn(|a| (direction[a] * per_world / scale[a]) as f32)
+    }
+
+    /// How to go through a brick.
+    pub(super) fn plan(&self, scene: &RayScene, key: BrickKey, brick: &DecodedBrick) -> Arc<BrickPlan> {
+        let ahead = self.ahead(scene, key);
+        let direction = || self.direction_through(scene, key);
+        self.plans.of(scene.field.brick(key), (ahead, direction), || self.make_plan(scene, (key, ahead), brick))
+    }
+
+    fn make_plan(&self, scene: &RayScene, (key, ahead): (BrickKey, [Ahead; 3]), brick: &DecodedBrick) -> BrickPlan {
+        let shows = |[low, high]: [f32; 2]| scene.transfer_function.is_visible(low, high);
+        let cloud = cloud_of_blocks(brick, APRON, ahead, &scene.map, shows);
+        let leaps = LEAST_LEAPT * cloud.cubes() as f64 <= cloud.hidden as f64;
+        let may_span = !leaps && !self.plans.premises.is_lit;
+        let span_along = may_span.then(|| self.direction_through(scene, key));
+        let span = span_along.map_or(1, |along| self.choose_span(scene, (key, brick), along));
+        BrickPlan { cloud, leaps: leaps && scene.skipping == Skipping::On, span, ahead, span_along }
+    }
+
+    /// Runs a task with the frame's instructions and its table.
+    pub(super) fn dispatch<T: ClassifyTask>(&self, task: T) -> T::Output {
+        dispatch(self.set, WithTable { tables: self, task })
+    }
+
+    /// Which way rays may go in a brick.
+    pub(super) fn ahead(&self, scene: &RayScene, key: BrickKey) -> [Ahead; 3] {
+        ways_through(&scene.pyramid, key, self.view)
+    }
+}
+
+/// The middle of the transfer function's window where that lies far from zero for its width: `f32` then resolves it.
+fn origin_of(source: &TransferFunction, shift: f64) -> f32 {
+    let points = source.points();
+    let (first, last) = (points[0].value - shift, points[points.len() - 1].value - shift);
+    let middle = 0.5 * first + 0.5 * last;
+    let is_far = middle.is_finite() && middle.abs() > last - first;
+    if is_far { middle as f32 } else { 0.0 }
+}
+
+fn precision_of(max_error: f64, has_steps: bool, sums_errors: bool) -> Precision {
+    Precision {
+        cell_error: cell_error(max_error) as f32,
+        last_transmittance: (END_SHARE * max_error) as f32,
+        least_shaded: (LEAST_SHADED_SHARE * max_error) as f32,
+        has_steps,
+        sums_errors,
+    }
+}
+
+/// A brick as packets read it, stored numbers as they are, without a cloud and unshaded; and its grid.
+///
+/// # Panics
+/// If the brick's size is not what the pyramid says.
+pub(super) fn packet_brick<'a>(
+    scene: &RayScene,
+    key: BrickKey,
+    brick: &'a DecodedBrick,
+) -> (PacketBrick<'a>, BrickGrid) {
+    let extent = brick.extent.map(|n| n as usize);
+    let core = scene.pyramid.core_box(key);
+    assert_eq!(extent, core.extent().map(|n| n + 2 * APRON), "stored extent of {key}");
+    let (voxels, stored, count): (*const u8, _, _) = match &brick.voxels {
+        Voxels::U8(v) => (v.as_ptr(), Stored::U8, v.len()),
+        Voxels::U16(v) => (v.as_ptr().cast(), Stored::U16, v.len()),
+        Voxels::F32(v) => (v.as_ptr().cast(), Stored::F32, v.len()),
+    };
+    assert_eq!(count, extent.iter().product::<usize>(), "voxels of {key}");
+    let level = scene.pyramid.level_at(key.lod());
+    let grid = BrickGrid { inverse_scale: level.scale.map(|s| 1.0 / s as f64), start: core.start.map(|s| s as f64) };
+    let packet_brick = PacketBrick {
+        voxels,
+        stored,
+        strides: [extent[0] as i32, (extent[0] * extent[1]) as i32],
+        core: core.extent().map(|n| n as i32),
+        centre: 0.0,
+        scale: 1.0,
+        offset: 0.0,
+        span: 1,
+        absent: scene.map.absent,
+        cloud: None,
+        lighting: None,
+    };
+    (packet_brick, grid)
+}

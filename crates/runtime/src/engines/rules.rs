@@ -1,0 +1,193 @@
+//! Tolerances of the integral: every number by which an engine decides what is exact enough, once.
+//!
+//! E is the error that is asked for: of any channel of any pixel, 1 being white. Numbers that shaders use as well are written
+//! into `shaders/shared/layout.wgsl` by [`super::gpu::layout`]. The measurements are in docs/decisions, by number.
+
+use supervol_scene::scene::Mode;
+
+// What E sets.
+
+/// Least and greatest E that packets and the GPU aim at: below, `f32` ends; above, nothing is gained.
+pub const MAX_ERROR_LIMITS: [f64; 2] = [0.05 / 255.0, 16.0 / 255.0];
+/// E that users get: half a grey level, which no screen shows.
+pub const DEFAULT_ERROR: f64 = 0.5 / 255.0;
+/// Opacity at which a ray of the cell caster, and a ray of any caster in mode `iso`, ends. What lies behind changes no channel
+/// by more than 0.08/255, and no mean of channels by a tenth of a grey level.
+pub const TERMINATION_OPACITY: f64 = 0.9997;
+/// Share of E that is left out behind the point where a ray ends in mode `dvr`: a bound (006).
+pub const END_SHARE: f64 = 0.15;
+/// Share of E that extinction, in parts of itself, may be off by: the fit of the transfer function's pieces. Half of it left
+/// the worst charted picture as it is: 8.56 levels off for 8.74 (006).
+pub const FIT_SHARE: f64 = 0.25;
+/// Share of E that one cell may be off by: errors have either sign, and few cells of a ray are near it. A share of 0.42 saved
+/// 1 to 5 % of the time and cost the margin (006).
+const CELL_SHARE: f64 = 0.28;
+/// Greatest E of which a cell gets the full share. Of greater ones, fewer cells are cut into parts whose error falls far below
+/// it, and more cells of a ray are near it.
+const FULL_SHARE_UP_TO: f64 = 0.5 / 255.0;
+/// Power of E with which the share falls beyond. With it, charted pictures are at most 0.69 levels off where 1 is asked for,
+/// and 5.5 where 8 is (006).
+const FALL_OF_SHARE: f64 = 1.0 / 6.0;
+/// Share of E that a cell's light may be, and not be shaded: 2,000 such cells in a row make E.
+pub const LEAST_SHADED_SHARE: f64 = 5e-4;
+/// Roundings of colour and of optical depth in a cell.
+const ROUNDINGS: f64 = 4.0;
+/// Half the distance of 1 from the next `f32`.
+const HALF_EPSILON: f64 = 0.5 * f32::EPSILON as f64;
+/// Error below which tables and `f32` of the GPU do not let roots and pairs of Gauss come, whatever E is.
+pub const LEAST_AIMED: f64 = 0.25 / 255.0;
+
+/// Error that one cell may have.
+#[must_use]
+pub fn cell_error(max_error: f64) -> f64 {
+    CELL_SHARE * max_error * (FULL_SHARE_UP_TO / max_error).min(1.0).powf(FALL_OF_SHARE)
+}
+
+/// Error of a ray by the fit of the transfer function's pieces: extinction and emission are each off by at most
+/// [`FIT_SHARE`] of E times the extinction, and no ray gathers more than one whole.
+#[must_use]
+pub fn fit_error(max_error: f64) -> f64 {
+    2.0 * FIT_SHARE * max_error
+}
+
+/// Error of a ray that has gathered something, by `f32`: sums over the cells of a brick whose core has so many voxels along an edge.
+#[must_use]
+pub fn rounding_error(core: usize) -> f64 {
+    // A ray leaves a cell through a plane of voxels.
+    let cells_per_brick = 3 * core + 1;
+    ROUNDINGS * cells_per_brick as f64 * HALF_EPSILON
+}
+
+/// Error of a ray of this opacity that belongs to no single cell: in mode `dvr` of the fit and of rounding, in mode `iso` the
+/// error that is aimed at. There, and where something else `only_aims` at E, no more is known than that; `core`: see
+/// [`rounding_error`].
+#[must_use]
+pub fn own_error(mode: Mode, opacity: f64, (max_error, only_aims): (f64, bool), core: usize) -> f64 {
+    let aimed_at = if only_aims || mode == Mode::Iso { max_error } else { 0.0 };
+    match mode {
+        Mode::Dvr if opacity > 0.0 => fit_error(max_error) * opacity + rounding_error(core) + aimed_at,
+        Mode::Iso if opacity > 0.0 => aimed_at,
+        _ => 0.0,
+    }
+}
+
+// Places and values in `f32`.
+
+/// Bound on the rounding of a position, in cells: `f32` over the 132 voxels of the largest brick.
+pub const POSITION_ERROR: f32 = 2e-5;
+/// Bound on the rounding of an interpolated value, in parts of it.
+pub const VALUE_ERROR: f32 = 5e-7;
+
+// One chord by antiderivatives: see `packets::integrate`, which derives the rule.
+
+/// Mean distance of a parabola from its mean, in parts of its bump: 0.2566, rounded up.
+pub const AVERAGE_OF_BUMP: f32 = 0.26;
+/// The same of a cubic's odd part, in parts of its coefficient: 1/32. The parabola's is rounded up by more than this is down.
+pub const AVERAGE_OF_CUBIC: f32 = 0.03;
+/// Greatest distance of a cubic's odd part, in parts of its coefficient: 0.0481, rounded up.
+pub const GREATEST_OF_CUBIC: f32 = 0.05;
+/// Coefficient of the squared depth in `R(tau) ~ 1 / (12 + 6 tau + 1.2 tau^2)`: with it, R is within 6 % of the exact rational
+/// of exponentials up to tau = 3.
+pub const ORDER_SQUARE: f32 = 1.2;
+/// Error by order, in parts of `opacity tau / (4 + tau)`, of colours that differ by 1 and may come in any order. The closed form
+/// of the most that order can do, `(1 - exp(-tau / 2))^2 / 2`, takes 0.77.
+pub const OUT_OF_ORDER: f32 = 0.84;
+/// The same of colours that turn evenly: R is off by 6 %.
+pub const ORDER_REST: f32 = 0.06;
+/// Share of a part by which light may be misplaced whose extinction is uneven. Tests of stated errors hold with it, on random
+/// chords (`stated_errors_are_errors` of both backends).
+pub const UNEVEN_MISPLACED: f32 = 0.6;
+/// Share by which light is misplaced since it falls off exponentially, not evenly: in parts of the squared depth, of thin parts.
+pub const FALL_MISPLACED: f32 = 0.03;
+/// Share of the squared depth by which that grows no more: in opaque parts it is `FALL_MISPLACED / FALL_END`, 0.3.
+pub const FALL_END: f32 = 0.1;
+
+// Refinement: cells cut into parts (006, "What 6,000 scenes showed").
+
+/// Most parts that a cell is cut into at once.
+pub const PARTS_LIMIT: f32 = 64.0;
+/// Most parts that are tried for one cell: few need more than a hundred. With 128, five of 1,000 scenes were off by 0.11 to
+/// 0.24 levels where 0.1 was asked for; with 512 and [`EXACT_FROM`] 8, by at most 0.04.
+pub const TRIES_LIMIT: f32 = 512.0;
+/// Shortest part, in cells.
+pub const LEAST_PART: f32 = 1.0 / 4096.0;
+/// Parts that are not halved any more: half of one, and what is left over behind it, would be one part again.
+pub const SHORTEST: f32 = 2.0 * LEAST_PART;
+/// Parts per square root of the error: what is left is then well below the tolerance. 1.0 made within 3 % as many parts.
+pub const PARTS_PER_ROOT: f32 = 1.4;
+/// Least share of a cell's tolerance that a part may use up, however short it is: few parts of a cell are so hard.
+pub const LEAST_SHARE: f32 = 1.0 / 4.0;
+/// Share of what is allowed, below which the next part is twice as long. Another one made within 3 % as many parts.
+pub const EASY: f32 = 1.0 / 8.0;
+/// Multiple of what is allowed, from which the next part is a quarter as long, not half.
+pub const HARD: f32 = 16.0;
+/// Error left after refinement, in tolerances, from which a cell is integrated exactly. What parts miss has either sign, and
+/// roots are no better where a normal turns over.
+pub const EXACT_FROM: f32 = 8.0;
+/// Share of a cell's tolerance that all but the light may use up, for the light alone to be made certain: parts of the cell
+/// would make the rest certain too. 0.6 left a seventh to a third fewer cells to refinement, in the same time.
+pub const REST_SHARE: f32 = 0.25;
+
+// Light: see `packets::shade`.
+
+/// Share of f's second difference that its mean may be off by where f may have a kink: 1/6 at the worst place.
+pub const KINK_SHARE: f32 = 0.25;
+/// The same where f is smooth: 1/50 and less, and the turn of the normal has an error of its own.
+pub const BEND_SHARE: f32 = 0.05;
+/// The same where the gradient nearly vanishes at one of the three places: nearly all of the turn may lie close to it. For a gradient
+/// that varies evenly down to a share r of its length, what is missed of `r / length` is a share of less than `1/6 - r`.
+pub const STEEP_SHARE: f32 = 1.0 / 6.0;
+/// Share of its length to which the gradient must fall for that.
+pub const STEEP_FALL: f32 = STEEP_SHARE - BEND_SHARE;
+/// Share of f's range that its mean may be off by, for a colour that varies by 1.
+pub const COLOR_SHARE: f32 = 0.15;
+/// Multiple of what is uneven, where nothing else is uncertain any more: then it is not outweighed by what is estimated too
+/// high.
+pub const UNEVEN_SHARE: f32 = 4.0;
+/// Share of colours' range that their mean may be off by where some are cut off at 1: see `packets::shade::cut_from_colors`.
+pub const CUT_SHARE: f32 = 0.25;
+/// Share of the diffuse light that its mean may be off by, for a normal that turns by one radian; falls with the square.
+pub const TURN_SHARE: f32 = 0.1;
+/// Share of the highlights that their mean may be off by, where the square of the turn is the shininess's inverse: that is
+/// how wide a highlight is. Falls with the fourth power.
+pub const HIGHLIGHT_SHARE: f32 = 0.006;
+/// What |n.h| may be between two places more than at either of them, over the distance of their normals.
+pub const HIGHLIGHT_REACH: f32 = 0.5;
+/// Share of the second difference of gradients by which the gradient may leave the line between two places: 1/8 of a quadratic's,
+/// twice as much since it is a cubic.
+pub const BOW_SHARE: f32 = 0.25;
+/// Shininess below which a highlight has a kink where the normal stands across its direction: it is `|n.h|` to this power.
+pub const KINKED_BELOW: f32 = 2.0;
+/// Share of the second difference of gradients by which the gradient leaves the line between two places in the middle: of a quadratic. What
+/// it may turn by there and back again, the three places do not see.
+pub const DEPARTURE_SHARE: f32 = 1.0 / 8.0;
+/// Greatest square of a turn: there and back.
+pub const GREATEST_TURN: f32 = 4.0;
+
+// Gauss pairs between roots: the cell caster, and shaders where the transfer function has steps.
+
+/// Change of opacity and colour that one Gauss pair may bridge; the error falls with the fourth power of their number.
+pub const PAIR_VARIATION: f32 = 0.006;
+/// E that the numbers of pairs are for: others take (this / E)^(1/4) times as many (026).
+pub const PAIR_ERROR: f64 = 0.5 / 255.0;
+/// More pairs per change: extinction is not linear in opacity, so that steep pieces need more than the fourth root says.
+pub const PAIRS_PER_VARIATION: f32 = 1.3;
+/// Product of that change and of the optical depth that one Gauss pair may bridge.
+pub const PAIR_VARIATION_DEPTH: f32 = 0.07;
+/// Change of the normal's direction, as a length, that one Gauss pair may bridge.
+pub const PAIR_NORMAL_CHANGE: f32 = 0.085;
+/// Product of that change and of the optical depth that one Gauss pair may bridge.
+pub const PAIR_NORMAL_DEPTH: f32 = 0.3;
+/// Least weight of the farther Gauss point, where the exponential underflows.
+pub const MIN_WEIGHT: f32 = 1e-20;
+/// Density of Gauss pairs where a cell is to be integrated as well as any error asks for: their error falls with the fourth
+/// power of it.
+pub const EXACT_DENSITY: f32 = 4.0;
+/// Turn of the normal, as a length, from which a part of a chord is halved: where the gradient passes by zero, the normal turns
+/// over in a small share of it.
+pub const PART_NORMAL_CHANGE: f32 = 1.0;
+
+// Tables of the transfer function on the GPU (017).
+
+/// Share of the greatest channel by which a channel may change within a bin; where one changes by more, roots find the step.
+pub const STEEPEST_BIN: f64 = 1.0 / 8.0;

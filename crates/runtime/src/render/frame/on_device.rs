@@ -1,0 +1,51 @@
+//! A picture that a device is to make, and one that it has made.
+#![cfg_attr(not(feature = "gpu"), allow(dead_code, reason = "builds without a device make no such picture"))]
+
+use std::time::Duration;
+
+use supervol_scene::image::Image;
+use supervol_scene::scene::ResolvedScene;
+
+#[cfg(feature = "gpu")]
+use crate::engines::gpu::engine::WhenToStop;
+use crate::engines::maps::Maps;
+use crate::engines::totals::ErrorsByReason;
+use crate::render::options::RenderOptions;
+use crate::render::stats::FrameStats;
+use crate::stop::Stop;
+use crate::stream::budget::HostPlan;
+
+/// What a picture is made from.
+pub(crate) struct GpuPicture<'a> {
+    pub(crate) scene: &'a ResolvedScene,
+    pub(crate) options: &'a RenderOptions,
+    pub(crate) plan: HostPlan,
+    pub(crate) stop: &'a Stop,
+    /// Whether rays stop where they are when it is time to ([`RenderError::Cancelled`]), to go on when the same picture is drawn
+    /// next; if not, it is completed from the bricks that are there.
+    pub(crate) is_paused_when_due: bool,
+    /// What pictures before it, for the same scene, have cost.
+    pub(crate) before: FrameStats,
+    /// The largest picture of the scene: rays along x and y, and whether it is asked what they may be off by.
+    pub(crate) room: ([u32; 2], bool),
+}
+
+/// A finished picture.
+pub(crate) struct GpuDrawn {
+    pub(crate) image: Image,
+    pub(crate) stats: FrameStats,
+    /// What else was asked for of its pixels.
+    pub(crate) maps: Maps,
+    /// What its rays may be off by at most, where that was asked for.
+    pub(crate) errors: ErrorsByReason,
+    /// Time that went into fetching bricks.
+    pub(crate) fetching: Duration,
+}
+
+#[cfg(feature = "gpu")]
+impl GpuPicture<'_> {
+    /// When its rays stop.
+    pub(super) fn stops(&self) -> WhenToStop {
+        WhenToStop { stop: self.stop.clone(), is_paused_when_due: self.is_paused_when_due }
+    }
+}
