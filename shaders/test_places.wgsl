@@ -1,5 +1,4 @@
-// For tests: position on a ray, its brick, the page that is drawn there, and gradients of a cell. Compared with Rust
-// twins.
+// For tests against Rust twins: position on a ray, its brick, the page drawn there, and gradients of a cell.
 
 struct PlaceCase {
     pixel: vec2<u32>,
