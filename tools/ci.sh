@@ -139,7 +139,7 @@ clippy() { cargo clippy --workspace --all-targets --locked -- -D warnings; }
 documents() { RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --locked; }
 
 # Type checks for other systems, those that the toolchain has. Nothing is linked, hence no C compiler for them is needed:
-# pkg-config names the machine's own zstd. Without default features, for FLIP is C++.
+# pkg-config names the machine's own zstd. All default features but FLIP, which is C++.
 portable() {
     local target targets=()
     for target in "${PORTABLE_TARGETS[@]}"; do
@@ -155,7 +155,7 @@ portable() {
     fi
     say "portable: ${targets[*]}"
     ZSTD_SYS_USE_PKG_CONFIG=1 PKG_CONFIG_ALLOW_CROSS=1 RUSTFLAGS="-D warnings" cargo check --locked --no-default-features \
-        -p supervol-cli -p supervol-viewer -p supervol-measure "${targets[@]}"
+        --features supervol-cli/gpu,supervol-measure/gpu -p supervol-cli -p supervol-viewer -p supervol-measure "${targets[@]}"
 }
 
 # Tests print what they skip and measure on standard error; --success-output shows it for those that pass, too. The whole output
