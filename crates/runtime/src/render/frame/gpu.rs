@@ -1,7 +1,7 @@
-//! The GPU ray caster in a frame: bricks go from the host cache to its slots.
+//! The GPU ray caster in a frame: copies bricks from the host cache to its slots.
 //!
-//! Its page table is its own memory of what bricks are: a brick that the host cache dropped may still be resident there,
-//! and one that is in the host cache may have to be copied again.
+//! The device's page table remembers bricks independently of the host cache. A brick that the host cache dropped may
+//! still be resident on the device, and a brick in the host cache may have to be copied again.
 
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -38,35 +38,35 @@ use crate::stream::field::FieldBrick;
 use crate::stream::residency::{BrickView, Resident};
 use crate::stream::streamer::{Fetched, HostView, OnMissing, Streamer};
 
-/// A device, and what it holds from picture to picture: bricks, tables, pipelines.
+/// A device, with the data that it keeps from picture to picture: bricks, tables, pipelines.
 pub(crate) struct GpuBackend {
     device: GpuDevice,
     caster: Option<GpuCaster>,
-    /// What its page table holds.
+    /// Answers that its page table holds.
     answers: Option<Answers>,
-    /// The picture whose rays stopped where they were.
+    /// The picture whose rays were paused.
     paused: Option<Paused>,
-    /// Pixels that nobody looks at any more: the next picture is written over them.
+    /// Pixels of a picture that is no longer needed: the next picture reuses their memory.
     spare: Vec<[f32; 4]>,
-    /// Bytes that it may hold where nobody says how many.
+    /// Bytes of device memory to use by default.
     default_memory: u64,
 }
 
-/// A picture that goes on: how it is made, and what of it is finished.
+/// A paused picture: its setting and its finished parts.
 struct Paused {
     scene: ResolvedScene,
     lod: LodChoice,
     bands: FinishedBands,
 }
 
-/// What decides which answers a page table holds.
+/// Key of the answers in a page table.
 #[derive(PartialEq)]
 struct Answers {
-    /// Those of the streamer, which are others for another look: [`Streamer::answers`].
+    /// Version of the streamer's answers, which changes with the look: [`Streamer::answers`].
     number: u64,
-    /// Which levels are fine enough.
+    /// The choice of levels.
     lod: LodChoice,
-    /// Whether it says what bricks may be off by.
+    /// Whether deviations of bricks are included.
     states_errors: bool,
 }
 
@@ -74,59 +74,60 @@ struct Answers {
 pub(crate) struct GpuDrawn {
     pub(crate) image: Image,
     pub(crate) stats: FrameStats,
-    /// What else was asked for of its pixels.
+    /// Further maps requested of its pixels.
     pub(crate) maps: Maps,
-    /// What its rays may be off by at most, where that was asked for.
+    /// Largest errors of its rays, if requested.
     pub(crate) errors: ErrorsByReason,
-    /// Time that went into fetching bricks.
+    /// Time spent fetching bricks.
     pub(crate) fetching: Duration,
 }
 
-/// The ray caster in WGSL.
+/// The GPU ray caster in WGSL.
 struct GpuCaster {
     renderer: GpuRenderer,
     pyramid: Pyramid,
     counters: RayCounters,
     stop: Stop,
     is_paused_when_due: bool,
-    /// Rows whose rays have begun; those of a picture that goes on.
+    /// Rows whose rays have begun; those of a paused picture.
     rows: Range<u32>,
-    /// What the device had done before this picture.
+    /// Device counters before this picture.
     before: DeviceCounters,
-    /// What levels do to rays, where that is summed up; of the picture so far; of the pixels of the last band.
+    /// Deviations by levels, if they are summed up; then errors of the picture so far.
     deviations: Option<Arc<Deviations>>,
     errors: ErrorsByReason,
     error_pixels: Option<Image>,
-    /// Bricks that it was told have no voxels to draw, of this picture and those before it: the next camera asks for most of them again.
+    /// Bricks answered without voxels, for this picture and earlier ones: the next camera asks for most of them again.
     answered: BTreeSet<FieldBrick>,
 }
 
-/// Most bricks of which is remembered that they were asked for, with some 40 bytes each.
+/// Most bricks kept in `answered`, about 40 bytes each.
 const ANSWERED_LIMIT: usize = 1 << 15;
 
-/// What a picture is made from.
+/// Setting of a picture.
 pub(crate) struct GpuPicture<'a> {
     pub(crate) scene: &'a ResolvedScene,
     pub(crate) options: &'a RenderOptions,
     pub(crate) plan: HostPlan,
     pub(crate) stop: &'a Stop,
-    /// Whether rays stop where they are when it is time to ([`RenderError::Cancelled`]), to go on when the same picture is drawn
-    /// next; if not, it is completed from the bricks that are there.
+    /// Whether rays pause when the stop condition is due ([`RenderError::Cancelled`]). They continue when the same
+    /// picture is drawn next. If not, the picture is completed from resident bricks.
     pub(crate) is_paused_when_due: bool,
-    /// What pictures before it, for the same scene, have cost.
+    /// Statistics of earlier pictures of the same scene.
     pub(crate) before: FrameStats,
-    /// The largest picture of the scene: rays along x and y, and whether it is asked what they may be off by.
+    /// Size of the largest picture of the scene: rays along x and y, and whether errors are stated.
     pub(crate) room: ([u32; 2], bool),
 }
 
 impl GpuBackend {
-    /// Nothing is there yet.
+    /// A backend that holds nothing yet.
     pub(crate) fn new(device: GpuDevice) -> Self {
         let default_memory = device.default_memory();
         Self { device, caster: None, answers: None, paused: None, spare: Vec::new(), default_memory }
     }
 
-    /// Bytes that it may hold where nobody says how many: [`GpuDevice::default_memory`], or as much of it as there is room for.
+    /// Device memory to use by default, bytes: [`GpuDevice::default_memory`], or the part of it that could be
+    /// allocated.
     pub(crate) fn default_memory(&self) -> u64 {
         self.default_memory
     }
@@ -136,23 +137,23 @@ impl GpuBackend {
         &self.device
     }
 
-    /// Takes a picture that nobody looks at any more; its memory is used for the next one.
+    /// Takes the memory of a picture that is no longer needed, for the next one.
     pub(crate) fn take_back(&mut self, picture: Image) {
         self.spare = picture.pixels;
     }
 
-    /// A picture of large pixels as one of so many small ones.
+    /// Enlarges a picture: each pixel becomes `factor` x `factor` pixels.
     pub(crate) fn enlarged(&mut self, picture: Image, factor: u32, size: [u32; 2]) -> Image {
         picture.enlarged_over(std::mem::take(&mut self.spare), factor, size)
     }
 
-    /// Makes a picture from what the device holds, and what the streamer has and fetches. Should the device be lost, once more
-    /// on what `reopen` gives, which takes its place: its memory is filled again. The statistics tell of the loss, and what the
-    /// lost device had done is not in them.
+    /// Draws a picture from bricks on the device and bricks that the streamer has or fetches. If the device is lost, it
+    /// is replaced by the device that `reopen` returns, and the picture is drawn once more. The statistics report the
+    /// loss; counters of the lost device are not in them.
     ///
     /// # Errors
-    /// As [`crate::render::renderer::render`], and whatever the GPU cannot do; the loss itself where the second device cannot be opened,
-    /// or is lost, too.
+    /// As [`crate::render::renderer::render`], and errors of the GPU. The device loss itself, if the second device
+    /// cannot be opened or is lost too.
     pub(crate) fn draw(
         &mut self,
         streamer: &mut Streamer,
@@ -170,7 +171,7 @@ impl GpuBackend {
     }
 
     fn draw_once(&mut self, streamer: &mut Streamer, picture: &GpuPicture<'_>) -> Result<GpuDrawn, RenderError> {
-        // Where something goes wrong, nothing half done is kept.
+        // After an error no unfinished picture is kept.
         let (caster, paused) = (self.caster.take(), self.paused.take());
         let GpuPicture { scene, options, plan, stop, .. } = *picture;
         let lod = options.lod();
@@ -184,7 +185,7 @@ impl GpuBackend {
                 let keeps_answers = self.answers == answers;
                 self.answers = answers;
                 let [width, height] = scene.image_size;
-                // Pictures of larger pixels leave it for the next one as large as it is.
+                // A picture of larger pixels leaves the memory for the next full-size one.
                 let is_as_large = self.spare.len() == width as usize * height as usize;
                 let spare = FinishedBands::over(if is_as_large { std::mem::take(&mut self.spare) } else { Vec::new() });
                 (self.begin(caster, streamer, picture, keeps_answers)?, spare)
@@ -208,7 +209,7 @@ impl GpuBackend {
         }
     }
 
-    /// The caster of the picture before where there is room in it, else a new one.
+    /// The caster of the previous picture if its memory suffices, else a new one.
     fn begin(
         &mut self,
         caster: Option<GpuCaster>,
@@ -290,7 +291,8 @@ impl GpuBackend {
     }
 }
 
-/// What is made with so much memory; where the device has no room for it, with half of that, and so on down to [`SHARED_MEMORY`].
+/// Calls `make` with `memory` bytes. If the device has no room, tries half of that, and so on down to
+/// [`SHARED_MEMORY`].
 fn with_what_fits<T>(memory: &mut u64, make: impl Fn(u64) -> Result<T, GpuError>) -> Result<T, GpuError> {
     loop {
         match make(*memory) {
@@ -300,7 +302,7 @@ fn with_what_fits<T>(memory: &mut u64, make: impl Fn(u64) -> Result<T, GpuError>
     }
 }
 
-/// What the table of contents says of how far bricks may be off.
+/// Function that computes deviations of bricks from the table of contents.
 fn deviation_of(container: Arc<Container>, deviations: Arc<Deviations>) -> DeviationOf {
     Box::new(move |key| match container.entry(key) {
         Ok(entry) => deviations.of(key, &entry, may_have_holes(&container, key, &entry)),
@@ -308,10 +310,11 @@ fn deviation_of(container: Arc<Container>, deviations: Arc<Deviations>) -> Devia
     })
 }
 
-/// One picture on `device`, or on what `reopen` gives should that be lost, on the calling thread's pool.
+/// Draws one picture on `device`, on the calling thread's pool. If the device is lost, draws on the one that `reopen`
+/// returns.
 ///
 /// # Errors
-/// As any picture; the loss itself where the second device cannot be opened, or is lost, too.
+/// As any picture; the device loss itself, if the second device cannot be opened or is lost too.
 pub fn render_gpu_surviving(
     device: GpuDevice,
     reopen: &dyn Fn() -> Result<GpuDevice, GpuError>,
@@ -335,7 +338,7 @@ pub fn render_gpu_surviving(
     Ok((image, stats))
 }
 
-/// How bricks of this type are decoded: see [`crate::stream::residency::Voxels`].
+/// Storage of decoded bricks of this type: see [`crate::stream::residency::Voxels`].
 fn storage(voxel_type: VoxelType) -> VoxelStorage {
     match voxel_type.bytes() {
         1 => VoxelStorage::U8,
@@ -345,12 +348,12 @@ fn storage(voxel_type: VoxelType) -> VoxelStorage {
 }
 
 impl GpuCaster {
-    /// The same picture goes on, with more time.
+    /// The same picture, resumed with more time.
     fn resumed(self, picture: &GpuPicture<'_>) -> Self {
         Self { stop: picture.stop.clone(), is_paused_when_due: picture.is_paused_when_due, ..self }
     }
 
-    /// Copies bricks of the host cache to slots, as far as there are some for them.
+    /// Copies bricks of the host cache to slots, as many as there are slots for.
     fn insert(&mut self, view: &HostView<'_>, keys: impl IntoIterator<Item = BrickKey>) -> Result<(), RenderError> {
         let mut bricks = Vec::new();
         for key in keys {
@@ -364,7 +367,7 @@ impl GpuCaster {
         Ok(self.renderer.insert_all(&bricks)?)
     }
 
-    /// Says what a brick is that has no voxels to copy.
+    /// Answers a brick that has no voxels to copy.
     fn answer(&mut self, view: &HostView<'_>, key: BrickKey) {
         if matches!(view.lookup(key), Resident::TooCoarse) {
             self.renderer.set_state(key, PageEntry::TooCoarse);
@@ -386,7 +389,7 @@ impl GpuCaster {
         self.answer(view, key.brick);
     }
 
-    /// Nothing is waited for any more: what is not resident is drawn from its parent, and the coarsest brick is there.
+    /// Stops waiting: bricks that are not resident are drawn from their parents; makes the coarsest brick resident.
     fn stop_waiting(&mut self, view: &HostView<'_>) -> Result<(), RenderError> {
         let coarsest = self.pyramid.coarsest();
         let keys: Vec<BrickKey> = self.pyramid.keys_of(coarsest).collect();
@@ -407,7 +410,7 @@ impl GpuCaster {
 
 impl Engine for GpuCaster {
     fn room(&self) -> usize {
-        // One slot stays free for the coarsest brick, should the time run out.
+        // One slot stays free for the coarsest brick, in case the time runs out.
         self.renderer.slot_capacity().saturating_sub(1).max(1)
     }
 
@@ -432,7 +435,7 @@ impl Engine for GpuCaster {
         if is_late {
             self.stop_waiting(view)?;
         }
-        // Who completes a picture stops only when somebody says so.
+        // A pass that completes a picture stops only on a cancel request.
         let stop = if self.is_paused_when_due { self.stop.clone() } else { self.stop.instead_at(None) };
         let feedback = self.renderer.cast_pass_until(&stop)?;
         self.counters.add(&feedback.counters);
