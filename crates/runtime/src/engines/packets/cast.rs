@@ -4,7 +4,7 @@
 //! tile of 16 x 16 rays -> bricks, front to back -> packets of those that meet the brick -> cells -> pixels
 //! ```
 //!
-//! Protocol as in [`super`]: a tile keeps what its rays have gathered only while some of them wait.
+//! Protocol as in [`super`]: a tile keeps the gathered state of its rays only while some of them wait.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -46,50 +46,50 @@ use crate::lod::deviation::Deviation;
 use crate::stream::budget::{Bands, CasterBytes};
 use crate::stream::residency::{BrickView, DecodedBrick, Resident, Voxels};
 
-/// Most tiles that one task casts: tiles cost very different amounts, and threads that have none left take over tasks.
+/// Most tiles per task. Tiles differ much in cost, and idle threads take over tasks.
 const TASK_TILES: usize = 8;
 
-/// What is made of a brick, what it is made from, and what a thread still uses of what is no longer kept: so many times its
-/// bytes.
+/// Peak factor of data derived from a brick, times its bytes: the data, its source, and dropped data that a thread
+/// still uses.
 const MAKING: u64 = 4;
 
-/// What packets look up, the same for all rays of a frame.
+/// Look-up tables of packets, shared by all rays of a frame.
 #[derive(Debug)]
 pub struct PacketTables {
     pieces: TransferPieces,
-    /// The render value from which packets and their pieces count.
+    /// The render value that packets and their pieces subtract.
     pub(super) origin: f32,
     table: Table,
     pub(super) set: InstructionSet,
     precision: Precision,
-    /// What a pixel may be off by.
+    /// Requested error of a pixel, 1 is white.
     max_error: f64,
     view: View,
     pub(super) pixel_rays: PixelRays,
     pub(super) to_index: ToIndex,
-    /// Of bricks, in mode `dvr`.
+    /// Plans of bricks, in mode `dvr`.
     pub(super) plans: Arc<BrickPlans>,
     projector: Projector,
-    /// Of bricks, in mode `dvr`, where they are worth it.
+    /// Silhouettes of bricks, in mode `dvr`, where they pay.
     silhouettes: PerBrick<Option<Silhouette>>,
-    /// Of bricks, in all modes but `dvr`.
+    /// Summaries of bricks, in all modes but `dvr`.
     pub(super) summaries: BrickSummaries,
-    /// What bricks of coarser levels are off by, where errors are summed up.
+    /// Deviations of bricks of coarser levels, if errors are summed up.
     pub(super) of_levels: PerBrick<Deviation>,
-    /// Whether it is noted what each ray costs.
+    /// Whether the work of each ray is counted.
     counts_work: bool,
 }
 
-/// Part of what is kept of bricks, as a divisor, that is for what coarser levels do.
+/// Divisor of the memory for data derived from bricks: the share of deviations.
 const LEVELS_SHARE: u64 = 8;
-/// The same for where they lie in the picture.
+/// Divisor of the same memory: the share of silhouettes.
 const SILHOUETTES_SHARE: u64 = 4;
 /// Roundings of colour and of optical depth in a cell.
 const ROUNDINGS: f64 = 4.0;
 /// Half the distance of 1 from the next `f32`.
 const HALF_EPSILON: f64 = 0.5 * f32::EPSILON as f64;
 
-/// Lanes up to which look-ups in registers are not compiled: arrays have none.
+/// Most lanes for which look-ups in registers are not compiled: plain arrays have none.
 const FEW_LANES: usize = 4;
 
 /// The pieces in the smallest table that holds them.
@@ -108,7 +108,7 @@ impl Table {
     }
 }
 
-/// A task that looks up the transfer function of a frame.
+/// Runs a task with the transfer-function table of a frame.
 struct WithTable<'a, T> {
     tables: &'a PacketTables,
     task: T,
@@ -159,7 +159,7 @@ impl PacketTables {
             view,
             pixel_rays: frame.camera.rays(),
             to_index: ToIndex::new(&frame.geometry),
-            // A frame has one mode: only one of the two is filled.
+            // A frame has one mode, so only one of the two is filled.
             plans: BrickPlans::new(plans, frame, (source, rule), for_bricks),
             projector: Projector::new(&frame.camera, &frame.geometry),
             silhouettes: PerBrick::new(for_silhouettes),
@@ -169,7 +169,7 @@ impl PacketTables {
         }
     }
 
-    /// The instructions that packets are cast with.
+    /// The instruction set of the packets.
     pub fn instructions(&self) -> InstructionSet {
         self.set
     }
@@ -179,12 +179,12 @@ impl PacketTables {
         self.precision.sums_errors
     }
 
-    /// Whether it is noted what each ray costs.
+    /// Whether the work of each ray is counted.
     pub fn counts_work(&self) -> bool {
         self.counts_work
     }
 
-    /// What is left out behind the end of a ray that ends early, 1 being white: never more.
+    /// Bound on the light left out behind the end of a ray that ends early, 1 is white.
     pub fn end_error(&self) -> f64 {
         f64::from(self.precision.last_transmittance)
     }
@@ -201,11 +201,11 @@ impl PacketTables {
 
     /// See [`own_error`].
     pub fn own_error(&self, frame: &CpuFrame, opacity: f64) -> f64 {
-        // Of surfaces no more is known than that they aim at this, as in mode `iso`.
+        // For surfaces, as in mode `iso`, it is only known that they aim at the requested error.
         own_error(frame.mode, opacity, (self.max_error, frame.inner.is_some()), frame.pyramid.layout().core())
     }
 
-    /// How many cells of a brick to integrate together, where rays go along this direction.
+    /// Number of cells of a brick to integrate together, for rays along this direction.
     pub(super) fn choose_span(
         &self,
         frame: &CpuFrame,
@@ -216,7 +216,7 @@ impl PacketTables {
         self.dispatch(ChooseSpan { brick: &brick, precision: self.precision, direction })
     }
 
-    /// A brick of values as the pieces count them: see [`packet_brick`].
+    /// A brick with values relative to the pieces' origin: see [`packet_brick`].
     fn packet_brick<'a>(
         &self,
         frame: &CpuFrame,
@@ -247,28 +247,29 @@ impl PacketTables {
         dispatch(self.set, WithTable { tables: self, task })
     }
 
-    /// Which way rays may go in a brick.
+    /// Directions that rays may have in a brick, along each axis.
     pub(super) fn ahead(&self, frame: &CpuFrame, key: BrickKey) -> [Ahead; 3] {
         ways_through(&frame.pyramid, key, self.view)
     }
 }
 
-/// Share of the largest error that one cell may be off by: errors have either sign, and few cells of a ray are near it.
+/// Share of the requested error for one cell: errors have both signs, and few cells of a ray are near it.
 const CELL_SHARE: f64 = 0.28;
-/// Greatest error of which that is the share. Of greater ones, fewer cells are cut into parts whose error falls far below it, and more
-/// cells of a ray are near it.
+/// Greatest error for which the share holds. For greater errors, fewer cells are cut into parts far below the limit,
+/// and more cells of a ray are near it.
 const FULL_SHARE_UP_TO: f64 = 0.5 / 255.0;
-/// Power of the error with which the share falls beyond.
+/// Power of the error with which the share falls above that.
 const FALL_OF_SHARE: f64 = 1.0 / 6.0;
-/// Share of the largest error that extinction, in parts of itself, may be off by.
+/// Share of the requested error for the fit of extinction, relative to the extinction.
 pub(crate) const FIT_SHARE: f64 = 0.25;
-/// Share of the largest error that is left out behind the point where a ray ends.
+/// Share of the requested error for light left out behind the end of a ray.
 pub(crate) const END_SHARE: f64 = 0.15;
 
-/// Share of the largest error that a cell's light may be, and not be shaded.
+/// Share of the requested error: cells with less light are not shaded.
 pub(crate) const LEAST_SHADED_SHARE: f64 = 5e-4;
 
-/// The middle of the transfer function's window where that lies far from zero for its width: `f32` then resolves it.
+/// The middle of the transfer function's window, if it lies far from zero compared with its width: `f32` then resolves
+/// it.
 fn origin_of(source: &TransferFunction, shift: f64) -> f32 {
     let points = source.points();
     let (first, last) = (points[0].value - shift, points[points.len() - 1].value - shift);
@@ -277,21 +278,23 @@ fn origin_of(source: &TransferFunction, shift: f64) -> f32 {
     if is_far { middle as f32 } else { 0.0 }
 }
 
-/// What `f32` does to a ray that has gathered something, 1 being white: sums over the cells of a brick whose core has so many voxels along an edge.
+/// Error from `f32` of a ray that has gathered light, 1 is white: sums over the cells of a brick with `core` voxels
+/// along an edge.
 pub(crate) fn rounding_error(core: usize) -> f64 {
     // A ray leaves a cell through a plane of voxels.
     let cells_per_brick = 3 * core + 1;
     ROUNDINGS * cells_per_brick as f64 * HALF_EPSILON
 }
 
-/// What the fit of the transfer function's pieces may do to a ray where a pixel may be off by this: extinction and emission are each off by at
-/// most this share of the extinction, and no ray gathers more than one whole.
+/// Error of a ray from the fit of the transfer function's pieces, for this requested error. Extinction and emission are
+/// each off by at most [`FIT_SHARE`] of it, relative to the extinction, and a ray gathers at most one whole.
 pub(crate) fn fit_error(max_error: f64) -> f64 {
     2.0 * FIT_SHARE * max_error
 }
 
-/// What is not of any single cell: what a ray of this opacity may be off by in mode `dvr`, and in mode `iso` what is aimed at. There, and where
-/// something else `only_aims` at the error that is asked for, no more is known than that; `core`: see [`rounding_error`].
+/// Error not caused by single cells: that of a ray of this opacity in mode `dvr`, and the requested error in mode
+/// `iso`. With `only_aims`, other parts of the picture also only aim at the requested error. `core`: see
+/// [`rounding_error`].
 pub(crate) fn own_error(mode: Mode, opacity: f64, (max_error, only_aims): (f64, bool), core: usize) -> f64 {
     let aimed_at = if only_aims || mode == Mode::Iso { max_error } else { 0.0 };
     match mode {
@@ -301,7 +304,7 @@ pub(crate) fn own_error(mode: Mode, opacity: f64, (max_error, only_aims): (f64, 
     }
 }
 
-/// What one cell may be off by where a pixel may be off by this.
+/// Largest error of one cell, for this requested error of a pixel.
 pub(crate) fn cell_error(max_error: f64) -> f64 {
     CELL_SHARE * max_error * (FULL_SHARE_UP_TO / max_error).min(1.0).powf(FALL_OF_SHARE)
 }
@@ -316,7 +319,7 @@ fn precision_of(max_error: f64, has_steps: bool, sums_errors: bool) -> Precision
     }
 }
 
-/// What packets hold in host memory beside their tables; `core`: voxels along an edge of a full brick's core.
+/// Host memory of packets beside their tables; `core`: voxels along an edge of a full brick's core.
 #[must_use]
 pub fn bytes_held(core: usize, rule: PacketRule) -> CasterBytes {
     let made = (BrickPlan::most_bytes(core) + Silhouette::most_bytes(core)).max(BrickSummary::most_bytes(core));
@@ -330,11 +333,11 @@ pub fn bytes_held(core: usize, rule: PacketRule) -> CasterBytes {
         bands: Bands::Allowed,
         tile_side: TILE_SIDE,
         tile: (size_of::<Tile>() + gathered + size_of::<BlockFeedback>()) as u64,
-        // A tile that goes on to wait is there twice for a moment.
+        // A waiting tile that continues exists twice for a moment.
         thread: (size_of::<TileRays>() + PartsAhead::MOST_BYTES + size_of::<Queues>() + gathered) as u64
             + MAKING * made_of_brick,
         made_of_brick,
-        // Each map, and a copy to hand out.
+        // Each map, and a copy for the caller.
         of_pixel: (u64::from(rule.sums_errors) + u64::from(rule.counts_work)) * 2 * size_of::<[f32; 4]>() as u64,
     }
 }
@@ -345,8 +348,8 @@ pub fn tiles_of(frame: &CpuFrame) -> [u32; 2] {
     [frame.camera.width.div_ceil(TILE_SIDE), (frame.rows.len() as u32).div_ceil(TILE_SIDE)]
 }
 
-/// Casts every unfinished ray as far as resident bricks allow. The first tile comes some way even when it is time to stop: else passes
-/// that begin late would neither cast a ray nor ask for a brick.
+/// Casts every unfinished ray as far as resident bricks allow. The first tile makes progress even after the deadline:
+/// otherwise late passes would neither cast a ray nor ask for a brick.
 pub(super) fn cast_tiles(
     view: &dyn BrickView,
     frame: &CpuFrame,
@@ -391,7 +394,7 @@ pub(super) fn cast_tiles(
     pass.collect()
 }
 
-/// Sets the rays of a tile on their way; those without a way are counted as finished.
+/// Creates the rays of a tile; rays that miss the volume count as finished.
 fn begin_tile(
     (frame, tables): (&CpuFrame, &PacketTables),
     corner: [u32; 2],
@@ -460,7 +463,7 @@ fn end_tile((frame, tables): (&CpuFrame, &PacketTables), rays: &TileRays) -> Til
     Tile::Finished(Box::new(FinishedTile { pixels, terminated_early, errors, work }))
 }
 
-/// A tile through all bricks.
+/// Casts a tile through all bricks.
 pub(super) struct CastTile<'a> {
     pub(super) view: &'a dyn BrickView,
     pub(super) frame: &'a CpuFrame,
@@ -473,8 +476,8 @@ pub(super) struct CastTile<'a> {
 }
 
 impl CastTile<'_> {
-    /// As far as the bricks that are there allow. When it is time to stop, rays wait for whatever brick they come to next: what they
-    /// have gathered stands, and after one brick at least.
+    /// Casts as far as resident bricks allow. When the stop condition is due, and at least one brick is done, rays wait
+    /// for the next brick they meet. Their gathered light stays.
     fn run(mut self) {
         let mut has_come_some_way = false;
         let pyramid = &self.frame.pyramid;
@@ -508,7 +511,7 @@ impl CastTile<'_> {
     }
 }
 
-/// Where rays go on after a brick.
+/// The next step of rays after a brick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Visit {
     Done,
@@ -516,7 +519,7 @@ enum Visit {
 }
 
 impl CastTile<'_> {
-    /// The rays that meet a brick go through it, or wait for it.
+    /// Casts the rays that meet a brick through it, or lets them wait for it.
     fn visit(&mut self, wanted: BrickKey) -> Visit {
         let counters = &mut self.feedback.counters;
         let hits = self.rays.hits().len() as u64;
@@ -551,7 +554,7 @@ impl CastTile<'_> {
         Visit::Done
     }
 
-    /// The rays that meet a brick gather what there is of it.
+    /// Casts the rays that meet a brick through its resident data.
     pub(super) fn go_through(&mut self, key: BrickKey, resident: Resident<'_>) {
         let is_dvr = self.frame.mode == Mode::Dvr;
         match &self.frame.inner {
@@ -561,7 +564,7 @@ impl CastTile<'_> {
         }
     }
 
-    /// Rays gather light in what there is of a brick.
+    /// Gathers light in the resident data of a brick.
     pub(super) fn cast_resident(&mut self, key: BrickKey, resident: Resident<'_>) {
         match resident {
             Resident::Brick(brick) => self.cast_brick(key, brick),
@@ -570,7 +573,7 @@ impl CastTile<'_> {
         }
     }
 
-    /// Rays gather values, or meet surfaces, in what there is of a brick.
+    /// Gathers values, or meets surfaces, in the resident data of a brick.
     pub(super) fn gather_resident(&mut self, key: BrickKey, resident: Resident<'_>) {
         match resident {
             Resident::Brick(brick) => self.gather_brick(key, brick),
@@ -580,7 +583,7 @@ impl CastTile<'_> {
         }
     }
 
-    /// All rays see one value all the way.
+    /// Casts all rays through a uniform value.
     fn cast_uniform(&mut self, value: f32) {
         let pieces = &self.tables.pieces;
         let value = value - self.tables.origin;
@@ -604,7 +607,7 @@ impl CastTile<'_> {
         self.feedback.counters.cells += self.rays.hits().len() as u64;
     }
 
-    /// Leaves out the rays that miss all that shows of a brick: each has leapt over it.
+    /// Removes the rays that miss all visible parts of a brick: each has leapt over it.
     fn leave_out_unseen(&mut self, key: BrickKey, cloud: &ProximityCloud<BLOCK>, grid: &BrickGrid) {
         let (frame, tables) = (self.frame, self.tables);
         let projector = &tables.projector;
@@ -626,7 +629,7 @@ impl CastTile<'_> {
             return;
         }
         let (packet_brick, grid) = tables.packet_brick(frame, key, brick);
-        // Between surfaces rays go piece by piece: what they meet would be looked up for each.
+        // Between surfaces rays advance piece by piece; the look-up would be repeated for each.
         if plan.leaps && frame.inner.is_none() {
             self.leave_out_unseen(key, &plan.cloud, &grid);
             if self.rays.hits().is_empty() {
@@ -645,7 +648,7 @@ impl CastTile<'_> {
     }
 }
 
-/// A ray of a tile whose first pixel is `corner`, on its way through the present brick, as the scalar caster takes it.
+/// Casts a ray of a tile, whose first pixel is `corner`, through the current brick with the scalar caster.
 pub(super) fn cast_ray(
     frame: &CpuFrame,
     tables: &PacketTables,
@@ -664,10 +667,10 @@ pub(super) fn cast_ray(
     CastRay { axis_ray: AxisRay::new(&rays.index_ray(ray)), to_eye, segment: Segment { t0, t1 }, pixel: [0; 2] }
 }
 
-/// A brick as packets read it, stored numbers as they are, without a cloud and unshaded; and its grid.
+/// A brick in the form that packets read, with stored numbers, without a cloud and unshaded; and its grid.
 ///
 /// # Panics
-/// If the brick's size is not what the pyramid says.
+/// If the brick's size does not match the pyramid.
 pub(super) fn packet_brick<'a>(
     frame: &CpuFrame,
     key: BrickKey,
@@ -700,7 +703,7 @@ pub(super) fn packet_brick<'a>(
     (packet_brick, grid)
 }
 
-/// Which rays of a tile meet a region.
+/// Finds the rays of a tile that meet a region.
 struct Enter<'a> {
     rays: &'a mut TileRays,
     region: &'a IndexBox,
@@ -715,7 +718,7 @@ impl Task for Enter<'_> {
     }
 }
 
-/// The rays of a tile that meet a brick, packet by packet.
+/// Casts the rays of a tile that meet a brick, packet by packet.
 struct CastBrick<'a> {
     packet_brick: PacketBrick<'a>,
     host: TileHost<'a>,
@@ -733,17 +736,17 @@ impl ClassifyTask for CastBrick<'_> {
     }
 }
 
-/// The rays of a tile that meet a brick.
+/// Host of the rays of a tile that meet a brick.
 struct TileHost<'a> {
     frame: &'a CpuFrame,
     tables: &'a PacketTables,
     key: BrickKey,
     brick: &'a DecodedBrick,
     grid: BrickGrid,
-    /// First pixel of the tile, counted in the frame's rows.
+    /// First pixel of the tile, in the frame's rows.
     corner: [u32; 2],
     rays: &'a mut TileRays,
-    /// The next hit that is lent.
+    /// The next hit to lend.
     next: usize,
 }
 

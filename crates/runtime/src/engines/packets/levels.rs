@@ -1,5 +1,5 @@
-//! How far the rays of a tile may be off because bricks are drawn from coarser levels, or their voxels have been moved: summed up brick by brick as they are
-//! cast, by the bounds of [`crate::lod::deviation`].
+//! Errors of a tile's rays from coarser levels and moved voxels: summed up brick by brick during the cast, with the
+//! bounds of [`crate::lod::deviation`].
 
 use std::sync::Arc;
 
@@ -12,31 +12,31 @@ use crate::engines::packets::cast::{CastTile, PacketTables};
 use crate::lod::deviation::{Deviation, Deviations, FinishedRay, RayDeviation};
 use crate::stream::residency::Resident;
 
-/// What coarser levels may do to the rays of a tile.
+/// Deviation of a tile's rays.
 #[derive(Debug, Clone)]
 pub struct LevelErrors {
     rays: [RayDeviation; TILE_RAYS],
-    /// Whether a voxel may be there in one level and not in the other.
+    /// Whether a voxel may be present in one level and absent in the other.
     presence_may_change: bool,
 }
 
-/// What the rays of a finished tile may be off by; 1 is white.
+/// Errors of the rays of a finished tile; 1 is white.
 #[derive(Debug, Clone)]
 pub struct TileErrors {
-    /// Each ray, for all reasons.
+    /// Error of each ray, for all reasons.
     pub of_rays: [f32; TILE_RAYS],
     /// The greatest of them for each reason.
     pub greatest: ErrorsByReason,
 }
 
-/// What rays may be off by at most, reason by reason; 1 is white.
+/// Largest errors of rays, by reason; 1 is white.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ErrorsByReason {
     /// Integration of cells.
     pub cells: f64,
     /// Coarser levels.
     pub levels: f64,
-    /// Whether a voxel may be there in one level and not in the other.
+    /// Whether a voxel may be present in one level and absent in the other.
     pub presence_may_change: bool,
 }
 
@@ -52,21 +52,21 @@ impl ErrorsByReason {
     }
 }
 
-/// The rays of a tile in front of a brick that may be off.
+/// The rays of a tile in front of a brick with a deviation.
 pub(super) struct Crossing {
     deviation: Deviation,
     is_drawn: bool,
-    /// Of each ray: its number, how far it goes through the brick, and its transmittance, or its value.
+    /// For each ray: its number, its length through the brick, and its transmittance or value.
     rays: Vec<(usize, f64, f64)>,
 }
 
 impl LevelErrors {
-    /// Nothing is off.
+    /// No deviation.
     pub const NONE: Self = Self { rays: [RayDeviation::NONE; TILE_RAYS], presence_may_change: false };
 }
 
 impl CastTile<'_> {
-    /// The rays in front of a brick, where it may be off.
+    /// The rays in front of a brick, if it has a deviation.
     pub(super) fn crossing(&self, key: BrickKey, resident: Resident<'_>) -> Option<Crossing> {
         let deviations = self.frame.deviations.as_ref()?;
         let is_unknown = matches!(resident, Resident::UseParent);
@@ -77,7 +77,7 @@ impl CastTile<'_> {
         if deviation.is_none() {
             return None;
         }
-        // What surfaces let through says nothing of those that are elsewhere.
+        // The transmittance of drawn surfaces says nothing about surfaces that are elsewhere.
         let has_surface = self.frame.mode == Mode::Iso || deviation.is_unbounded();
         let is_drawn = matches!(resident, Resident::Brick(_) | Resident::Uniform(_)) && !has_surface;
         let gathered = &self.rays.gathered;
@@ -100,7 +100,7 @@ impl CastTile<'_> {
         )
     }
 
-    /// Those rays have left the brick.
+    /// Adds the brick's deviation to the rays that have left it.
     pub(super) fn note_levels(&mut self, crossing: &Crossing) {
         let shift = self.frame.map.shift;
         let gathered = &mut self.rays.gathered;
@@ -126,7 +126,7 @@ pub(super) fn has_transmittance(mode: Mode) -> bool {
     matches!(mode, Mode::Dvr | Mode::Iso | Mode::Slice)
 }
 
-/// What the rays of a finished tile may be off by, where that was summed up; `pixels` are theirs.
+/// Errors of the rays of a finished tile, if they were summed up; `pixels` are theirs.
 pub(super) fn errors_of(
     frame: &CpuFrame,
     tables: &PacketTables,

@@ -1,20 +1,20 @@
 //! Frames and passes on the CPU, and the caster that takes rays in packets.
 //!
 //! Trilinear cells are integrated, not steps (docs/ARCHITECTURE.md, "How a ray is integrated"), in passes:
-//! 1. [`CpuFrame::begin`] makes the rays: tiles for packets, one [`RayState`] per ray where they are cast one by one.
-//! 2. [`cast_pass`] takes every unfinished ray as far as resident bricks allow. A ray that needs a brick that is not
-//!    resident keeps its place and the brick's key; the pass returns all such keys.
+//! 1. [`CpuFrame::begin`] makes the rays: tiles for packets, one [`RayState`] per ray for the scalar caster.
+//! 2. [`cast_pass`] casts every unfinished ray as far as resident bricks allow. A ray that needs a missing brick stores
+//!    its position and the brick's key; the pass returns all such keys.
 //! 3. The caller makes some of them resident and casts the next pass, until no ray waits.
 //! 4. [`CpuFrame::image`] makes the picture of the rays, at any time.
 //!
-//! The picture depends neither on the number of threads, nor on which bricks came when, nor on skipping: to the last bit. On
-//! the size of bricks it depends where packets cast, by less than shows (docs/decisions/006-packets.md).
+//! The picture does not depend on the number of threads, on the order in which bricks arrive, or on skipping, bit for
+//! bit. With packets it depends on the size of bricks, by an invisible amount (docs/decisions/006-packets.md).
 //!
 //! Packets, in the order of the data: `tile` (rays) and `order` (bricks), `packets` (their passes), `plans`, `blocks`
-//! and `leap` (what shows nothing), `walk` (`trace`: for who checks it), `fetch`;
-//! then in `dvr` `packet`, `lookup` and `integrate` (one cell), `shade`, `queue` and `refine` (cells that are not settled by
-//! that), and in the other modes `value_tiles` (bricks), `values` (`mip`, `minip`, `mean`), `surfaces` (`iso`). What packets are
-//! compared with goes ray by ray through [`scalar`].
+//! and `leap` (invisible parts), `walk` (`trace`: for tests of it), `fetch`. Then in `dvr` `packet`, `lookup` and
+//! `integrate` (one cell), `shade`, `queue` and `refine` (cells that need more). In the other modes `value_tiles`
+//! (bricks), `values` (`mip`, `minip`, `mean`), `surfaces` (`iso`). [`scalar`], ray by ray, is the caster that packets
+//! are compared with.
 
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 mod begin;
@@ -93,14 +93,14 @@ pub use plans::{BrickPlans, Made};
 pub use quality::{Caster, CpuQuality, MAX_ERROR_LIMITS, PacketRule};
 use simd::InstructionSet;
 
-/// A ray ends when its opacity reaches this; what lies behind can change no channel by more than 0.08/255, and no mean of
-/// channels by a tenth of a grey level.
+/// Opacity at which a ray ends. Light behind it can change no channel by more than 0.08/255, and no mean of channels by
+/// a tenth of a grey level.
 pub const TERMINATION_OPACITY: f64 = 0.9997;
 
-/// Rays that one task casts; neighbours, so that they visit the same bricks.
+/// Rays per task: neighbours, which visit the same bricks.
 const BLOCK_RAYS: usize = 256;
 
-/// Whether macro cells that cannot change the picture are skipped. The picture is the same to the last bit.
+/// Whether macro cells that cannot change the picture are skipped. The picture is the same, bit for bit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Skipping {
     /// They are skipped.
@@ -121,55 +121,56 @@ pub struct IsoSurface {
     pub alpha: f32,
 }
 
-/// Everything about a picture that is the same for all its rays.
+/// Data that is the same for all rays of a picture.
 #[derive(Debug, Clone)]
 pub struct CpuFrame {
-    /// The field that is drawn: what is kept of its bricks is not another's.
+    /// The field that is drawn: part of the key of data derived from bricks.
     pub(crate) field: Field,
     pub(crate) pyramid: Pyramid,
     pub(crate) geometry: Geometry,
     pub(crate) camera: Camera,
     subgrid: u32,
-    /// Rows of rays that are cast; the whole picture unless [`CpuFrame::band`] says otherwise.
+    /// Rows of rays that are cast: the whole picture, or a band ([`CpuFrame::band`]).
     rows: Range<u32>,
     clip: Clip,
     pub(crate) mode: Mode,
     pub(crate) transfer_function: RenderTransferFunction,
     pub(crate) lighting: Option<Lighting>,
     pub(crate) iso: Vec<IsoSurface>,
-    /// In mode `dvr` with surfaces: the frame of these, in mode `iso`, which lists all crossings and adds none.
+    /// In mode `dvr` with surfaces: a frame in mode `iso` for the surfaces, which lists all crossings and composites
+    /// none.
     pub(crate) inner: Option<Arc<CpuFrame>>,
-    /// Whether crossings are listed, all of them, and not composited.
+    /// Whether all crossings are listed instead of composited.
     pub(crate) lists_crossings: bool,
     pub(crate) map: ValueMap,
     pub(crate) lod: LodRule,
     /// The level at which the search for a brick begins.
     pub(crate) first_lod: Lod,
     pub(crate) skipping: Skipping,
-    /// What rays do where something may show.
+    /// The integrator used where something may be visible.
     pub(crate) integrator: Arc<dyn Integrator>,
     /// Opacity at which a ray ends in mode `dvr`.
     termination_opacity: f64,
-    /// What packets look up; `None` where rays are cast one by one.
+    /// Tables of packets; `None` if rays are cast one by one.
     packets: Option<Arc<PacketTables>>,
-    /// What coarser levels do, where errors are summed up.
+    /// Deviations of coarser levels, if errors are summed up.
     deviations: Option<Arc<Deviations>>,
-    /// When packets stop where they are.
+    /// Condition at which packets pause.
     stop: Stop,
-    /// Rays that packets have finished, where somebody counts them.
+    /// Counter of rays that packets have finished.
     finished: Option<Arc<AtomicU64>>,
 }
 
 /// One ray between passes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RayState {
-    /// Where the ray goes on, world length; always at a brick's entry.
+    /// World length at which the ray continues; always at a brick's entry.
     pub t: f64,
-    /// Where its segment ends.
+    /// World length at which its segment ends.
     pub t_end: f64,
     /// Premultiplied colour gathered so far (`dvr`, `iso`).
     pub color: [f64; 3],
-    /// Share of light from behind that still gets through, from 1 to 0.
+    /// Share of light from behind that still passes, from 1 to 0.
     pub transmittance: f64,
     /// `mip`, `minip`: the extreme so far; `mean`: the integral so far; NaN before the first present value.
     pub value: f64,
@@ -177,16 +178,16 @@ pub struct RayState {
     pub length: f64,
     /// `iso`: sides and hits.
     pub iso: IsoSides,
-    /// Where it has met surfaces, in order, of frames that list them; with `t` as the begin of the present cell.
+    /// In frames that list surfaces: its crossings in order, with `t` as the begin of the current cell.
     pub crossings: Vec<SurfaceCrossing>,
     /// The brick that the ray waits for.
     pub waiting: Option<BrickKey>,
-    /// Nothing is left to do.
+    /// Whether nothing is left to do.
     pub finished: bool,
 }
 
 impl RayState {
-    /// A ray before its first pass; finished where there is no segment.
+    /// A ray before its first pass; finished if there is no segment.
     #[must_use]
     pub fn new(segment: Option<Segment>) -> Self {
         Self {
@@ -204,7 +205,7 @@ impl RayState {
     }
 }
 
-/// Where a ray meets a surface, and what that looks like.
+/// A crossing of a ray and a surface, with its appearance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SurfaceCrossing {
     /// World length along the ray.
@@ -215,7 +216,7 @@ pub struct SurfaceCrossing {
     pub alpha: f32,
 }
 
-/// Which side of each iso value the ray is on, one bit per surface.
+/// The ray's side of each iso value, one bit per surface.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct IsoSides {
     /// The side is known: the ray comes out of a present cell.
@@ -227,8 +228,8 @@ pub struct IsoSides {
 }
 
 impl IsoSides {
-    /// Notes that the ray passes values from `low` to `high`, or none where these are empty; false, and nothing is noted,
-    /// where it meets one of the surfaces' values there that it has not met yet, or has jumped across one.
+    /// Notes that the ray passes values from `low` to `high`, or none if these are empty. Returns false, and notes
+    /// nothing, if it meets a surface's value that it has not met yet, or has jumped across one.
     #[inline]
     pub(crate) fn pass(&mut self, [low, high]: [f32; 2], surfaces: impl Iterator<Item = f32>) -> bool {
         if low > high {
@@ -266,7 +267,7 @@ impl Default for Rays {
 }
 
 impl Rays {
-    /// The rays one by one, row by row from the top, where they are cast one by one; else none.
+    /// The rays, row by row from the top, of the scalar caster; empty for packets.
     #[must_use]
     pub fn states(&self) -> &[RayState] {
         match self {
@@ -301,7 +302,7 @@ impl Rays {
         }
     }
 
-    /// What rays in packets may be off by at most, where that is summed up.
+    /// Largest errors of rays in packets, if they are summed up.
     #[must_use]
     pub fn errors(&self) -> ErrorsByReason {
         let Self::Tiles(tiles) = self else { return ErrorsByReason::default() };
@@ -330,7 +331,7 @@ pub struct Miss {
     pub nearest: f64,
 }
 
-/// What a pass tells its caller.
+/// Result of a pass.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct PassFeedback {
     /// Bricks that rays wait for, nearest first.
@@ -339,7 +340,7 @@ pub struct PassFeedback {
     pub uses: Vec<BrickKey>,
     /// Sums over the pass.
     pub counters: RayCounters,
-    /// Whether it ended before some tile was finished, or waits, because it was time to stop.
+    /// Whether it was stopped before each tile was finished or waits.
     pub is_stopped: bool,
 }
 
@@ -352,7 +353,7 @@ impl PassFeedback {
 }
 
 impl CpuFrame {
-    /// The frame of a scene over one container: its levels, its place in the world, its values.
+    /// The frame of a scene for one container: levels, geometry and values.
     ///
     /// `value_range` is that of the whole volume, data units.
     ///
@@ -381,7 +382,7 @@ impl CpuFrame {
             rows: 0..scene.camera.height,
             clip: scene.clip.clone(),
             mode: scene.mode,
-            // Surfaces are met apart from what is gathered around them.
+            // Surfaces are met separately from the light gathered around them.
             transfer_function: RenderTransferFunction::new(&scene.transfer_function.without_surfaces(), map.shift),
             lighting: scene.shading.as_ref().map(|s| Lighting::new(s, geometry, value_range.width())),
             iso: scene
@@ -422,19 +423,19 @@ impl CpuFrame {
         frame
     }
 
-    /// Where packets sum up errors, what these coarser levels do counts, too.
+    /// Adds the deviation of coarser levels to the errors that packets sum up.
     #[must_use]
     pub fn with_deviations(self, deviations: Deviations) -> Self {
         let sums_errors = self.packets.as_ref().is_some_and(|tables| tables.sums_errors());
         Self { deviations: sums_errors.then(|| Arc::new(deviations)), ..self }
     }
 
-    /// Packets stop when this is due: rays wait where they are, and go on from there in the next pass.
+    /// Sets the condition at which packets pause: rays wait, and continue in the next pass.
     pub(crate) fn set_stop(&mut self, stop: Stop) {
         self.stop = stop;
     }
 
-    /// Packets count the rays that they finish here.
+    /// Sets the counter of rays that packets finish.
     #[must_use]
     pub fn counting(self, finished: Option<Arc<AtomicU64>>) -> Self {
         Self { finished, ..self }
@@ -451,14 +452,14 @@ impl CpuFrame {
         self.stop.is_due()
     }
 
-    /// What packets have found out of bricks, for a frame of another camera; `None` where they cast none in mode `dvr`.
+    /// Plans of bricks, for a frame of another camera; `None` unless packets cast in mode `dvr`.
     #[must_use]
     pub fn plans(&self) -> Option<Arc<BrickPlans>> {
         let tables = self.packets.as_ref().filter(|_| self.mode == Mode::Dvr)?;
         Some(tables.plans.clone())
     }
 
-    /// The same frame for some rows of pixels only, numbered from the top: its picture is that band of the picture.
+    /// The same frame for a band of pixel rows, numbered from the top.
     ///
     /// # Panics
     /// If the picture has no such rows.
@@ -480,13 +481,13 @@ impl CpuFrame {
         Rays::Scalar(self.begin_scalar())
     }
 
-    /// The instructions that packets are cast with; `None` where rays are cast one by one.
+    /// The instruction set of packets; `None` if rays are cast one by one.
     #[must_use]
     pub fn instructions(&self) -> Option<InstructionSet> {
         self.packets.as_ref().map(|tables| tables.instructions())
     }
 
-    /// What a picture may be off by whose rays are off by so much: where packets sum that up, in mode `dvr`.
+    /// Errors of a picture whose rays have these errors, if packets sum them up, in mode `dvr`.
     #[must_use]
     pub fn errors(&self, rays: ErrorsByReason) -> Option<EngineErrors> {
         let tables = self.packets.as_ref().filter(|tables| self.mode == Mode::Dvr && tables.sums_errors())?;
@@ -523,8 +524,8 @@ impl CpuFrame {
         Image { width: self.camera.width, height: self.rows.len() as u32, pixels }.downsampled(self.subgrid)
     }
 
-    /// What each pixel of finished tiles may be off by, grey, 1 being white, sub-grid averaged: NaN elsewhere; `None` where
-    /// that is not summed up.
+    /// Error of each pixel of finished tiles, grey, 1 is white, sub-grid averaged: NaN elsewhere; `None` if errors are
+    /// not summed up.
     #[must_use]
     pub fn error_pixels(&self, rays: &Rays) -> Option<Image> {
         self.deviations.as_ref()?;
@@ -534,8 +535,8 @@ impl CpuFrame {
         Some(image.downsampled(self.subgrid))
     }
 
-    /// What the rays of each pixel of finished tiles cost, sub-grid averaged: cells, leaps, 0, 1; NaN elsewhere; `None` where that is
-    /// not counted.
+    /// Work of each pixel's rays in finished tiles, sub-grid averaged: cells, leaps, 0, 1; NaN elsewhere; `None` if
+    /// work is not counted.
     #[must_use]
     pub fn work_pixels(&self, rays: &Rays) -> Option<Image> {
         let Rays::Tiles(tiles) = rays else { return None };
@@ -545,7 +546,7 @@ impl CpuFrame {
         Some(image.downsampled(self.subgrid))
     }
 
-    /// The picture of what the rays have gathered, sub-grid averaged.
+    /// The picture of the light gathered by the rays, sub-grid averaged.
     ///
     /// # Panics
     /// If the states are not this frame's.
@@ -599,8 +600,8 @@ impl CpuFrame {
         }
     }
 
-    /// Column and row, from the top left of the whole picture, of the frame's `ray`th ray; of rays, not of pixels of a
-    /// supersampled picture.
+    /// Column and row of the frame's ray number `ray`, from the top left of the whole picture. In rays, not in pixels
+    /// of a supersampled picture.
     #[inline]
     pub(crate) fn pixel_of(&self, ray: usize) -> [u32; 2] {
         let width = self.camera.width as usize;
@@ -618,7 +619,7 @@ impl CpuFrame {
     }
 }
 
-/// What one block of rays reports.
+/// Result of one block of rays.
 #[derive(Default)]
 pub(crate) struct BlockFeedback {
     pub(crate) misses: BTreeMap<BrickKey, (u64, f64)>,
@@ -630,7 +631,7 @@ pub(crate) struct BlockFeedback {
 /// Casts every unfinished ray as far as resident bricks allow.
 ///
 /// # Panics
-/// If the states are not this frame's, or a brick's size is not what the pyramid says.
+/// If the states are not this frame's, or a brick's size does not match the pyramid.
 pub fn cast_pass<V: BrickView + ?Sized>(view: &V, frame: &CpuFrame, rays: &mut Rays) -> PassFeedback {
     match (rays, &frame.packets) {
         (Rays::Tiles(tiles), Some(tables)) => merge(cast_tiles(&Viewed(view), frame, tables, tiles)),
@@ -643,7 +644,7 @@ pub fn cast_pass<V: BrickView + ?Sized>(view: &V, frame: &CpuFrame, rays: &mut R
     }
 }
 
-/// A view of any kind as one that can be named: the packet caster is compiled once.
+/// Wraps a view of any kind in one nameable type: the packet caster is compiled once.
 struct Viewed<'a, V: ?Sized>(&'a V);
 
 impl<V: BrickView + ?Sized> BrickView for Viewed<'_, V> {
@@ -660,8 +661,7 @@ impl<V: BrickView + ?Sized> BrickView for Viewed<'_, V> {
     }
 }
 
-/// Casts the unfinished ones of a block of rays, of which the first is the frame's `first`th: here rays are dealt out to
-/// the caster that the frame wants.
+/// Casts the unfinished rays of a block with the frame's caster; its first ray is number `first` of the frame.
 fn cast_block<V: BrickView + ?Sized>(
     view: &V,
     frame: &CpuFrame,
