@@ -1,8 +1,8 @@
-//! Rays in several parts: what solids leave of them (see [`supervol_scene::clip::clip_parts`]).
+//! Rays in several parts: solids cut them (see [`supervol_scene::clip::clip_parts`]).
 //!
-//! A tile goes through the first part of all its rays, then through the second one of those that have two, and so on. What a ray
-//! has gathered stays with it, so that its parts are composited, compared or averaged as one whole; packets and bricks know
-//! nothing of it (docs/decisions/022-solids-and-picking.md). Rays that wait for bricks are waited for in each part.
+//! A tile casts the first part of all its rays, then the second part of those that have two, and so on. Gathered values
+//! stay with a ray, so its parts are composited, compared or averaged as one whole. Packets and bricks do not know of
+//! parts (docs/decisions/022-solids-and-picking.md). In each part, rays may wait for bricks.
 
 use supervol_scene::camera::Ray;
 use supervol_scene::clip::{IndexRay, Segment};
@@ -12,31 +12,32 @@ use super::CpuFrame;
 use super::tile::{Gathered, TILE_RAYS, TILE_SIDE, TileRays, place_of};
 use crate::engines::packets::cast::PacketTables;
 
-/// Most parts of a ray that are found at once: a mesh is searched anew only behind them.
+/// Most parts of a ray that are found at once: a mesh is searched again only behind them.
 const AHEAD_LIMIT: usize = 8;
 
-/// The next parts of each ray of a tile, which is in one after the other: solids are cut with once for several of them.
+/// The next parts of each ray of a tile. All rays are in the same part number. Solids are intersected once for several
+/// parts.
 #[derive(Debug, Clone, Default)]
 pub(super) struct PartsAhead {
-    /// None before a solid is cut with.
+    /// Empty until a solid is intersected.
     rays: Vec<KnownParts>,
 }
 
-/// Parts of a ray that have been found.
+/// Known parts of a ray.
 #[derive(Debug, Clone, Default)]
 struct KnownParts {
     /// Number of the first of them.
     first: usize,
     parts: Vec<Segment>,
-    /// Whether there are none behind these.
+    /// Whether there are no parts behind these.
     is_all: bool,
 }
 
 impl PartsAhead {
-    /// Most bytes that it holds beside itself.
+    /// Most bytes that it holds on the heap.
     pub(super) const MOST_BYTES: usize = TILE_RAYS * (size_of::<KnownParts>() + AHEAD_LIMIT * size_of::<Segment>());
 
-    /// Forgets the rays, not the room for them.
+    /// Forgets the rays, and keeps the memory.
     pub(super) fn clear(&mut self) {
         for known in &mut self.rays {
             known.parts.clear();
@@ -44,7 +45,7 @@ impl PartsAhead {
         }
     }
 
-    /// One of the parts of a ray of the tile that solids may cut: the first is number 0.
+    /// A part of a ray of the tile that solids may cut; the first is number 0.
     pub(super) fn part(
         &mut self,
         frame: &CpuFrame,
@@ -63,7 +64,7 @@ impl PartsAhead {
     }
 }
 
-/// Sets the rays of a tile on their way through the next part; false where some still wait in this one, or none has another.
+/// Starts the rays of a tile on their next part. Returns false if some still wait in this part, or none has another.
 pub(super) fn begin_next_part(
     (frame, tables): (&CpuFrame, &PacketTables),
     corner: [u32; 2],
@@ -72,7 +73,7 @@ pub(super) fn begin_next_part(
     if rays.gathered.waiting.iter().any(Option::is_some) {
         return false;
     }
-    // Rays that left the volume are still on their way there.
+    // Rays that left the volume are still marked as going.
     rays.take_off();
     rays.gathered.part += 1;
     for ray in (0..TILE_RAYS).filter(|&ray| is_in_picture(frame, corner, ray)) {
@@ -80,7 +81,7 @@ pub(super) fn begin_next_part(
             continue;
         }
         if let Some((index_ray, segment)) = part_of_ray((frame, tables), corner, rays, ray) {
-            // What lies in front of a gap has no side behind it.
+            // The side in front of a gap is not the side behind it.
             rays.gathered.iso[ray].known = 0;
             rays.set(ray, &index_ray, segment);
         }
@@ -88,7 +89,7 @@ pub(super) fn begin_next_part(
     rays.going() > 0
 }
 
-/// A ray of the tile, and the part of it that the tile is in, if it has that.
+/// A ray of the tile, and its part with the tile's current number, if it has one.
 pub(super) fn part_of_ray(
     (frame, tables): (&CpuFrame, &PacketTables),
     corner: [u32; 2],
@@ -102,13 +103,13 @@ pub(super) fn part_of_ray(
     Some((index_ray, segment))
 }
 
-/// Whether a ray of a tile, whose first pixel is counted in the frame's rows, lies in the picture.
+/// Whether a ray of a tile lies in the picture; `corner` is the tile's first pixel in the frame's rows.
 pub(super) fn is_in_picture(frame: &CpuFrame, corner: [u32; 2], ray: usize) -> bool {
     let size = [frame.camera.width, frame.rows.len() as u32];
     (0..2).all(|a| corner[a] + place_of(ray)[a] < size[a])
 }
 
-/// Whether nothing behind what a ray has gathered can be seen.
+/// Whether nothing behind a ray's gathered values is visible.
 pub(super) fn has_ended((frame, tables): (&CpuFrame, &PacketTables), gathered: &Gathered, ray: usize) -> bool {
     match frame.mode {
         Mode::Dvr => gathered.transmittance[ray] <= tables.end_error(),
@@ -116,7 +117,7 @@ pub(super) fn has_ended((frame, tables): (&CpuFrame, &PacketTables), gathered: &
     }
 }
 
-/// Rays of a tile that lie in the picture.
+/// Number of rays of a tile that lie in the picture.
 pub(super) fn rays_in_picture(frame: &CpuFrame, corner: [u32; 2]) -> u64 {
     let size = [frame.camera.width, frame.rows.len() as u32];
     let [columns, rows] = [0, 1].map(|a| TILE_SIDE.min(size[a].saturating_sub(corner[a])));

@@ -1,4 +1,4 @@
-//! Who casts the rays of a frame, how finely, and what that holds in memory.
+//! Choice of the caster of a frame, its accuracy, and its memory.
 
 use std::sync::Arc;
 
@@ -13,32 +13,31 @@ use crate::engines::packets::cast;
 use crate::lod::LodChoice;
 use crate::stream::budget::{Bands, CasterBytes, MADE_LIMIT};
 
-/// Who casts the rays of a frame, and how finely.
+/// The CPU caster of a frame, with its accuracy.
 ///
-/// Every caster walks the same bricks and macro cells, skips the same ones, reads through the same streamer and cache,
-/// and ends at the same scene: only what happens inside a visible macro cell differs.
+/// All casters walk the same bricks and macro cells, skip the same ones, read through the same streamer and cache, and
+/// end in the same picture. They differ only within a visible macro cell.
 #[derive(Debug, Clone)]
 pub enum Caster {
-    /// Cell by cell, in packets of rays: what users get (docs/decisions/001-cells-not-steps.md, 006-packets.md).
+    /// Cell by cell, in packets of rays: the default (docs/decisions/001-cells-not-steps.md, 006-packets.md).
     Packets(PacketRule),
-    /// Cell by cell, ray by ray, in `f64`: what packets are compared with.
+    /// Cell by cell, ray by ray, in `f64`: packets are compared with it.
     Cells(CellRule),
-    /// By something else that is plugged into the scalar caster, for comparison; mode `dvr` only: all others go cell by
-    /// cell.
+    /// A custom integrator in the scalar caster, for comparison. Mode `dvr` only; all other modes go cell by cell.
     Custom(Arc<dyn Integration>),
 }
 
 impl Caster {
-    /// What users get.
+    /// The default caster.
     pub const DEFAULT: Self = Self::Packets(PacketRule::DEFAULT);
 
-    /// Whether this is what users get, with whatever instructions and error.
+    /// Whether this is the default caster, with any instruction set and error.
     #[must_use]
     pub fn is_default(&self) -> bool {
         matches!(self, Self::Packets(_))
     }
 
-    /// The same caster, aimed at this error if it can be aimed: the largest of any channel of any pixel, 1 being white.
+    /// The same caster with this requested error, if it has one: the largest of any channel of any pixel, 1 is white.
     #[must_use]
     pub fn with_max_error(self, max_error: f64) -> Self {
         match self {
@@ -47,7 +46,7 @@ impl Caster {
         }
     }
 
-    /// The same caster, which sums up what its rays may be off by if it can.
+    /// The same caster; sums up the errors of its rays if it can.
     #[must_use]
     pub fn summing_errors(self) -> Self {
         match self {
@@ -56,7 +55,7 @@ impl Caster {
         }
     }
 
-    /// The same caster, which counts what each of its rays costs if it can.
+    /// The same caster; counts the work of each ray if it can.
     #[must_use]
     pub fn counting_work(self) -> Self {
         match self {
@@ -75,7 +74,7 @@ impl Caster {
         }
     }
 
-    /// What it holds in host memory beside its tables; `core`: voxels along an edge of a full brick's core.
+    /// Host memory of the caster beside its tables; `core`: voxels along an edge of a full brick's core.
     #[must_use]
     pub fn bytes(&self, core: usize) -> CasterBytes {
         match self {
@@ -106,19 +105,19 @@ impl Default for Caster {
     }
 }
 
-/// Least and greatest error that packets are aimed at: below, `f32` ends; above, nothing is gained.
+/// Least and greatest error that packets can aim at. Below, `f32` is not precise enough; above, nothing is gained.
 pub const MAX_ERROR_LIMITS: [f64; 2] = [0.05 / 255.0, 16.0 / 255.0];
 
-/// How finely packets integrate.
+/// Accuracy of packets.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PacketRule {
-    /// Largest error of any channel of any pixel that is aimed at, 1 being white; brought to [`MAX_ERROR_LIMITS`].
+    /// Requested error of any channel of any pixel, 1 is white; clamped to [`MAX_ERROR_LIMITS`].
     pub max_error: f64,
-    /// Instructions to use; `None`: the best that the processor has.
+    /// Instruction set to use; `None`: the best of the processor.
     pub instructions: Option<InstructionSet>,
-    /// Whether what cells and levels may do is summed up along rays, for a prediction: 1 to 2 % of the time.
+    /// Whether errors of cells and levels are summed up along rays, for a prediction: 1 to 2 % of the time.
     pub sums_errors: bool,
-    /// Whether it is counted what each ray costs ([`super::work`]): several times the time.
+    /// Whether the work of each ray is counted ([`super::work`]): several times the time.
     pub counts_work: bool,
 }
 
@@ -134,18 +133,18 @@ impl Default for PacketRule {
     }
 }
 
-/// How much work a frame may save, and how.
+/// Levels, skipping and caster of a frame, with memory and plans.
 #[derive(Debug, Clone)]
 pub struct CpuQuality {
-    /// Which level bricks are taken from.
+    /// Choice of the level of bricks.
     pub lod: LodChoice,
     /// Whether macro cells are skipped.
     pub skipping: Skipping,
-    /// Who casts the rays.
+    /// The caster of the rays.
     pub caster: Caster,
-    /// Most bytes of what is made once of each brick, and kept: with less it is made more often.
+    /// Most bytes of data derived from bricks and kept: with less, it is made more often.
     pub made_bytes: u64,
-    /// What packets of another frame found out of the same volume's bricks: taken over where it is still true.
+    /// Plans of another frame for the same volume's bricks: used where they are still valid.
     pub plans: Option<Arc<BrickPlans>>,
 }
 

@@ -1,8 +1,8 @@
-//! Tiles of rays in the modes that gather values (`mip`, `minip`, `mean`) and in `iso`: what a brick does to them.
+//! Tiles of rays in the modes that gather values (`mip`, `minip`, `mean`) and in `iso`: the effect of a brick on them.
 //!
-//! Rays keep what they have in render values and `f64`; in a brick, packets count in *numbers*: stored numbers less a centre,
-//! and with the other sign where the least is sought, or where greater numbers are lesser values. Whole numbers have the
-//! render values that the scalar caster gives them.
+//! Rays keep render values in `f64`. Within a brick, packets use *numbers*: stored numbers minus a centre. Their sign
+//! is changed if the least value is sought, or if greater numbers are lesser values. Integer numbers have the same
+//! render values as in the scalar caster.
 
 use supervol_format::BrickKey;
 use supervol_format::brick::{APRON, MACRO_CELL};
@@ -22,23 +22,23 @@ use crate::engines::cells::{LevelVisit, gather_exact_cell};
 use crate::engines::packets::cast::{CastTile, PacketTables, cast_ray, packet_brick};
 use crate::stream::residency::DecodedBrick;
 
-/// Greatest whole number that a brick can store.
+/// Greatest integer that a brick can store.
 const GREATEST_STORED: i64 = u16::MAX as i64;
 
-/// What is known of the bricks of a frame in these modes.
+/// Summaries of the bricks of a frame in these modes.
 pub type BrickSummaries = PerBrick<BrickSummary>;
 
-/// What packets want to know of a brick beside its voxels; all in its numbers.
+/// Data about a brick for packets, beside its voxels; all in its numbers.
 #[derive(Debug)]
 pub struct BrickSummary {
     numbers: Numbers,
     /// Ranges of macro cells.
     ranges: MacroRanges,
-    /// Of the whole brick; the first is greater where nothing is present.
+    /// Range of the whole brick; the first is greater if nothing is present.
     range: [f32; 2],
-    /// What can be leapt over, whatever a ray has; `None` where that cannot be said, or nothing is.
+    /// Cloud for leaping, valid for any state of a ray; `None` if there is none, or nothing to leap over.
     cloud: Option<ProximityCloud<MACRO_CELL>>,
-    /// Iso values: numbers not below are above the surface.
+    /// Iso values as numbers: numbers not below are above the surface.
     thresholds: Vec<f32>,
 }
 
@@ -79,21 +79,21 @@ impl BrickSummary {
         (size_of::<Self>() + 2 * size_of_val(&self.ranges.low[..]) + size_of_val(&self.thresholds[..])) as u64 + cloud
     }
 
-    /// Bytes held for a brick with so many core voxels along each axis.
+    /// Bytes held for a brick with `core` core voxels along each axis.
     pub fn most_bytes(core: usize) -> u64 {
         let ranges = core.div_ceil(MACRO_CELL).pow(3) * size_of::<[f32; 2]>();
         (size_of::<Self>() + ranges + ISO_LIMIT * size_of::<f32>()) as u64
             + ProximityCloud::<MACRO_CELL>::most_bytes(core)
     }
 
-    /// What [`Mean`] multiplies numbers with: a power of two that brings the largest to about 1.
+    /// Factor of numbers in [`Mean`]: a power of two that brings the largest to about 1.
     fn mean_scale(&self) -> f32 {
         let largest = self.range[0].abs().max(self.range[1].abs());
         // The exponent's bits alone; neither it nor its inverse is infinite.
         1.0 / f32::from_bits(largest.clamp(1e-30, 1e30).to_bits() & 0x7f80_0000)
     }
 
-    /// The numbers between which a ray can go on; see [`Host::bounds`].
+    /// The numbers between which a ray meets no surface; see [`Host::bounds`].
     fn bounds(&self, sides: IsoSides) -> [f32; 2] {
         let mut bounds = [f32::NEG_INFINITY, f32::INFINITY];
         for (i, &threshold) in self.thresholds.iter().enumerate().filter(|(i, _)| sides.hit >> i & 1 == 0) {
@@ -110,14 +110,14 @@ impl BrickSummary {
     }
 }
 
-/// How numbers of a brick and render values go together.
+/// Relation between the numbers of a brick and render values.
 #[derive(Debug, Clone, Copy)]
 struct Numbers {
     stored: Stored,
     map: ValueMap,
-    /// What is taken off stored numbers; whole where they are.
+    /// Subtracted from stored numbers; an integer if they are.
     centre: f32,
-    /// Whether numbers have the other sign.
+    /// Whether the sign is changed.
     is_turned: bool,
 }
 
@@ -132,9 +132,9 @@ impl Numbers {
             .fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], range| [low.min(range[0]), high.max(range[1])]);
         let middle = 0.5 * low + 0.5 * high;
         let centre = match (frame.mode, stored) {
-            // The middle: then the integral over one value is 0, and its mean exact.
+            // The middle: the integral over a uniform value is then 0, and its mean exact.
             (Mode::Mean, Stored::F32) if low <= high => {
-                // Whole values are counted as integers are: the same picture, however they are stored.
+                // Integer values are centred as integer types are: the same picture for any storage.
                 let whole = (middle + 0.5).floor();
                 if low <= whole && whole <= high { whole } else { middle }
             }
@@ -163,13 +163,13 @@ impl Numbers {
         self.turned(stored - f64::from(self.centre))
     }
 
-    /// The number of voxels with this render value; `None` where there is none, or more than one.
+    /// The number of voxels with this render value; `None` if there is none, or more than one.
     fn of_voxel(&self, value: f32) -> Option<f32> {
         if self.stored == Stored::F32 {
             return Some(self.quotient(f64::from(value)) as f32);
         }
         let quotient = (f64::from(value) - f64::from(self.map.offset)) / f64::from(self.map.scale);
-        // `as` rounds down what is not negative, and needs no call.
+        // `as` rounds down numbers that are not negative, without a call.
         let nearest = f64::from((quotient + 0.5) as u32);
         let has_value = |number: f64| self.map.from_stored_number(number as f32) == value;
         let is_the_one = has_value(nearest) && !has_value(nearest - 1.0) && !has_value(nearest + 1.0);
@@ -186,13 +186,13 @@ impl Numbers {
         if self.stored == Stored::F32 {
             return [least as f32, greatest as f32];
         }
-        // Whole numbers that may have these values as far as `f32` tells.
+        // Integers that may have these values within the precision of `f32`.
         let size = f64::from(low.abs().max(high.abs())) + f64::from(self.map.offset).abs();
         let rounding = 4.0 * f64::from(f32::EPSILON) * size / f64::from(self.map.scale).abs();
         [(least - rounding).ceil() as f32, (greatest + rounding).floor() as f32]
     }
 
-    /// A number that is not greater than a render value's.
+    /// A number that is at most that of a render value.
     fn not_above(&self, value: f64) -> f32 {
         // `as` rounds to the nearest `f32`.
         let exact = self.of_voxel(value as f32).filter(|_| f64::from(value as f32) == value);
@@ -209,8 +209,8 @@ impl Numbers {
         }
     }
 
-    /// The number of an iso value, where numbers grow with values. Voxels with that number or a greater one, and no others,
-    /// have a render value that is not below.
+    /// The number of an iso value, if numbers grow with values. Voxels with at least that number, and no others, have a
+    /// render value that is not below.
     fn threshold(&self, value: f32) -> f32 {
         let quotient = self.quotient(f64::from(value));
         if self.stored == Stored::F32 {
@@ -223,7 +223,7 @@ impl Numbers {
             if is_above(middle) { high = middle } else { low = middle + 1 }
         }
         let first_above = (low as f64 - self.turned(f64::from(self.centre))) as f32;
-        // Between the last whole number below and the first above: at the surface itself, where `f32` can say so.
+        // Between the last integer below and the first above: at the surface itself, if `f32` can represent it.
         if quotient.is_finite() {
             (quotient as f32).clamp((first_above - 1.0).next_up(), first_above)
         } else {
@@ -233,7 +233,7 @@ impl Numbers {
 }
 
 impl CastTile<'_> {
-    /// All rays go through a brick.
+    /// Casts all rays through a brick.
     pub(super) fn gather_brick(&mut self, key: BrickKey, brick: &DecodedBrick) {
         let (frame, tables) = (self.frame, self.tables);
         let (packet_brick, grid) = packet_brick(frame, key, brick);
@@ -250,8 +250,8 @@ impl CastTile<'_> {
         self.feedback.counters.add(&work);
     }
 
-    /// Whether a brick may change what the rays have that meet it; leaves out rays for which it cannot, and notes on which
-    /// sides they come out.
+    /// Whether a brick may change the rays that meet it. Removes rays that it cannot change, and records the sides on
+    /// which they come out.
     fn may_change(&mut self, summary: &BrickSummary) -> bool {
         let cloud = summary.cloud.as_ref();
         match self.frame.mode {
@@ -270,7 +270,7 @@ impl CastTile<'_> {
         }
     }
 
-    /// All rays see one value all the way.
+    /// Casts all rays through a uniform value.
     pub(super) fn gather_uniform(&mut self, key: BrickKey, value: f32) {
         let iso = || self.frame.iso.iter().map(|surface| surface.value);
         for i in 0..self.rays.hits().len() {
@@ -293,7 +293,7 @@ impl CastTile<'_> {
         }
     }
 
-    /// All rays pass nothing.
+    /// Casts all rays through nothing.
     pub(super) fn gather_nothing(&mut self) {
         for i in 0..self.rays.hits().len() {
             let ray = usize::from(self.rays.hits()[i]);
@@ -302,7 +302,7 @@ impl CastTile<'_> {
     }
 }
 
-/// The rays of a tile that meet a brick, packet by packet.
+/// Casts the rays of a tile that meet a brick, packet by packet.
 struct GatherBrick<'a> {
     packet_brick: PacketBrick<'a>,
     host: TileHost<'a>,
@@ -341,7 +341,7 @@ impl Task for GatherBrick<'_> {
     }
 }
 
-/// The rays of a tile that meet a brick.
+/// Host of the rays of a tile that meet a brick.
 struct TileHost<'a> {
     frame: &'a CpuFrame,
     tables: &'a PacketTables,
@@ -352,12 +352,12 @@ struct TileHost<'a> {
     /// The tile's first pixel.
     corner: [u32; 2],
     rays: &'a mut TileRays,
-    /// The next hit that is lent.
+    /// The next hit to lend.
     next: usize,
 }
 
 impl TileHost<'_> {
-    /// Adds the mean's part of a ray.
+    /// Adds to a ray its part of the mean.
     fn add_integral(&mut self, ray: usize, [integral, present, absent]: [f32; 3], length: f64) {
         if present == 0.0 {
             return;
@@ -450,7 +450,7 @@ mod tests {
         Numbers { stored, map, centre, is_turned }
     }
 
-    /// Numbers of voxels, with their render values, for every map, turn and centre.
+    /// Numbers of voxels, with their render values, for every map, sign and centre.
     fn for_all(check: impl Fn(&Numbers, &[(f32, f32)])) {
         for scaling in SCALINGS {
             for (is_turned, centre) in [(false, 0.0), (true, 0.0), (false, 77.0), (true, 130.0)] {
@@ -492,7 +492,7 @@ mod tests {
     #[test]
     fn thresholds_part_voxels_as_values_do() {
         for_all(|numbers, voxels| {
-            // Numbers grow with values where descending maps are turned.
+            // Numbers grow with values if descending maps change the sign.
             if numbers.is_turned != (numbers.map.scale < 0.0) {
                 return;
             }
