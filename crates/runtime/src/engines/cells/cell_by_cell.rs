@@ -12,10 +12,10 @@ use super::walk::GridWalk;
 use crate::engines::packets::{RayCounters, RayState, TERMINATION_OPACITY};
 use crate::stream::residency::{DecodedBrick, Voxels};
 
-/// Density of Gauss pairs where a cell is to be integrated as well as any error asks for: their error falls with the fourth power of it.
+/// Density of Gauss pairs for the exact integration of a cell: the error falls with the fourth power of the density.
 const EXACT_DENSITY: f32 = 4.0;
 
-/// How finely cells are integrated.
+/// Accuracy of the integration of cells.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CellRule {
     /// Gauss pairs between two splits of a chord.
@@ -25,7 +25,7 @@ pub struct CellRule {
 }
 
 impl CellRule {
-    /// What users get.
+    /// The default.
     pub const DEFAULT: Self =
         Self { pairs: Pairs::Adaptive { density: 1.0 }, termination_opacity: TERMINATION_OPACITY };
 }
@@ -39,9 +39,9 @@ impl Default for CellRule {
 /// Number of Gauss pairs between two splits of a chord.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Pairs {
-    /// As many as the transfer function's variation and the shading want, times `density`.
+    /// As many as the transfer function's variation and the shading require, times `density`.
     Adaptive {
-        /// 1 is what users get.
+        /// 1 is the default.
         density: f32,
     },
     /// Always this many.
@@ -87,8 +87,8 @@ impl Integrator for CellByCell {
     }
 }
 
-/// Colour and transmittance of the part of a ray in one trilinear cell of a brick, whose first corner lies `base` voxels
-/// from the brick's first; `t` is the ray's way through the brick.
+/// Colour and transmittance of the part of a ray in one trilinear cell of a brick. The cell's first corner lies `base`
+/// voxels from the brick's first; `t` is the ray's interval in the brick.
 pub(crate) fn exact_cell(
     level: LevelVisit<'_>,
     brick: &DecodedBrick,
@@ -102,7 +102,7 @@ pub(crate) fn exact_cell(
     [r, g, b, state.transmittance].map(|v| v as f32)
 }
 
-/// Gathers over the part of a ray that [`exact_cell`] is about; leaves its begin in `state.t`.
+/// Gathers over the part of a ray in the cell of [`exact_cell`]; leaves its begin in `state.t`.
 pub(crate) fn gather_exact_cell(
     level: LevelVisit<'_>,
     brick: &DecodedBrick,
@@ -198,13 +198,13 @@ impl CellByCell {
     }
 }
 
-/// Whether what a chord holds shows however short it is.
+/// Whether the content of a chord counts however short it is.
 fn counts_by_value(mode: Mode) -> bool {
     matches!(mode, Mode::Mip | Mode::Minip | Mode::Mean)
 }
 
 fn meets_surface(level: &LevelVisit<'_>, cell: &Cell, state: &RayState) -> bool {
-    // Also where a surface was jumped on the face before this cell.
+    // Also if a surface was jumped on the face before this cell.
     level.frame.iso.iter().enumerate().any(|(i, surface)| {
         let jumped = (state.iso.above >> i & 1 == 1) != (cell.low >= surface.value);
         (cell.low <= surface.value && surface.value <= cell.high) || jumped

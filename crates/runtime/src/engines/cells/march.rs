@@ -8,7 +8,7 @@ use super::walk::{AxisRay, CellBox, GridWalk, Planes};
 use crate::engines::packets::{BlockFeedback, CpuFrame, RayCounters, RayState};
 use crate::stream::residency::{BrickView, Resident};
 
-/// Casts one ray by the frame's integrator until it is finished or waits; `pixel` counts rays, not pixels of a
+/// Casts one ray with the frame's integrator until it is finished or waits. `pixel` counts rays, not pixels of a
 /// supersampled picture.
 ///
 /// # Panics
@@ -25,12 +25,12 @@ pub(crate) fn cast_ray<V: BrickView + ?Sized>(
     let axis_ray = AxisRay::new(&index_ray);
     let to_eye = -ray.direction.as_vec3();
     state.waiting = None;
-    // The part that the ray is in, and those behind it.
+    // The current part of the ray, and those behind it.
     let present = state.t_end;
     for segment in frame.parts_of(&ray, &index_ray).into_iter().filter(|part| part.t1 >= present) {
         if segment.t1 > state.t_end {
             (state.t, state.t_end) = (segment.t0, segment.t1);
-            // What lies in front of a gap has no side behind it.
+            // The side in front of a gap is not the side behind it.
             state.iso.known = 0;
         }
         cast_part(view, frame, &CastRay { axis_ray, to_eye, segment, pixel }, state, feedback);
@@ -85,7 +85,7 @@ fn cast_part<V: BrickView + ?Sized>(
     }
 }
 
-/// What is resident at t, at the level that is fine enough there; and the t at which the ray leaves it.
+/// The resident data at t, at the level that is fine enough there; and the t at which the ray leaves it.
 fn resident_at<'v, V: BrickView + ?Sized>(
     view: &'v V,
     frame: &CpuFrame,
@@ -105,7 +105,7 @@ fn resident_at<'v, V: BrickView + ?Sized>(
     }
 }
 
-/// The brick that t lies in at the level that is fine enough there, from `lod` on, and the t at which the ray leaves it.
+/// The brick at t, at the first level from `lod` on that is fine enough; and the t at which the ray leaves it.
 fn brick_at(frame: &CpuFrame, ray: &AxisRay, t: f64, mut lod: Lod) -> (BrickKey, f64) {
     let core = frame.pyramid.layout().core();
     loop {
@@ -120,7 +120,7 @@ fn brick_at(frame: &CpuFrame, ray: &AxisRay, t: f64, mut lod: Lod) -> (BrickKey,
     }
 }
 
-/// What is resident under a key; where a brick has failed, what is under its nearest ancestor that has not.
+/// The resident data of a brick; for a failed brick, that of its nearest ancestor that has not failed.
 fn resident_or_parent<'v, V: BrickView + ?Sized>(
     view: &'v V,
     frame: &CpuFrame,

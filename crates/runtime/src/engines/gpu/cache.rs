@@ -1,10 +1,10 @@
-//! Resident bricks on the GPU: cache textures, macro ranges, page table, and what of the bricks shows under a look.
+//! Resident bricks on the GPU: cache textures, macro ranges, page table, and the visibility of bricks under a look.
 //!
-//! Voxels are stored as unsigned integers, or as the bits of floats, and read by `textureLoad`: exact, without optional
-//! features, and filtered by the shader in `f32` rather than with 8-bit fractions. A texel has 16 bytes and holds several
-//! voxels of a layer ([`VoxelStorage::voxels_of_texel`]); neighbouring texels share the voxels where they meet, so that the
-//! eight voxels of a cell come by two fetches (of bytes) or four (docs/decisions/017-one-loop-of-antiderivatives.md).
-//! Everything is written through the queue; what is on its way is bounded by the plan's staging bytes.
+//! Voxels are stored as unsigned integers, or as the bits of floats, and read by `textureLoad`. This is exact, needs no
+//! optional features, and the shader filters in `f32` rather than with 8-bit fractions. A texel has 16 bytes and holds
+//! several voxels of a layer ([`VoxelStorage::voxels_of_texel`]). Neighbouring texels share the voxels at their border,
+//! so the eight voxels of a cell need two fetches (bytes) or four (docs/decisions/017-one-loop-of-antiderivatives.md).
+//! Everything is written through the queue; the plan's staging bytes limit the data in flight.
 
 use super::deviations::DeviationTable;
 use super::device::{GpuDevice, GpuError};
@@ -13,7 +13,7 @@ use super::memory::{MemoryPlan, TEXTURE_LIMIT};
 use super::page_table::PageTable;
 use super::slots::SlotIndex;
 
-/// How voxels are stored in the cache textures.
+/// Storage of voxels in the cache textures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum VoxelStorage {
     /// 8-bit unsigned integers.
@@ -35,7 +35,7 @@ impl VoxelStorage {
         }
     }
 
-    /// Voxels of a texel along x and y: 16 bytes of them.
+    /// Voxels of a texel along x and y: 16 bytes.
     #[must_use]
     pub const fn voxels_of_texel(self) -> [u32; 2] {
         match self {
@@ -45,13 +45,13 @@ impl VoxelStorage {
         }
     }
 
-    /// Voxels from a texel to the next one along x; along y as well where a texel has several rows.
+    /// Voxels from a texel to the next one along x; also along y if a texel has several rows.
     #[must_use]
     pub const fn texel_step(self) -> u32 {
         self.voxels_of_texel()[0] - 1
     }
 
-    /// Texels that so many voxels take along x, y and z.
+    /// Texels for this many voxels along x, y and z.
     #[must_use]
     pub fn texels(self, voxels: [u32; 3]) -> [u32; 3] {
         let [_, rows] = self.voxels_of_texel();
@@ -60,10 +60,10 @@ impl VoxelStorage {
         [shared(nx), if rows > 1 { shared(ny) } else { ny }, nz]
     }
 
-    /// Voxels (x fastest) as a slot holds them.
+    /// Voxels (x fastest) in the form for a slot.
     ///
     /// # Panics
-    /// If there are not exactly as many as the extent says.
+    /// If their number does not match the extent.
     #[must_use]
     pub fn texels_of(self, extent: [u32; 3], voxels: &[u8]) -> Texels {
         assert_eq!(
@@ -74,7 +74,7 @@ impl VoxelStorage {
         Texels { size: self.texels(extent), bytes: self.packed(extent, voxels) }
     }
 
-    /// Voxels (x fastest) as texels; what lies beyond them is zero.
+    /// Voxels (x fastest) as texels; positions beyond the voxels are zero.
     #[must_use]
     pub fn packed(self, extent: [u32; 3], voxels: &[u8]) -> Vec<u8> {
         match self {
@@ -91,7 +91,7 @@ impl VoxelStorage {
         let (row_bytes, step_bytes) = (nx * self.bytes() as usize, step * self.bytes() as usize);
         let from_row_to_row = if rows > 1 { step } else { 1 };
         let mut packed = vec![0; tx * ty * tz * TEXEL_BYTES];
-        // A row of voxels, and what its last texel holds beyond it.
+        // A row of voxels, followed by the unused part of its last texel.
         let mut row = vec![0; tx * step_bytes + ROW];
         for (line, texels) in packed.chunks_exact_mut(tx * TEXEL_BYTES).enumerate() {
             let (first, z) = (line % ty * from_row_to_row, line / ty);
@@ -118,25 +118,25 @@ pub struct Texels {
 /// Bytes of a texel of the cache textures.
 pub const TEXEL_BYTES: usize = 16;
 
-/// Macro cell without any value: least value above greatest.
+/// Range of a macro cell without values: the least is above the greatest.
 pub const EMPTY_RANGE: [f32; 2] = [1.0, -1.0];
 
-/// Where the ranges of a macro cell's eight blocks, x fastest, begin and end in its own, which has 255 parts.
+/// Ranges of a macro cell's eight blocks, x fastest: begin and end in units of 1/255 of the macro cell's range.
 pub type BlockRanges = [[u8; 2]; 8];
 
-/// Block without any value.
+/// Range of a block without values.
 pub const EMPTY_BLOCK: [u8; 2] = [u8::MAX, 0];
 
-/// Block that may have any value that its macro cell has.
+/// Range of a block that may have any value of its macro cell.
 pub const WHOLE_BLOCK: [u8; 2] = [0, u8::MAX];
 
-/// What a slot is to hold of a brick.
+/// Contents of a slot.
 pub struct SlotContents {
     /// The voxels.
     pub texels: Texels,
     /// Ranges of all macro cells of a full slot.
     pub ranges: Vec<[f32; 2]>,
-    /// Those of their blocks.
+    /// Ranges of their blocks.
     pub blocks: Vec<BlockRanges>,
 }
 
@@ -149,17 +149,17 @@ pub struct GpuCache {
     pub views: Vec<wgpu::TextureView>,
     /// Page table.
     pub page_table: wgpu::Buffer,
-    /// Whose its entries are, and what is not written yet.
+    /// Host side of the page table, with entries that are not written yet.
     pub pages: PageTable,
-    /// Macro ranges of all slots, whatever the look.
+    /// Macro ranges of all slots; independent of the look.
     pub macro_ranges: wgpu::Buffer,
-    /// Those of their blocks.
+    /// Ranges of their blocks.
     pub block_ranges: wgpu::Buffer,
-    /// How far each of these is from one that shows something under the look.
+    /// Distance of each macro cell from the nearest visible one under the look.
     pub proximity: wgpu::Buffer,
-    /// Slots whose proximity is to be made.
+    /// Slots whose proximity is to be computed.
     pub slot_list: wgpu::Buffer,
-    /// What bricks may be off by.
+    /// Deviations of bricks.
     pub deviations: DeviationTable,
     /// Texels of a slot along x, y and z.
     slot: [u32; 3],
@@ -170,7 +170,7 @@ pub struct GpuCache {
     bytes_in_flight: u64,
 }
 
-/// What the cache is made for.
+/// Parameters of a cache.
 #[derive(Debug, Clone, Copy)]
 pub struct CacheShape<'a> {
     /// Grids of slots.
@@ -181,7 +181,7 @@ pub struct CacheShape<'a> {
     pub edge: u32,
     /// Macro cells of a slot.
     pub cells: usize,
-    /// Whether it will be asked what bricks may be off by.
+    /// Whether deviations of bricks will be needed.
     pub sums_errors: bool,
 }
 
@@ -189,7 +189,7 @@ impl GpuCache {
     /// Allocates everything; all entries of `pages` are missing (zero).
     ///
     /// # Errors
-    /// Out of memory, or a size the device refuses.
+    /// If memory does not suffice, or the device refuses a size.
     pub fn new(gpu: &GpuDevice, shape: &CacheShape<'_>, pages: PageTable) -> Result<Self, GpuError> {
         let CacheShape { plan, storage, edge, cells, sums_errors } = *shape;
         let slot = storage.texels([edge; 3]);
@@ -244,19 +244,19 @@ impl GpuCache {
         self.grids[..self.textures.len()].iter().map(|g| g.slots.iter().map(|&n| u64::from(n)).product::<u64>()).sum()
     }
 
-    /// Where each texture's slots lie, for the shader.
+    /// Position of each texture's slots, for the shader.
     #[must_use]
     pub fn grids(&self) -> [SlotGrid; TEXTURE_LIMIT] {
         self.grids
     }
 
-    /// Writes what a slot is to hold; returns the bytes of texels written.
+    /// Writes a slot's contents; returns the bytes of texels written.
     ///
     /// # Errors
-    /// A lost device.
+    /// If the device is lost.
     ///
     /// # Panics
-    /// If the texels exceed the slot, or there are more or fewer ranges than it has macro cells.
+    /// If the texels exceed the slot, or the number of ranges differs from its macro cells.
     pub fn write(&mut self, slot: SlotIndex, contents: &SlotContents) -> Result<u64, GpuError> {
         let SlotContents { texels: Texels { size: size @ [width, height, depth], bytes }, ranges, blocks } = contents;
         assert!(
@@ -278,10 +278,10 @@ impl GpuCache {
         Ok(bytes.len() as u64)
     }
 
-    /// Writes the noted entries, runs of neighbours at once, and the deviations that they number.
+    /// Writes changed entries, runs of neighbours at once, and the deviations that they refer to.
     ///
     /// # Errors
-    /// A lost device.
+    /// If the device is lost.
     pub fn flush_pages(&mut self) -> Result<(), GpuError> {
         self.deviations.flush();
         for run in self.pages.take_changes().chunk_by(|a, b| a.0 + 1 == b.0) {
@@ -298,7 +298,7 @@ impl GpuCache {
         self.gpu.write_buffer(&self.slot_list, 0, bytemuck::cast_slice(&numbers));
     }
 
-    /// Forgets what all entries of the page table are: all are missing.
+    /// Clears the page table: all entries are missing.
     pub fn clear_pages(&mut self) {
         self.pages.clear();
         self.deviations.clear();
@@ -318,7 +318,7 @@ impl GpuCache {
     }
 }
 
-/// Cache texture of a slot, and its first texel there; `texels`: of a slot.
+/// Cache texture of a slot, and its first texel there; `texels`: size of a slot.
 #[must_use]
 pub fn slot_at(grids: &[SlotGrid], texels: [u32; 3], slot: u32) -> (usize, [u32; 3]) {
     let texture = grids.iter().rposition(|grid| grid.first <= slot).expect("the first grid begins at slot 0");
@@ -348,7 +348,7 @@ mod tests {
 
     use super::*;
 
-    /// Every cell's voxels lie where the shader looks for them (`stored_square` in brick.wgsl).
+    /// Every cell's voxels lie where the shader reads them (`stored_square` in brick.wgsl).
     #[test]
     fn texels_hold_every_square_of_voxels() {
         let mut random = Random::new(9);

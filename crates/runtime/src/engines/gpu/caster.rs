@@ -2,16 +2,18 @@
 //!
 //! The protocol between calls:
 //! 1. [`GpuRenderer::new`] plans memory and allocates everything.
-//! 2. [`GpuRenderer::cast_pass`] casts every unfinished ray as far as resident bricks allow, and says which bricks are
-//!    missing.
-//! 3. The caller answers with [`GpuRenderer::insert`] (a brick) or [`GpuRenderer::set_state`] (anything else), as many
-//!    as it likes and as fit; at least one, or the next pass finds the same. Then 2 again, until every ray is finished.
+//! 1. [`GpuRenderer::new`] plans memory and allocates everything.
+//! 2. [`GpuRenderer::cast_pass`] casts every unfinished ray as far as resident bricks allow, and returns the missing
+//!    bricks.
+//! 3. The caller answers with [`GpuRenderer::insert`] (a brick) or [`GpuRenderer::set_state`] (anything else), as often
+//!    as it likes. At least one answer is needed, or the next pass returns the same. Repeat from 2 until every ray is
+//!    finished.
 //! 4. [`GpuRenderer::image`] reads the picture back, at any time.
-//! 5. [`GpuRenderer::set_scene`] begins another picture: bricks stay where they are, and only some kilobytes of tables are
+//! 5. [`GpuRenderer::set_scene`] begins another picture: bricks stay resident, and only some kilobytes of tables are
 //!    written.
 //!
-//! Pictures that are too large to be cast at once are cast in bands of rows ([`GpuRenderer::begin`]).
-//! After [`GpuError::DeviceLost`] the renderer is of no more use: open a new device and make a new one.
+//! Pictures that are too large to be cast at once are cast in bands of rows ([`GpuRenderer::begin`]). After
+//! [`GpuError::DeviceLost`] the renderer is useless: open a new device and make a new renderer.
 
 use std::ops::Range;
 use std::time::Instant;
@@ -52,22 +54,21 @@ use crate::stream::counters::{DeviceCounters, milliseconds};
 use crate::stream::field::{Field, FieldBrick};
 use crate::stream::residency::DecodedBrick;
 
-/// Fewest pixels that are worth a thread.
+/// Fewest pixels for which another thread pays.
 pub const PIXELS_TOGETHER: usize = 1 << 12;
 
-/// What a renderer may use, and how.
+/// Options of a renderer.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GpuOptions {
     /// Bytes of GPU memory in all: cache, tables, rays, staging.
     pub memory_bytes: u64,
     /// Whether macro cells that cannot change the picture are skipped.
     pub skipping: Skipping,
-    /// Largest error of any channel of any pixel that is aimed at in mode `dvr`, 1 being white; brought to
-    /// [`MAX_ERROR_LIMITS`].
+    /// Requested error of any channel of any pixel in mode `dvr`, 1 is white; clamped to [`MAX_ERROR_LIMITS`].
     pub max_error: f64,
-    /// Whether there is room to sum up what rays may be off by.
+    /// Whether to allocate memory for summing up errors of rays.
     pub sums_errors: bool,
-    /// Rays along x and y of the largest picture for which there is room; `None`: the first one's.
+    /// Rays along x and y of the largest picture to allocate memory for; `None`: the first one's.
     pub room: Option<[u32; 2]>,
 }
 
@@ -83,55 +84,55 @@ impl Default for GpuOptions {
     }
 }
 
-/// What a brick is, where it is not resident voxels.
+/// Answer for a brick without resident voxels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum PageEntry {
     /// Not resident: rays wait for it.
     Missing,
     /// It contributes nothing (absent, or in mode dvr invisible).
     Nothing,
-    /// It would change the picture too much: from now on rays go on in its children. What stands in for a child that has
-    /// failed is what is said of the brick, or inserted, after this.
+    /// It would change the picture too much: from now on rays go on in its children. A later answer or insertion for
+    /// the same brick applies where it stands in for a failed child.
     TooCoarse,
     /// All voxels, apron included, have this render value.
     Uniform(f32),
-    /// It cannot be had: its parent is drawn.
+    /// It is unavailable: its parent is drawn.
     Failed,
 }
 
-/// What became of a brick that was offered.
+/// Result of inserting a brick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Insertion {
-    /// It is resident; the brick named, if any, is not any more.
+    /// It is resident; the evicted brick, if any, no longer is.
     Placed {
-        /// Who had to leave.
+        /// The brick that was evicted.
         evicted: Option<BrickKey>,
     },
     /// Every slot holds a brick inserted since the last pass: cast first.
     NoRoom,
 }
 
-/// What the device holds, and what it did since the renderer was made.
+/// State of the device memory, and counters since the renderer was made.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct GpuStats {
     /// Name and kind of the adapter.
     pub adapter: String,
-    /// Bytes planned, all of them allocated.
+    /// Bytes planned and allocated.
     pub planned_bytes: u64,
     /// Slots in all.
     pub slots: u64,
     /// Slots that hold a brick.
     pub slots_used: u64,
-    /// The slowest dispatch of the picture.
+    /// Longest dispatch of the picture, milliseconds.
     pub dispatch_ms_max: f64,
-    /// What it did.
+    /// Counters of the device.
     pub counters: DeviceCounters,
 }
 
-/// See the module.
+/// GPU renderer of one volume, see the module.
 pub struct GpuRenderer {
     gpu: GpuDevice,
-    /// The field that is drawn. Its bricks go by their keys here, and by the pair in the slots and the page table.
+    /// The field that is drawn. Its bricks go by their keys here; slots and page table use field and key.
     field: Field,
     pub(crate) pyramid: Pyramid,
     pub(crate) storage: VoxelStorage,
@@ -145,46 +146,46 @@ pub struct GpuRenderer {
     parts: PartsInProgress,
     /// The first pass of the band in progress.
     first_pass: u64,
-    /// Slots whose bricks came since the last pass: what of them shows is not known yet.
+    /// Slots filled since the last pass, whose visibility is not computed yet.
     unclassified: Vec<SlotIndex>,
-    /// What bricks may be off by, if that is summed up.
+    /// Deviations of bricks, if errors are summed up.
     deviation_of: Option<DeviationOf>,
     stats: GpuStats,
-    /// What the device had done before the renderer was made.
+    /// Device counters before the renderer was made.
     traffic_before: DeviceCounters,
 }
 
-/// What belongs to one picture.
+/// Data of one picture.
 pub struct Picture {
     pub(crate) mode: Mode,
     pub(crate) subgrid: u32,
     size: [u32; 2],
-    /// What the next two are made of, with `shift` and the error that is aimed at: another picture may have the same.
+    /// Source of the next two, together with `shift` and the requested error: another picture may share them.
     transfer_function: TransferFunction,
     pub(crate) tf: RenderTransferFunction,
     pub(crate) light: LightTable,
     pub(crate) exactness: Exactness,
-    /// How far a brick is, and how fine it must be.
+    /// Level rule, and distances of bricks.
     lod: LodRule,
     /// For each entry from level 1 on, in order: whether the brick is too coarse.
     refine: Vec<bool>,
-    /// Entries that are drawn from their parents.
+    /// Entries of failed bricks, drawn from their parents.
     failed: Vec<u32>,
-    /// What solids leave of its rays, where there are any.
+    /// Parts of its rays that solids leave, if there are solids.
     parts: Option<RayParts>,
-    /// What is taken off every data value.
+    /// Subtracted from every data value.
     pub(crate) shift: f64,
     /// Whether there are surfaces inside the volume.
     pub(crate) has_surfaces: bool,
 }
 
-/// How far the rays of a band have come, of which solids leave several parts.
+/// Progress of the rays of a band, if solids divide them into parts.
 #[derive(Default)]
 struct PartsInProgress {
     first_row: u32,
-    /// Rays that have a part at all.
+    /// Rays that have at least one part.
     rays: u64,
-    /// The part that is cast.
+    /// Number of the current part.
     number: usize,
     /// Places of the rays that have another part behind it.
     more: Vec<u32>,
@@ -235,13 +236,13 @@ impl Picture {
         }
     }
 
-    /// What it needs, whether errors are summed up or not.
+    /// Memory needed, with or without sums of errors.
     fn capacity(&self, entries: u64, sums_errors: bool) -> Capacity {
         let [width, height] = self.size;
         Capacity::new((RayGrid { width, height }, self.subgrid), &self.tf, entries, sums_errors)
     }
 
-    /// The same with room for larger pictures to come.
+    /// The same with memory for larger pictures to come.
     fn capacity_with_room(&self, entries: u64, options: &GpuOptions) -> Capacity {
         let own = self.capacity(entries, options.sums_errors);
         options.room.map_or(own, |[width, height]| {
@@ -252,12 +253,12 @@ impl Picture {
 }
 
 impl GpuRenderer {
-    /// A renderer of one volume, and of one scene to begin with; nothing is resident. What rays may be off by is summed up where somebody says
-    /// it of bricks, and there is room ([`GpuOptions::sums_errors`]).
+    /// A renderer of one volume, with its first scene; nothing is resident. Errors of rays are summed up if
+    /// `deviation_of` is given and there is memory for it ([`GpuOptions::sums_errors`]).
     ///
     /// # Errors
-    /// [`GpuError::Budget`] where the memory does not suffice, [`GpuError::TableLimit`] where the volume has too many
-    /// bricks for the adapter, [`GpuError::Scene`] for what is not drawn, and whatever the driver says.
+    /// [`GpuError::Budget`] if the memory does not suffice, [`GpuError::TableLimit`] if the volume has too many bricks
+    /// for the adapter, [`GpuError::Scene`] for unsupported scenes, and errors of the driver.
     pub fn new(
         device: &GpuDevice,
         volume: &GpuVolume<'_>,
@@ -312,22 +313,23 @@ impl GpuRenderer {
         Ok(renderer)
     }
 
-    /// The largest error that is aimed at from the next picture on; see [`GpuOptions::max_error`].
+    /// Sets the requested error from the next picture on; see [`GpuOptions::max_error`].
     pub fn set_max_error(&mut self, max_error: f64) {
         self.options.max_error = max_error;
     }
 
-    /// What bricks may be off by from the next picture on, if that is to be summed up: then the answers are the same only if this is.
+    /// Sets the deviations of bricks from the next picture on, if errors are to be summed up. Answers are the same only
+    /// if this is.
     pub fn set_deviations(&mut self, deviation_of: Option<DeviationOf>) {
         self.deviation_of = deviation_of;
     }
 
-    /// Begins another picture of the same volume: whether there is room for one of this size. Bricks stay resident. What was
-    /// said of others is forgotten, as is which are too coarse, unless `keeps_answers` says that the answers would be the
-    /// same; what had failed is asked for again in any case.
+    /// Begins another picture of the same volume; returns false if there is no memory for this size. Bricks stay
+    /// resident. All other answers are forgotten, unless `keeps_answers` says that they would be the same. Failed
+    /// bricks are requested again in any case.
     ///
     /// # Errors
-    /// [`GpuError::Scene`] for what is not drawn.
+    /// [`GpuError::Scene`] for unsupported scenes.
     pub fn set_scene(
         &mut self,
         volume: &GpuVolume<'_>,
@@ -357,7 +359,7 @@ impl GpuRenderer {
         Ok(true)
     }
 
-    /// Hands the tables of the picture over.
+    /// Writes the tables of the picture.
     fn write_tables(&mut self, volume: &GpuVolume<'_>, scene: &ResolvedScene) -> Result<(), GpuError> {
         let places = FeedbackPlaces {
             grids: self.cache.grids(),
@@ -381,7 +383,7 @@ impl GpuRenderer {
         self.caster.set_scene(&self.cache, &Scene { config, tables, view, job: Dispatch::zeroed() }, tf, light)
     }
 
-    /// Coarsest levels all of whose bricks are too coarse.
+    /// Number of coarsest levels whose bricks are all too coarse.
     fn refined_levels(&self) -> u32 {
         let coarsest = self.picture.refine.iter().rposition(|refine| !refine).map_or(0, |i| {
             let entry = self.pyramid.level_at(Lod::FINEST).brick_count() + i as u64;
@@ -390,7 +392,7 @@ impl GpuRenderer {
         (self.pyramid.levels().len() - 1 - coarsest) as u32
     }
 
-    /// Notes what is known of all bricks when a picture begins: which are resident, and which are too coarse.
+    /// Writes the known entries when a picture begins: resident bricks, and bricks that are too coarse.
     fn write_pages(&mut self) {
         let first = self.first_coarse_entry();
         let refined = (first..).zip(&self.picture.refine).filter(|(_, refine)| **refine).map(|(entry, _)| entry);
@@ -408,7 +410,7 @@ impl GpuRenderer {
         pass::band_rows(self.picture.size[0], self.picture.subgrid, self.sums_errors())
     }
 
-    /// Whether it is summed up what rays may be off by.
+    /// Whether errors of rays are summed up.
     pub fn sums_errors(&self) -> bool {
         self.picture.exactness.sums_errors
     }
@@ -419,7 +421,7 @@ impl GpuRenderer {
         self.picture.subgrid
     }
 
-    /// Begins the rays of these rows, numbered from the top; no more than [`Self::band_rows`].
+    /// Begins the rays of these rows, numbered from the top; at most [`Self::band_rows`].
     pub fn begin(&mut self, rows: Range<u32>) {
         let first_row = rows.start;
         self.first_pass = self.slots.coming_pass();
@@ -431,7 +433,7 @@ impl GpuRenderer {
         }
     }
 
-    /// Sets the rays on their way through their next part: whether any ray has one.
+    /// Starts the rays on their next part; returns whether any ray has one.
     fn begin_next_part(&mut self) -> bool {
         let places = std::mem::take(&mut self.parts.more);
         let Some(parts) = self.picture.parts.as_ref().filter(|_| !places.is_empty()) else { return false };
@@ -453,7 +455,7 @@ impl GpuRenderer {
         self.cache.pages.set(entry, [state | deviation | if refine { PAGE_REFINE } else { 0 }, payload]);
     }
 
-    /// Number of what may be off where a page in this state is drawn.
+    /// Number of the deviation of a page in this state.
     fn deviation_number(&mut self, entry: u32, state: u32) -> u32 {
         match (&self.deviation_of, state) {
             (None, _) | (_, PAGE_MISSING) => DEVIATION_NONE,
@@ -465,7 +467,7 @@ impl GpuRenderer {
         }
     }
 
-    /// Bricks that fit the budget.
+    /// Number of bricks that fit the budget.
     #[must_use]
     pub fn slot_capacity(&self) -> usize {
         self.slots.capacity()
@@ -482,7 +484,7 @@ impl GpuRenderer {
         self.slots.iter().map(|(key, _)| key)
     }
 
-    /// Makes bricks resident, as far as there is room ([`Self::insert`]); their texels are made by all threads of the pool.
+    /// Makes bricks resident, as far as there is room ([`Self::insert`]); all threads of the pool make their texels.
     ///
     /// # Errors
     /// As [`Self::insert`].
@@ -493,7 +495,7 @@ impl GpuRenderer {
             let contents = bricks.par_iter().map(|brick| self.contents_of(brick)).collect::<Result<Vec<_>, _>>()?;
             self.stats.counters.upload_ms += milliseconds(begin.elapsed());
             for (brick, contents) in bricks.iter().zip(&contents) {
-                // Bricks for which there is no slot are missed again in the next pass.
+                // Bricks without a slot are missing again in the next pass.
                 if self.insert_contents(brick, contents)? == Insertion::NoRoom {
                     return Ok(());
                 }
@@ -502,10 +504,10 @@ impl GpuRenderer {
         Ok(())
     }
 
-    /// Makes a brick resident; the least recently used brick leaves for it, never one inserted since the last pass.
+    /// Makes a brick resident. The least recently used brick is evicted, never one inserted since the last pass.
     ///
     /// # Errors
-    /// [`GpuError::Brick`] where the brick is not what the pyramid says, or a lost device.
+    /// [`GpuError::Brick`] if the brick does not match the pyramid, or a lost device.
     pub fn insert(&mut self, brick: &DecodedBrick) -> Result<Insertion, GpuError> {
         let contents = self.contents_of(brick)?;
         self.insert_contents(brick, &contents)
@@ -532,10 +534,11 @@ impl GpuRenderer {
         Ok(Insertion::Placed { evicted: evicted.map(|old| old.brick) })
     }
 
-    /// Says what a brick is; if it was resident, its slot is free, unless it is too coarse: it may stand in for its children.
+    /// Answers a brick. If it was resident, its slot becomes free, unless it is too coarse: it may stand in for its
+    /// children.
     ///
     /// # Panics
-    /// If the key names no brick of the pyramid.
+    /// If the pyramid has no such brick.
     pub fn set_state(&mut self, key: BrickKey, state: PageEntry) {
         let key = self.field.brick(key);
         let entry = self.cache.pages.entry(key);
@@ -561,12 +564,12 @@ impl GpuRenderer {
     /// Casts every unfinished ray as far as resident bricks allow.
     ///
     /// # Errors
-    /// A lost device, or what the driver says about a dispatch.
+    /// A lost device, or an error of the driver at a dispatch.
     pub fn cast_pass(&mut self) -> Result<PassFeedback, GpuError> {
         self.cast_pass_until(&Stop::NEVER)
     }
 
-    /// The same, but rays stop where they are when it is time to.
+    /// The same, but rays pause when `stop` is due.
     ///
     /// # Errors
     /// As [`Self::cast_pass`].
@@ -591,7 +594,7 @@ impl GpuRenderer {
         let mut feedback = raw.feedback;
         feedback.is_stopped = raw.is_stopped;
         if self.picture.parts.is_some() {
-            // A ray is finished when its last part is, and all rays go through their last parts at the end.
+            // A ray is finished when its last part is, and all rays finish their last parts at the end.
             feedback.counters.rays_finished = if is_finished { std::mem::take(&mut self.parts.rays) } else { 0 };
         }
         self.slots.end_pass(raw.uses.iter().copied());
@@ -616,8 +619,8 @@ impl GpuRenderer {
         Ok(feedback)
     }
 
-    /// Whether bricks that scouts ask for are still there when the other rays come: of a volume that does not fit, half of the slots are
-    /// kept for what those ask for.
+    /// Whether bricks that scouts ask for will still be resident when the other rays need them. For a volume that does
+    /// not fit, half of the slots are kept for the other rays.
     fn has_room_for_scouts(&self) -> bool {
         let slots = self.slots.capacity();
         slots as u64 >= self.cache.pages.count() || 2 * self.slots.used_since(self.first_pass) < slots
@@ -629,7 +632,7 @@ impl GpuRenderer {
         [width, height].map(|rays| rays / self.picture.subgrid)
     }
 
-    /// The picture of what the rays of the band have gathered, sub-grid averaged.
+    /// The picture of the light gathered by the rays of the band, sub-grid averaged.
     ///
     /// # Errors
     /// A lost device.
@@ -640,13 +643,13 @@ impl GpuRenderer {
         Ok(Image { width, height, pixels })
     }
 
-    /// The same, written over as many pixels, row by row.
+    /// The same, written into `to`, row by row.
     ///
     /// # Errors
     /// A lost device.
     ///
     /// # Panics
-    /// If there are more or fewer.
+    /// If the number of pixels differs.
     pub fn write_image(&mut self, to: &mut [[f32; 4]]) -> Result<(), GpuError> {
         let Picture { mode, tf, .. } = &self.picture;
         let caster = &mut self.caster;
@@ -673,7 +676,8 @@ impl GpuRenderer {
     }
 }
 
-/// Has the rays of a grid written, row by row, and over the pixels what they are on average: straight there where a pixel is a ray.
+/// Calls `write` with one value per ray of a grid, row by row, then averages them into pixels; directly if a pixel is
+/// one ray.
 pub fn over_rays<T>(
     RayGrid { width, height }: RayGrid,
     subgrid: u32,
@@ -689,7 +693,7 @@ pub fn over_rays<T>(
     Ok(result)
 }
 
-/// The pixel of what one ray has gathered; twin of the CPU frame's.
+/// The pixel of a ray's gathered values; twin of the CPU frame's.
 pub fn pixel(mode: Mode, tf: &RenderTransferFunction, gathered: &Gathered) -> [f32; 4] {
     let value = match (mode, *gathered) {
         (Mode::Dvr | Mode::Iso | Mode::Slice, [r, g, b, transmittance]) => return [r, g, b, 1.0 - transmittance],
@@ -731,7 +735,7 @@ fn plan_memory(
         budget_bytes: options.memory_bytes,
         fixed_bytes: entries * 8 + capacity.bytes(entries.min(SLOT_LIMIT)),
         slot_texels: volume.storage.texels([scene_tables::slot_edge(volume.pyramid); 3]),
-        // Of each macro cell its range, those of its blocks and its proximity; and the slot's place in a list.
+        // For each macro cell its range, those of its blocks and its proximity; and the slot's place in a list.
         ranges_bytes: macro_edge.pow(3) * (12 + size_of::<BlockRanges>() as u64) + 4,
         useful_slots: entries,
         max_dimension: limits.max_texture_dimension_3d,

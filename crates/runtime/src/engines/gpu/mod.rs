@@ -1,21 +1,22 @@
 //! The machinery of the GPU backend; `raycast::gpu` puts it together.
 //!
-//! - [`device`]: which adapter, which limits, and wgpu's errors as ours;
+//! - [`device`]: choice of the adapter, its limits, and wgpu's errors as ours;
 //! - [`layout`]: every struct and constant that Rust and WGSL share, defined once;
 //! - [`shaders`]: the WGSL files, in the order in which they are joined;
-//! - [`light_table`], [`light`]: the transfer function as rays integrate it, and the twins of the shader that does so;
+//! - [`light_table`], [`light`]: the transfer function in integrable form, and the twins of the shader that integrates
+//!   it;
 //! - [`memory`]: bytes of everything, computed before anything is allocated;
-//! - [`pipelines`]: the compute pipelines and what they bind;
-//! - [`ray_parts`]: what solids leave of rays, found by the host;
-//! - [`rays`]: pixels to rays that hold no large number in an `f32`;
-//! - [`scene_tables`]: a scene as the shaders read it;
-//! - [`slots`]: which brick sits in which slot, and who must leave;
-//! - [`page_table`]: which of its entries is whose;
+//! - [`pipelines`]: the compute pipelines and their bindings;
+//! - [`ray_parts`]: parts of rays that solids leave, computed by the host;
+//! - [`rays`]: rays of pixels, without large numbers in an `f32`;
+//! - [`scene_tables`]: a scene in the form that shaders read;
+//! - [`slots`]: bricks in slots, and eviction;
+//! - [`page_table`]: entries of the page table by brick;
 //! - [`cache`]: the cache textures, the page table and the macro ranges on the GPU;
-//! - [`deviations`]: what bricks may be off by;
-//! - [`table`]: what shaders look up at any place;
-//! - [`twins`]: shader functions in Rust that nothing but tests calls;
-//! - [`feedback`]: what the rays say: misses, uses, counters.
+//! - [`deviations`]: deviations of bricks from level 0;
+//! - [`table`]: look-up tables of shaders;
+//! - [`twins`]: Rust versions of shader functions, for tests only;
+//! - [`feedback`]: misses, uses and counters of the rays.
 //!
 //! Only core WebGPU is required: no optional feature, eight storage buffers, 3D textures of unsigned integers.
 

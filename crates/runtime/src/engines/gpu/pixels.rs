@@ -1,5 +1,5 @@
-//! What the rays of a band have gathered, read back: the device puts it in the order of the pixels, piece by piece, and while the
-//! host makes pixels of one piece the next one is on its way.
+//! Reads back the values gathered by the rays of a band. The device puts them in the order of pixels, piece by piece;
+//! the host converts one piece while the next is in flight.
 
 use std::collections::VecDeque;
 
@@ -10,17 +10,17 @@ use crate::engines::gpu::pipelines::Pipelines;
 
 /// Most bytes of a piece.
 const PIECE_LIMIT: u64 = 4 << 20;
-/// Pieces that are on their way at once.
+/// Pieces in flight at once.
 const PIECES_IN_FLIGHT: usize = 2;
 
-/// What a ray has gathered: premultiplied colour and transmittance; in modes that count by value the value (mean: its integral), the
-/// world length over which it was present, 0, and the transmittance.
+/// Values gathered by a ray: premultiplied colour and transmittance. In modes that count by value: the value (mean: its
+/// integral), its present world length, 0, and the transmittance.
 pub(super) type Gathered = [f32; 4];
 
 const GATHERED_BYTES: u64 = size_of::<Gathered>() as u64;
 const ERROR_BYTES: u64 = size_of::<RayErrors>() as u64;
 
-/// Where pieces are put together, and where they are read.
+/// Buffers in which pieces are assembled and read.
 pub(super) struct PixelBuffers {
     gathered: wgpu::Buffer,
     errors: wgpu::Buffer,
@@ -29,15 +29,15 @@ pub(super) struct PixelBuffers {
     rays: u64,
 }
 
-/// What `gather_pixels.wgsl` binds.
+/// Bindings of `gather_pixels.wgsl`.
 pub(super) struct BoundPixels {
     view: wgpu::BindGroup,
     buffers: wgpu::BindGroup,
 }
 
-/// A piece on its way.
+/// A piece in flight.
 struct Piece {
-    /// Number of its first pixel in the band, and how many there are.
+    /// Number of its first pixel in the band, and its rays.
     first: u64,
     rays: u64,
     buffer: usize,
@@ -63,14 +63,14 @@ impl PixelBuffers {
         (gathered + errors) * (1 + PIECES_IN_FLIGHT as u64)
     }
 
-    /// Rays of a piece, and bytes of either part; one place for errors where nobody asks for them.
+    /// Rays of a piece, and bytes of either part; one place for errors if they are not requested.
     fn sizes(capacity: &Capacity) -> (u64, [u64; 2]) {
         let of_a_ray = GATHERED_BYTES + if capacity.sums_errors { ERROR_BYTES } else { 0 };
         let rays = capacity.places.min(PIECE_LIMIT / of_a_ray).max(1);
         (rays, [rays * GATHERED_BYTES, ERROR_BYTES * if capacity.sums_errors { rays } else { 1 }])
     }
 
-    /// Binds them, beside the scene and all rays: their states, and what they may be off by.
+    /// Binds the buffers, the scene and all rays: their states and errors.
     pub(super) fn bind(
         &self,
         gpu: &GpuDevice,
@@ -86,8 +86,8 @@ impl PixelBuffers {
 }
 
 impl Caster {
-    /// Hands what the rays of the band have gathered to `visit`, row by row: the number of the first pixel, what is behind it, and what
-    /// that may be off by where it is summed up.
+    /// Passes the values gathered by the rays of the band to `visit`, row by row: the number of the first pixel, the
+    /// values from there on, and their errors if they are summed up.
     pub(super) fn read_pixels(
         &mut self,
         sums_errors: bool,

@@ -325,7 +325,7 @@ impl<S: Simd> Walker<S> {
         bits
     }
 
-    /// Cubes of `SIDE` cells in which the rays are, indices in the brick; those of rays that have left it may lie outside.
+    /// Cubes of `SIDE` cells that hold the rays, indices in the brick; those of rays that have left it may lie outside.
     #[inline(always)]
     pub fn cube<const SIDE: usize>(&self) -> [S::I; 3] {
         let mut cube = [S::splat_int(0); 3];
@@ -340,14 +340,14 @@ impl<S: Simd> Walker<S> {
         cube
     }
 
-    /// Takes rays of the mask to the far face of the cubes less than `reach` ahead of their own.
+    /// Moves rays of the mask to the far face of the cubes less than `reach` ahead of their own.
     #[inline(always)]
     pub fn leave<const SIDE: usize>(&mut self, cube: [S::I; 3], reach: S::F, leaping: S::M, brick: &PacketBrick<'_>) {
         self.go_out_of::<SIDE>(cube, reach, leaping, brick);
         self.find_base(brick.strides);
     }
 
-    /// As [`Walker::leave`]; where the cells lie in memory is not found out.
+    /// As [`Walker::leave`], without updating the memory offsets of the cells.
     #[inline(always)]
     fn go_out_of<const SIDE: usize>(&mut self, cube: [S::I; 3], reach: S::F, leaping: S::M, brick: &PacketBrick<'_>) {
         let (zero, one, side) = (S::splat(0.0), S::splat(1.0), S::splat(SIDE as f32));
@@ -356,7 +356,7 @@ impl<S: Simd> Walker<S> {
         for a in 0..3 {
             let ascends = S::lt(zero, self.plane_step[a]);
             let face = (S::to_float(cube[a]) + S::select(ascends, reach, one - reach)) * side;
-            // What lies before the first cube lies outside the brick.
+            // A position before the first cube lies outside the brick.
             faces[a] = S::select(S::le(face, zero), S::splat(-2.0 * SIDE as f32), face);
             exits[a] = S::mul_add(faces[a], self.inverse[a], self.offset[a]);
         }
@@ -376,7 +376,7 @@ impl<S: Simd> Walker<S> {
         self.t = S::select(leaping, leave, self.t);
     }
 
-    /// Finds out where the cells lie in memory.
+    /// Updates the memory offsets of the cells.
     #[inline(always)]
     fn find_base(&mut self, strides: [i32; 2]) {
         let apron = S::splat(APRON as f32);
