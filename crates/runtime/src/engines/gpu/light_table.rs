@@ -13,8 +13,8 @@
 //! 3. Sums up to the bin's beginning: changes of slope per bin, and variation of visible colour. Then that variation in
 //!    the bin, and in the one before it. Their differences bound the error of an integration rule.
 //!
-//! Pieces as packets on the CPU look them up (`transfer_function::pieces`) take a search and twice as many texels; a bin is
-//! found by one conversion, however many control points there are. What it costs: a kink is blunt by a bin.
+//! Packets on the CPU look up pieces (`transfer_function::pieces`), which takes a search and twice as many texels. A bin
+//! is found by one conversion, for any number of control points. The price: a kink is blurred over a bin.
 
 use supervol_scene::transfer_function::TransferFunction;
 use supervol_scene::transfer_function::pieces::{CHANNELS, Column, TransferPieces};
@@ -25,7 +25,7 @@ use super::layout::{LIGHT_BINS, TABLE_WIDTH};
 
 /// Share of the greatest channel by which a channel may change within a bin.
 const STEEPEST: f64 = 1.0 / 8.0;
-/// Bins, and one on either side.
+/// Number of bins, including one on either side.
 const PLACES: usize = LIGHT_BINS as usize + 2;
 /// Texels from a bin to the next one: three, and one that fills the cache line of 64 bytes.
 pub const BIN_TEXELS: usize = 4;
