@@ -4,9 +4,8 @@
 //! A brick of level 1 or more is drawn if one of these rules holds; otherwise its children are.
 //! 1. *Nothing beneath it can be seen*: no value of its own range and of all ranges beneath it is visible.
 //! 2. *The bound* ([`LevelsByError::keeps_target`]): the picture stays within the target E for all values within the
-//!    brick's error bound. This is a theorem (below) and holds for voxels of any size.
-//! 3. *Small voxels* ([`LevelsByError::keeps_contrast`]): its voxels cover at most a quarter of a pixel, so 16 rays per
-//!    pixel still meet each of them, and averaging has not removed visible contrast. This rule is a heuristic, not a
+//! 3. *Small voxels* ([`LevelsByError::keeps_contrast`]): its voxels cover at most a quarter of a pixel, and averaging
+//!    has not removed visible contrast. Then 16 rays per pixel still meet each voxel. This rule is a heuristic, not a
 //!    bound, and does not depend on E: no stored number says how often the error occurs within a brick. The exact
 //!    picture for this rule is level 0 supersampled. Level 0 with one ray per pixel is as far from it
 //!    (docs/decisions/005-levels-by-error.md).
@@ -383,7 +382,8 @@ mod tests {
             let ratio = most(mode, 4.0 * HALF) / most(mode, HALF);
             assert!((3.0..5.5).contains(&ratio), "{mode}: {ratio}");
         }
-        // In mip, alpha and red change by 0.005 and 0.01 per value: (0.5 + 0.4 * 1) / 100 times the error is the target.
+        // In mip, alpha and red change by 0.005 and 0.01 per value. The target is (0.5 + 0.4 * 1) / 100 times the
+        // error.
         let error = most("mip", HALF);
         assert!((0.6..1.01).contains(&(error * 0.009 / HALF)), "{error}");
     }

@@ -17,7 +17,7 @@
 //!
 //! *In the brick*, let kappa and q = kappa c be the drawn extinction and emission at a place, kappa' and q' the exact
 //! ones. Move from one to the other in equal shares (as in `by_error`). The change is at most the integral over the
-//! brick of `t e^d r`, where `r = max(|kappa - kappa'|, |q - q'|, |(q - kappa) - (q' - kappa')|)` and d is the integral
+//! brick of `t e^d r`. Here `r = max(|kappa - kappa'|, |q - q'|, |(q - kappa) - (q' - kappa')|)`, and d is the integral
 //! of `max(0, kappa - kappa')` up to that place. Choose numbers a and b such that `r <= a kappa + b` for all values of
 //! the brick. Then `integral of t (a kappa + b) <= a (1 - t) + b l` over the length l. Two bounds of d: its length
 //! times the greatest `kappa - kappa'`, and `-ln t`. Several pairs (a, b) are kept; the least of their sums counts. The
@@ -313,8 +313,8 @@ impl Deviations {
         found
     }
 
-    /// Largest changes of extinction and of r (see the module) between two values of an interval that are at most
-    /// `error` apart; with `or_nothing`, also between one of its values and nothing.
+    /// Largest changes of extinction and of r (see the module) between two values of an interval, at most `error`
+    /// apart. With `or_nothing`, also between one of its values and nothing.
     fn change(&self, from: f64, to: f64, error: f64, or_nothing: bool) -> (f64, f64) {
         let extent: Extent = self.intervals.extent(from, to);
         let function = self.intervals.function();

@@ -7,9 +7,9 @@
 //! pass over that brick then serves all rays that will ever need it, and bricks of lesser rank are not needed again in
 //! this frame. Fetched in this order, each brick is read once, however small the cache.
 //!
-//! On a grid of equal boxes, the Manhattan distance is such a rank. A ray moves away from the eye along each axis, so
+//! On a grid of equal boxes, the Manhattan distance is such a rank. A ray moves away from the eye along each axis. So
 //! the sum over axes of |brick - eye brick| grows by one with each face it crosses. (Rays into different octants do not
-//! meet.) For parallel rays, the axes are summed with the sign of the common direction; axes without movement do not
+//! meet.) For parallel rays, the axes are summed with the sign of the common direction. Axes without movement do not
 //! count.
 //!
 //! Bricks of several levels are compared by the corner farthest from the eye, in voxels of level 0. This keeps the

@@ -13,8 +13,8 @@
 //! 3. Sums up to the bin's beginning: changes of slope per bin, and variation of visible colour. Then that variation in
 //!    the bin, and in the one before it. Their differences bound the error of an integration rule.
 //!
-//! Packets on the CPU look up pieces (`transfer_function::pieces`), which takes a search and twice as many texels. A bin
-//! is found by one conversion, for any number of control points. The price: a kink is blurred over a bin.
+//! Packets on the CPU look up pieces (`transfer_function::pieces`), which takes a search and twice as many texels. A
+//! bin is found by one conversion, for any number of control points. The price: a kink is blurred over a bin.
 
 use supervol_scene::transfer_function::TransferFunction;
 use supervol_scene::transfer_function::pieces::{CHANNELS, Column, TransferPieces};

@@ -1,9 +1,9 @@
 //! Rays on the GPU, and the dispatches that cast them.
 //!
-//! The rays of a band of rows are cast by as few dispatches as possible: one for all on a fast adapter, else runs of
-//! tiles that each take a short time. Tiles whose rays are all finished are in no run. A dispatch limits the work of
-//! each ray, so that no submit blocks the GPU for long. Rays that reach the limit continue in the next dispatch. This
-//! affects the schedule, never the result.
+//! The rays of a band of rows are cast by as few dispatches as possible. A fast adapter needs one for all; others cast
+//! runs of tiles that each take a short time. Tiles whose rays are all finished are in no run. A dispatch limits the
+//! work of each ray, so that no submit blocks the GPU for long. Rays that reach the limit continue in the next
+//! dispatch. This affects the schedule, never the result.
 
 use std::collections::VecDeque;
 use std::ops::Range;

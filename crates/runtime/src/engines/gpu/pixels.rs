@@ -86,8 +86,8 @@ impl PixelBuffers {
 }
 
 impl Caster {
-    /// Passes the values gathered by the rays of the band to `visit`, row by row: the number of the first pixel, the
-    /// values from there on, and their errors if they are summed up.
+    /// Passes the values gathered by the rays of the band to `visit`, row by row. Arguments: the number of the first
+    /// pixel, the values from there on, and their errors if they are summed up.
     pub(super) fn read_pixels(
         &mut self,
         sums_errors: bool,

@@ -5,7 +5,8 @@
 //! are invisible, and a ray may leap to the far face of the last of them. The cloud ends at the brick's faces: the next
 //! brick has its own, and invisible bricks are never entered.
 //!
-//! Cubes are macro cells, or in mode `dvr` [blocks](crate::engines::blocks::BLOCK), half as wide: see [`super::blocks`].
+//! Cubes are macro cells, or in mode `dvr` [blocks](crate::engines::blocks::BLOCK) of half the edge
+//! ([`super::blocks`]).
 
 use supervol_format::brick::MACRO_CELL;
 

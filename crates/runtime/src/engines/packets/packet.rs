@@ -1,6 +1,6 @@
 //! A packet of rays through one brick in mode `dvr`: walk, fetch, classify, shade, composite.
 //!
-//! Rays are cast in *rounds* of [`ROUND`] cells, stage by stage over all lanes:
+//! Rays are cast in *rounds* of [`ROUND`] cells, stage by stage over all lanes.
 //! 1. leap: rays in front of invisible blocks go to the face of the proximity cloud's cube ([`super::walk`]);
 //! 2. walk: base and fractions of the next cells;
 //! 3. fetch: the field along each cell; locate it in the transfer function's table; integrate it

@@ -149,8 +149,8 @@ impl<S: Simd> LightAt<S> {
     }
 
     /// Share of a half of a part in which the gradient may be shorter than `floor` unseen. The gradients are those at
-    /// its ends; the model is a gradient that varies evenly, on the chord through a sphere. 0 if both ends are that
-    /// short: then it is seen.
+    /// its ends. The model is a gradient that varies evenly, on the chord through a sphere. The share is 0 if both ends
+    /// are that short: then it is seen.
     #[inline(always)]
     fn without_normal(a: &Self, b: &Self, floor: f32) -> S::F {
         let (zero, one) = (S::splat(0.0), S::splat(1.0));
@@ -412,7 +412,8 @@ impl<'a> PacketLighting<'a> {
         self.lighting.gradient_floor.max(f32::MIN_POSITIVE.sqrt())
     }
 
-    /// |n.h| to the power of the shininess, from its square, at most 1; several positions at once, so that none waits for another.
+    /// Computes |n.h| to the power of the shininess, from its square; at most 1. Several positions are computed at once, so
+    /// that none waits for another.
     #[inline(always)]
     pub fn highlights<S: Simd, const PLACES: usize>(&self, squares: [S::F; PLACES]) -> [S::F; PLACES] {
         let (mut powers, mut factors) = ([S::splat(1.0); PLACES], squares);
@@ -463,7 +464,7 @@ fn dip_between<S: Simd>(cosines: &[S::F; 3], lights: &[S::F; 3]) -> (S::F, S::M)
     for [a, b] in [[0, 1], [1, 2]] {
         let has_zero = S::lt(cosines[a] * cosines[b], zero);
         let sum = S::max(lights[a] + lights[b], S::splat(f32::MIN_POSITIVE));
-        // Of half the part.
+        // Only half of the part.
         let triangle = S::splat(0.5) * (lights[a] * lights[b]) / sum;
         (dip, passes) = (dip + S::select(has_zero, triangle, zero), passes | has_zero);
     }
@@ -575,8 +576,8 @@ mod tests {
         [first(found), first(stated), f64::from(opacity) * sum / f64::from(many)]
     }
 
-    /// Cases that three positions miss where the gradient nearly vanishes: a turn close to an end, a turn aside and
-    /// back, and a wide highlight that passes over to the other side.
+    /// Cases that three positions miss where the gradient nearly vanishes. A turn close to an end; a turn aside and
+    /// back; a wide highlight that passes over to the other side.
     #[test]
     fn turns_that_three_places_do_not_see_are_stated() {
         let light = |direction: Vec3, shininess: f32| Lighting {

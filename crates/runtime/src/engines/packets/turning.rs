@@ -3,10 +3,13 @@
 //!
 //! The gradient along a cell is known: one cubic per axis. So are the cell's contribution without light, and the origin
 //! of that contribution along the chord. The light is computed in the middle of [`PLACES`] equal parts, weighted as in
-//! [`PacketLighting::shade`]. Errors of this: kinks, by second differences; light between two positions, by the turn of
-//! the normal to the next one and to the cell's ends; and light that varies unevenly, by its variation. Refinement
-//! ([`super::refine`]) would compute as many positions one after the other, and integrate the cell's parts again at
-//! each.
+//! [`PacketLighting::shade`]. The error has three parts:
+//! - kinks, by second differences;
+//! - light between two positions, by the turn of the normal to the next one and to the cell's ends;
+//! - light that varies unevenly, by its variation.
+//!
+//! Refinement ([`super::refine`]) would compute as many positions one after the other, and integrate the cell's parts
+//! again at each.
 
 use super::integrate::{Part, cubic_at, cubic_through};
 use super::shade::{HIGHLIGHT_REACH, KINK_SHARE, LightAt, PacketLighting, UNEVEN_SHARE, uneven};

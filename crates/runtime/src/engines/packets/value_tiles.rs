@@ -317,7 +317,9 @@ impl Task for GatherBrick<'_> {
         let leaps = self.host.frame.skipping == Skipping::On;
         let is_turned = summary.numbers.is_turned;
         let cloud = summary.cloud.as_ref();
-        // SAFETY, for all three: `packet_brick` compared strides, core and length of the voxels; the summary is the brick's.
+        // SAFETY, for all three: `packet_brick` compared strides, core and length of the voxels; the summary is the
+        // brick's.
+        // own.
         match self.host.frame.mode {
             Mode::Mip | Mode::Minip => {
                 let mut extreme = Extreme::<S>::new(is_turned, leaps.then_some(&summary.ranges));

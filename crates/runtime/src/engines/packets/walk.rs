@@ -1,8 +1,8 @@
 //! Rays through a brick: from cell to cell, and leaps over invisible parts.
 //!
 //! Coordinates are the brick's own: voxel (0, 0, 0) is the first of its core. Cell i lies between voxels i and i + 1,
-//! from -1 to the last core voxel. t is a world length from the ray's entry into the brick, so that `f32` resolves it:
-//! positions of crossings are right to a few 1e-6 of a cell, wherever the brick is.
+//! from -1 to the last core voxel. The parameter t is a world length from the ray's entry into the brick, so that `f32`
+//! resolves it. Positions of crossings are right to a few 1e-6 of a cell, wherever the brick is.
 //!
 //! A crossing is `plane * inverse + offset` for the plane's integer number. It does not depend on the ray's earlier
 //! path, so leaping changes nothing.

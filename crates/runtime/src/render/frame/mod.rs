@@ -2,7 +2,7 @@
 //! device the ray caster in WGSL), and its passes ([`walk`]).
 //!
 //! ```text
-//! plan the host budget --> for each band of rows: advance --> wanted --> fetch --> advance ... until nothing remains --> image
+//! plan the host budget --> for each band of rows: advance --> wanted --> fetch --> advance ... --> image
 //! ```
 //!
 //! Without a deadline the picture always converges. It does not depend on budgets, the number of threads, or the order

@@ -234,9 +234,12 @@ impl Renderer {
     }
 
     /// The first visible point under pixel (x, y) of the picture, (0, 0) being at the top left; `None` if nothing is
-    /// visible. In mode `dvr` it is the point at which the ray has gathered half of its opacity, in `iso` the first
-    /// surface, in `mip` and `minip` the extreme, on slices the plane. Mode `mean` has none. It is computed from voxels
-    /// of the finest level, or of the requested level, whatever has been drawn. Only bricks on the ray are fetched.
+    /// visible.
+    /// - mode `dvr`: the point at which the ray has gathered half of its opacity;
+    /// - `iso`: the first surface; `mip` and `minip`: the extreme; on slices: the plane; `mean` has none.
+    ///
+    /// It is computed from voxels of the finest level, or of the requested level, whatever has been drawn. Only bricks
+    /// on the ray are fetched.
     ///
     /// # Errors
     /// If there is no scene, the picture has no such pixel, the mode has no such point, a budget is too small, or it is

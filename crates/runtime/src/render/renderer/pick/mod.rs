@@ -7,7 +7,7 @@
 //!
 //! | mode | the point |
 //! |---|---|
-//! | `dvr` | where the gathered opacity first reaches half of the ray's whole opacity, or the surface or slice that takes it there |
+//! | `dvr` | where the gathered opacity first reaches half of the whole, or the surface or slice that takes it there |
 //! | `iso` | the first surface, or slice, that is not fully transparent |
 //! | `mip`, `minip` | the first place of the extreme |
 //! | `slice` | the first slice that is not fully transparent |
