@@ -1,13 +1,13 @@
 //! The streamer makes wanted bricks resident in host memory. README.md beside this file describes the whole.
 //!
-//! - [`state`]: the state of each brick; nothing else changes it;
-//! - [`classify`]: bricks decided by the table of contents alone;
-//! - [`priority`]: front-to-back order;
-//! - [`capacity`], [`budget`]: how many bricks fit, and the memory limits of a frame;
+//! - [`super::state`]: the state of each brick; nothing else changes it;
+//! - [`super::classify`]: bricks decided by the table of contents alone;
+//! - [`super::priority`]: front-to-back order;
+//! - [`super::capacity`], [`super::budget`]: how many bricks fit, and the memory limits of a frame;
 //! - `on_its_way`: loading, from request to residence;
-//! - [`loader`], [`io`]: reading, on threads of its own;
-//! - [`decode`]: decoding, on the caller's threads;
-//! - [`view`]: the resident bricks as a ray caster sees them.
+//! - [`super::loader`], [`super::io`]: reading, on threads of its own;
+//! - [`super::decode`]: decoding, on the caller's threads;
+//! - [`super::view`]: the resident bricks as a ray caster sees them.
 //!
 //! Protocol of one frame:
 //! 1. [`Streamer::begin_frame`]; [`Streamer::begin_band`] if the rays are cast band by band.

@@ -24,7 +24,7 @@ use support::{Bricked, Volume, difference, marschner_lobb, noise, points, refere
 const SEED: u64 = 25;
 /// Grey levels off silhouettes.
 const BOUND: f64 = 0.5;
-/// Divisor: share of the pixels of all random pictures that must be judged.
+/// Divisor: largest share of the pixels of all random pictures that may lie on silhouettes.
 const JUDGED: usize = 4;
 
 fn options(level: LevelChoice) -> RenderOptions {

@@ -1,5 +1,5 @@
 //! Twins of `shaders/shared/light.wgsl` and of the arithmetic of `light_walk.wgsl`: the same functions in Rust, for
-//! tests of the shader. `raycast::cpu::integrate` derives the rule and its error. The effect of light on a part
+//! tests of the shader. `packets::integrate` derives the rule and its error. The effect of light on a part
 //! (`light_shading.wgsl`) is the same as on the CPU: [`shade_part`] calls its code.
 //!
 //! Values are in bins of the transfer function ([`super::light_table`]), extents in unit distances.

@@ -6,7 +6,7 @@
 //! in one cache line ([`BIN_TEXELS`]):
 //!
 //! 1. The antiderivatives of extinction, and of extinction times red, green, blue, at the beginning of the bin. They
-//!    are exact, so means over several bins are exact for any steps and bends in between (`raycast::cpu::integrate`
+//!    are exact, so means over several bins are exact for any steps and bends in between (`packets::integrate`
 //!    describes their use).
 //! 2. The same four channels just behind the bin's beginning and just before its end, as roots of their shares of the
 //!    greatest. They give a line with the bin's mean.

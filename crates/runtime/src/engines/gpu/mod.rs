@@ -1,4 +1,4 @@
-//! The machinery of the GPU backend; `raycast::gpu` puts it together.
+//! The GPU backend; [`caster`] puts its parts together.
 //!
 //! - [`device`]: choice of the adapter, its limits, and wgpu's errors as ours;
 //! - [`layout`]: every struct and constant that Rust and WGSL share, defined once;

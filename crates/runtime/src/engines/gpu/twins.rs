@@ -1,7 +1,7 @@
 //! Twins of shader functions that the CPU does not use: positions in textures, marks of surfaces, rays in a brick. They
 //! are the same functions in Rust, under the same names; tests compare the shaders with them
-//! (`tests/gpu_walk_twins.rs`). `tests/gpu_twin_list.rs` lists functions without a twin, with the reason. Numbers that
-//! only shaders use are defined here, too, and are written into `layout.wgsl`.
+//! (`tests/pictures/gpu_walk_twins.rs`). `tests/pictures/gpu_twin_list.rs` lists functions without a twin, with the
+//! reason. Numbers that only shaders use are defined here, too, and are written into `layout.wgsl`.
 
 use glam::{Mat3, Vec3};
 use supervol_format::brick::MACRO_CELL;

@@ -6,7 +6,8 @@
 //! With `tau = h mean(kappa)` the opacity is `1 - exp(-tau)`, and the colour
 //!
 //! ```text
-//! C = mean(e) h (1 - exp(-tau)) / tau  -  h^2 (de mean(kappa) - mean(e) dkappa) R(tau),   R ~ 1 / (12 + 6 tau + 1.2 tau^2)
+//! C = mean(e) h (1 - exp(-tau)) / tau  -  h^2 (de mean(kappa) - mean(e) dkappa) R(tau)
+//! R ~ 1 / (12 + 6 tau + 1.2 tau^2)
 //! ```
 //!
 //! where de and dkappa are the differences between the ends. The second term is the effect of the order of emission and

@@ -13,8 +13,8 @@
 //! Packets, in the order of the data: `tile` (rays) and `order` (bricks), `packets` (their passes), `plans`, `blocks`
 //! and `leap` (invisible parts), `walk` (`trace`: for tests of it), `fetch`. Then in `dvr` `packet`, `lookup` and
 //! `integrate` (one cell), `shade`, `queue` and `refine` (cells that need more). In the other modes `value_tiles`
-//! (bricks), `values` (`mip`, `minip`, `mean`), `surfaces` (`iso`). [`scalar`], ray by ray, is the caster that packets
-//! are compared with.
+//! (bricks), `values` (`mip`, `minip`, `mean`), `surfaces` (`iso`). Packets are compared with the caster in
+//! [`crate::engines::cells`], which casts ray by ray.
 
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 mod begin;

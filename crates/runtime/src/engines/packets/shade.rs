@@ -8,7 +8,7 @@
 //! [`PacketLighting::shade`] states the error of this: the light does not vary evenly ([`Part::misplaced`]), f bends,
 //! or the normal turns so far that there may be a highlight between the three positions.
 //!
-//! Gradients are interpolated differences over two voxels (`scalar::shade` explains this definition). The 32 voxels
+//! Gradients are interpolated differences over two voxels (`cells::shade` explains this definition). The 32 voxels
 //! around a cell are gathered once, and along the ray the gradient is one cubic per axis.
 
 use glam::{DMat3, DVec3};
@@ -412,8 +412,8 @@ impl<'a> PacketLighting<'a> {
         self.lighting.gradient_floor.max(f32::MIN_POSITIVE.sqrt())
     }
 
-    /// Computes |n.h| to the power of the shininess, from its square; at most 1. Several positions are computed at once, so
-    /// that none waits for another.
+    /// Computes |n.h| to the power of the shininess, from its square; at most 1. Several positions are computed at once,
+    /// so that none waits for another.
     #[inline(always)]
     pub fn highlights<S: Simd, const PLACES: usize>(&self, squares: [S::F; PLACES]) -> [S::F; PLACES] {
         let (mut powers, mut factors) = ([S::splat(1.0); PLACES], squares);

@@ -5,7 +5,7 @@
 //! examined by the range of the cubic along the chord, widened by the error of `f32`. The remaining cells are settled
 //! by the scalar caster in `f64`, in order along the ray: crossings, side, light. So no picture depends on `f32`.
 //!
-//! The side of a ray is carried from cell to cell (see `scalar::modes::gather_iso`), and is unknown behind holes. A
+//! The side of a ray is carried from cell to cell (see `cells::modes::gather_iso`), and is unknown behind holes. A
 //! cube that is leapt over lies between the same two iso values everywhere, or is empty everywhere (see
 //! [`super::leap::ProximityCloud::of_sides`]). So the macro cell at the start of a leap gives the side on which the ray
 //! comes out. Rays that are on another side, after a jump between levels, do not leap but walk and settle.

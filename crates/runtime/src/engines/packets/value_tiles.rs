@@ -319,7 +319,6 @@ impl Task for GatherBrick<'_> {
         let cloud = summary.cloud.as_ref();
         // SAFETY, for all three: `packet_brick` compared strides, core and length of the voxels; the summary is the
         // brick's.
-        // own.
         match self.host.frame.mode {
             Mode::Mip | Mode::Minip => {
                 let mut extreme = Extreme::<S>::new(is_turned, leaps.then_some(&summary.ranges));
