@@ -114,8 +114,8 @@ pub struct FrameStats {
     /// Pieces of rays at which the reference integrator did not converge.
     pub reference_capped_pieces: u64,
     /// Predicted distance from the exact picture, term by term, each with a flag whether it is a bound. For pictures in
-    /// mode `dvr` by packets of rays, or by a graphics device if the transfer function has no steps. Null for others, and
-    /// if not requested.
+    /// mode `dvr` by packets of rays, or by a graphics device if the transfer function has no steps. Null for others,
+    /// and if not requested.
     pub error_predicted: Option<ErrorPredicted>,
     /// Stated distance of each pixel from the exact picture of the finest level, for any requested level and any
     /// progress. For pictures by packets of rays or by a graphics device. Null for others, and if not requested.

@@ -412,8 +412,8 @@ impl<'a> PacketLighting<'a> {
         self.lighting.gradient_floor.max(f32::MIN_POSITIVE.sqrt())
     }
 
-    /// Computes |n.h| to the power of the shininess, from its square; at most 1. Several positions are computed at once,
-    /// so that none waits for another.
+    /// Computes |n.h| to the power of the shininess, from its square; at most 1. Several positions at once, so
+    /// that none waits for another.
     #[inline(always)]
     pub fn highlights<S: Simd, const PLACES: usize>(&self, squares: [S::F; PLACES]) -> [S::F; PLACES] {
         let (mut powers, mut factors) = ([S::splat(1.0); PLACES], squares);

@@ -1,5 +1,5 @@
-//! One frame, from an open container to an image: its setting ([`setting`]), its engine ([`crate::engines::engine`]), and
-//! its passes ([`walk`]). Engines here: [`cpu`], and on a device the ray caster in WGSL.
+//! One frame, from an open container to an image: its setting ([`setting`]), its engine ([`crate::engines::engine`]),
+//! and its passes ([`walk`]). Engines here: [`cpu`], and on a device the ray caster in WGSL.
 //!
 //! ```text
 //! plan the host budget --> for each band of rows: advance --> wanted --> fetch --> advance ... --> image
