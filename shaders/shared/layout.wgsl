@@ -2,7 +2,7 @@
 
 // Texels of a row of a table.
 const TABLE_WIDTH: u32 = 1024u;
-// Bins of the transfer function's width: gpu/light_table.rs.
+// Bins of the transfer function: gpu/light_table.rs.
 const LIGHT_BINS: u32 = 4096u;
 // Texels of that table from a bin to the next one.
 const LIGHT_TEXELS: u32 = 4u;
@@ -10,13 +10,13 @@ const LIGHT_TEXELS: u32 = 4u;
 const GREATEST_ROOT: u32 = 65535u;
 // Rays of one workgroup: one tile of 8 x 8 pixels.
 const WORKGROUP_RAYS: u32 = 64u;
-// The ray has more to do at once: it stopped at the dispatch's limit.
+// The ray can continue at once: it stopped at the dispatch's limit.
 const STATUS_ACTIVE: u32 = 0u;
 // The ray waits for a brick.
 const STATUS_WAITING: u32 = 1u;
 // The ray is finished.
 const STATUS_DONE: u32 = 2u;
-// The ray has more to do at once, in the brick where it stopped: its base point stays where it is.
+// The ray can continue at once, in the brick where it stopped: its base point stays.
 const STATUS_INSIDE: u32 = 3u;
 // Some ray of a tile stopped at the dispatch's limit.
 const LEFT_INTERRUPTED: u32 = 1u;
@@ -36,13 +36,13 @@ const PAGE_RESIDENT: u32 = 4u;
 const PAGE_STATE: u32 = 255u;
 // Page table: the brick is too coarse; look at its children.
 const PAGE_REFINE: u32 = 256u;
-// Page table: bits of a page from here on are the number of what the brick may be off by.
+// Page table: first bit of the number of the brick's deviation.
 const PAGE_DEVIATION_SHIFT: u32 = 9u;
-// Number of the deviation of what is exact.
+// Number of the deviation of exact bricks.
 const DEVIATION_NONE: u32 = 0u;
-// Number of the deviation of a brick of which nothing is known.
+// Number of the deviation of unknown bricks.
 const DEVIATION_UNKNOWN: u32 = 1u;
-// What a ray gathers.
+// Mode of a ray.
 const MODE_DVR: u32 = 0u;
 // See above.
 const MODE_MIP: u32 = 1u;
@@ -68,7 +68,7 @@ const FLAG_LIGHT: u32 = 32u;
 const FLAG_SURFACES: u32 = 64u;
 // Flag: voxels are bytes; a texel of a cache texture holds four rows of them (gpu/cache.rs).
 const FLAG_BYTES: u32 = 128u;
-// Flag: what rays may be off by is summed up (errors.wgsl).
+// Flag: errors of rays are summed up (errors.wgsl).
 const FLAG_ERRORS: u32 = 256u;
 // Bytes: voxels from a texel to the next one, along x and y.
 const STEP_OF_BYTES: u32 = 3u;
@@ -125,7 +125,7 @@ const FALL_MISPLACED: f32 = 0.03;
 const FALL_END: f32 = 0.1;
 const PER_OPACITY: array<f32, 7> = array<f32, 7>(0.0, 0.0009765625, 0.00390625, 0.015625, 0.0625, 0.25, 1.0);
 
-// Where one cache texture's slots lie.
+// Position of one cache texture's slots.
 struct SlotGrid {
     // Slots along x, y, z.
     slots: vec3<u32>,
@@ -193,7 +193,7 @@ struct GpuPoint {
     padding_1: u32,
 }
 
-// What the scene and the volume fix.
+// Facts of scene and volume.
 struct Config {
     // World offset of one voxel along x.
     world_x: vec3<f32>,
@@ -211,11 +211,11 @@ struct Config {
     gradient_x: vec3<f32>,
     // Least length of a world-space gradient that is shaded, render values per world length.
     gradient_floor: f32,
-    // Second column.
+    // Second column of that matrix.
     gradient_y: vec3<f32>,
     // Lights.
     light_count: u32,
-    // Third column.
+    // Third column of that matrix.
     gradient_z: vec3<f32>,
     // Iso surfaces.
     iso_count: u32,
@@ -243,7 +243,7 @@ struct Config {
     alpha_limit: f32,
     // Bins per render value.
     bins_per_value: f32,
-    // World length over which an opacity is gathered, to the power -1.
+    // Inverse of the world length that opacities refer to.
     inverse_unit_distance: f32,
     // A ray whose transmittance is lower is finished.
     transmittance_limit: f32,
@@ -259,7 +259,7 @@ struct Config {
     miss_words: u32,
     // First word of the feedback that counts rays waiting for a brick.
     wait_words: u32,
-    // First word of the tiles of a run, behind these.
+    // First word of the tiles of a run, behind the counts.
     tile_words: u32,
     // Stored number from which bins of the transfer function are counted, before it is scaled.
     light_centre: f32,
@@ -267,17 +267,17 @@ struct Config {
     light_scale: f32,
     // Bin of `light_centre`.
     light_offset: f32,
-    // Error of one cell, of colour or opacity times the transmittance in front, from which it is cut into parts.
+    // Error of one cell, of colour or opacity times the transmittance in front; cells above it are cut into parts.
     cell_error: f32,
-    // What one of an antiderivative's whole numbers stands for.
+    // Unit of the antiderivatives' integers.
     light_unit: f32,
     // Greatest channel: extinction per unit distance, or that times a colour.
     light_most: f32,
-    // Opacity of a part, times the transmittance in front, from which it is shaded.
+    // Opacity of a part, times the transmittance in front; parts below it are not shaded.
     least_shaded: f32,
     // Intensity of all lights.
     light_sum: f32,
-    // Gauss pairs for each that half a grey level would take.
+    // Gauss pairs, relative to the number for half a grey level.
     pair_share: f32,
     // Zero.
     padding_0: u32,
@@ -307,7 +307,7 @@ struct Fixed {
     low: u32,
 }
 
-// A number that changes by the same amount from pixel to pixel: `base + x * per_x + y * per_y`.
+// A number that changes linearly from pixel to pixel: `base + x * per_x + y * per_y`.
 struct Affine {
     // At pixel (0, 0).
     base: Fixed,
@@ -317,46 +317,46 @@ struct Affine {
     per_y: Fixed,
 }
 
-// The height of rays above a clip plane, in voxels as far as that goes: what is below 0 is cut off.
+// The height of rays above a clip plane, approximately in voxels: parts below 0 are cut off.
 struct PlaneLine {
-    // Where the ray begins.
+    // Height at the ray's begin.
     origin: Affine,
-    // For each stride.
+    // Change per stride.
     stride: Affine,
 }
 
 // Rays of a picture, in the index space of level 0: `origin + n * stride`, n a number of strides.
 //
-// A ray's parameter t is a world length for orthographic cameras, and a depth for perspective ones; `length_at` says
-// how long one unit of it is.
+// The parameter t of a ray is a world length for orthographic cameras, and a depth for perspective ones;
+// `length_at` gives the length of one unit of it.
 struct View {
     // `sqrt(1 + (u.x + x u.y)^2 + (u.z + y u.w)^2)` is the world length of one unit of t.
     length: vec4<f32>,
-    // Least and greatest corner of what is drawn of the volume's domain: voxels.
+    // Least corner of the drawn part of the volume's domain: whole voxels.
     box_low: vec3<i32>,
     // Rays of the picture along x.
     width: u32,
-    // See above.
+    // Greatest corner of the same: whole voxels.
     box_high: vec3<i32>,
     // Rays along y.
     height: u32,
-    // What is to be added to `box_low`.
+    // Rest to add to `box_low`.
     box_low_rest: vec3<f32>,
     // First row of the band in progress.
     first_row: u32,
-    // What is to be added to `box_high`.
+    // Rest to add to `box_high`.
     box_high_rest: vec3<f32>,
     // Tiles of 8 x 8 rays along x.
     tiles_x: u32,
-    // Rays whose places are in the band: 64 for each tile.
+    // Places of rays in the band: 64 for each tile.
     places: u32,
     // Clip planes.
     plane_count: u32,
     // First value of every ray's accumulator, modes mip and minip.
     first_value: f32,
-    // 1 where the host says which parts of rays are kept (`RayPart`), else 0.
+    // 1 if the host provides the parts of rays (`RayPart`), else 0.
     in_parts: u32,
-    // Where rays begin: a plane in front of the volume, or the eye.
+    // Begin of rays: a plane in front of the volume, or the eye.
     origin: array<Affine, 3>,
     // Index offset of one stride.
     stride: array<Affine, 3>,
@@ -368,11 +368,12 @@ struct View {
 
 // One dispatch: a run of tiles of rays, or of pixels.
 struct Dispatch {
-    // Of pixels the first one's number in its band, row by row.
+    // For a run of pixels: number of the first one in its band, row by row.
     first_pixel: u32,
     // 0 in a pass's first round, in which waiting rays look again whether their brick has come; then 1.
     later_round: u32,
-    // Coarsest levels all of whose bricks are too coarse: the search for a brick's level begins behind them.
+    // Number of coarsest levels whose bricks are all too coarse: the search for a brick's level begins behind
+    // them.
     refined_levels: u32,
     // Zero.
     padding: u32,
@@ -380,19 +381,19 @@ struct Dispatch {
 
 // All tables of fixed size.
 struct Scene {
-    // What the scene and the volume fix.
+    // Facts of scene and volume.
     config: Config,
     // Tables.
     tables: Tables,
     // Rays.
     view: View,
-    // Which of them are cast now.
+    // The dispatch in progress.
     job: Dispatch,
 }
 
-// How far a ray has come; 48 bytes, none of which the ray itself needs: pixels say where that is.
+// State of a ray between dispatches: 48 bytes. Its path follows from its pixel and is not stored.
 struct RayState {
-    // Premultiplied colour. Modes mip and minip: the extreme so far in x; mode mean: the integral of the value there.
+    // Premultiplied colour. Modes mip and minip: the extreme so far in x; mode mean: the integral of the value.
     color: vec3<f32>,
     // Share of the light behind that still passes.
     transmittance: f32,
@@ -408,48 +409,51 @@ struct RayState {
     status: u32,
     // Modes mip, minip, mean: world length over which the value was present; with surfaces: 1 where `sides` holds.
     present: f32,
-    // One bit for each surface, set where the value was not below the surface's.
+    // One bit for each surface, set if the value was not below the surface's.
     sides: u32,
     // Mode iso: one bit for each surface that was crossed already: only first crossings count.
     crossed: u32,
 }
 
-// What a ray may be off by so far; 1 is white. What is infinite elsewhere is `FAR` here.
+// Errors of a ray so far; 1 is white. Infinity is `FAR` here.
 struct RayErrors {
     // Mode dvr: sum over its cells.
     cells: f32,
-    // What coarser bricks may do, modes dvr and iso; mode mean: that of values, times world lengths; modes mip and minip: how far below the
-    // exact value may be.
+    // Modes dvr and iso: sum of the deviations of coarser bricks. Mode mean: that of values, times world lengths.
+    // Modes mip and minip: how
+    // far below the drawn value the exact one may lie.
     levels: f32,
-    // Modes dvr and iso: least of that and the transmittance at all places so far; modes mip and minip: how far above the exact value may be.
+    // Modes dvr and iso: least of sum plus transmittance over all places so far; modes mip and minip: how far
+    // above the exact value may lie.
     bound: f32,
-    // Mode dvr: how much less optical depth there may be in front.
+    // Mode dvr: largest possible excess of drawn optical depth in front.
     thinner: f32,
-    // 1 where a voxel may be there in one level and not in another.
+    // 1 if a voxel may be present in one level and absent in another.
     presence_may_change: u32,
 }
 
-// What is drawn of a brick, against level 0: `lod::deviation::Deviation`. World lengths, render values; infinity is `FAR`.
+// Deviation of a drawn brick from level 0: `lod::deviation::Deviation`. World lengths, render values; infinity is
+// `FAR`.
 struct GpuDeviation {
-    // Mode dvr: error per length beside each of `PER_OPACITY`.
+    // Mode dvr: error per length for each of `PER_OPACITY`.
     per_length: array<f32, 7>,
-    // Mode dvr: most that the drawn extinction is above the exact one.
+    // Mode dvr: greatest difference of the drawn extinction above the exact one.
     thinner: f32,
-    // Greatest extinction that may be drawn or exact; `FAR` where a surface may lie beneath.
+    // Greatest extinction, drawn or exact; `FAR` if a surface may lie beneath.
     kappa_max: f32,
-    // Most that a value is off; `FAR` where one may be there or not.
+    // Largest difference of a value; `FAR` if a value may be present or absent.
     value: f32,
-    // Least exact value; above the greatest one where there is none.
+    // Least exact value; above the greatest one if there is none.
     least: f32,
     // Greatest exact value.
     greatest: f32,
-    // 1 where a voxel may be absent in the brick or beneath.
+    // 1 if a voxel in the brick or beneath it may be absent.
     presence_may_change: u32,
 }
 
-// A part of a ray, of several that solids leave; `RayState` says what the numbers are.
+// A part of a ray, if solids divide rays; `RayState` describes the numbers.
 struct RayPart {
-    // Place of the ray; none where it lies beyond the band's places.
+    // Place of the ray; unused beyond the band's places.
     place: u32,
     // Parameter beyond the strides to the base point.
     t: f32,
@@ -483,7 +487,7 @@ struct GpuCounters {
     fallbacks: u32,
     // Bricks left out because they and all their ancestors have failed.
     lost: u32,
-    // Times a loop hit its limit: the ray is not exact there.
+    // Times a loop hit its limit: such a ray is not exact.
     anomalies: u32,
     // Zero.
     padding: u32,

@@ -1,13 +1,13 @@
-//! When work stops that can be given up: at a time, or when somebody says so.
+//! Stop condition: a deadline or a cancel request.
 
 use std::time::{Duration, Instant};
 
 pub use supervol_format::canceller::Canceller;
 
-/// What is begun before the time is up goes on so long at least: however short the steps are, each comes some way.
+/// Least duration of a step that has begun, even after the deadline, so that each step makes progress.
 pub const LEAST_STEP: Duration = Duration::from_millis(1);
 
-/// When work stops.
+/// Condition under which work stops.
 #[derive(Debug, Clone, Default)]
 pub struct Stop {
     deadline: Option<Instant>,
@@ -15,16 +15,16 @@ pub struct Stop {
 }
 
 impl Stop {
-    /// When all is done.
+    /// Never: stops only when all work is done.
     pub const NEVER: Self = Self { deadline: None, canceller: None };
 
-    /// At this time, if there is one.
+    /// Stops at this time, if there is one.
     #[must_use]
     pub fn at(deadline: Option<Instant>) -> Self {
         Self { deadline, canceller: None }
     }
 
-    /// Also when this says so.
+    /// Stops also when `canceller` is cancelled.
     #[must_use]
     pub fn or_by(self, canceller: Canceller) -> Self {
         Self { canceller: Some(canceller), ..self }
@@ -36,31 +36,31 @@ impl Stop {
         self.deadline
     }
 
-    /// The same with another time, or none.
+    /// The same condition with another deadline, or none.
     #[must_use]
     pub fn instead_at(&self, deadline: Option<Instant>) -> Self {
         Self { deadline, ..self.clone() }
     }
 
-    /// The same, but its time is not up before this: what is begun comes some way.
+    /// The same condition with its deadline no earlier than `time`, so that a step can make progress.
     #[must_use]
     pub fn not_before(&self, time: Instant) -> Self {
         self.instead_at(self.deadline.map(|deadline| deadline.max(time)))
     }
 
-    /// Whether the time is up.
+    /// Whether the deadline has passed.
     #[must_use]
     pub fn is_late(&self) -> bool {
         self.deadline.is_some_and(|deadline| Instant::now() >= deadline)
     }
 
-    /// Whether somebody wants the work to stop, whatever the time.
+    /// Whether work was cancelled, regardless of the time.
     #[must_use]
     pub fn is_cancelled(&self) -> bool {
         self.canceller.as_ref().is_some_and(Canceller::is_cancelled)
     }
 
-    /// Whether to stop.
+    /// Whether to stop now.
     #[must_use]
     pub fn is_due(&self) -> bool {
         self.is_cancelled() || self.is_late()

@@ -1,12 +1,15 @@
-//! The reference integrator: what a picture must look like, by brute force in `f64`.
+//! The reference integrator: defines the right picture, by brute force in `f64`.
 //!
-//! It follows RENDERING-MODEL line by line and shares nothing with the ray casters but the camera, the clipping and the
-//! transfer function's definition. A ray's segment is cut at the faces of the trilinear cells (index coordinates that
-//! are integers), because the field bends there; each *piece* is cut again where s crosses a control point, found by
-//! dense sampling and bisection, and each part is sampled at midpoints and halved until doubling the samples changes
-//! nothing any more and no normal turns far between them: where the gradient passes close by zero, light may change within less
-//! than any fixed number of samples sees. So it converges under steep transfer functions as well.
-//! It holds the whole volume in memory: fit for small volumes only.
+//! It follows RENDERING-MODEL line by line, and shares with the ray casters only the camera, the clipping and the
+//! definition of the transfer function.
+//!
+//! A ray's segment is cut at the faces of the trilinear cells (integer index coordinates), because the field bends
+//! there. Each *piece* is cut again where s crosses a control point, found by dense sampling and bisection. Each part
+//! is sampled at midpoints and halved until two conditions hold: doubling the samples changes nothing, and no normal
+//! turns far between samples. The second one matters where the gradient passes close to zero: light may change within
+//! less than any fixed sample distance. So it also converges under steep transfer functions.
+//!
+//! It holds the whole volume in memory: suitable for small volumes only.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -22,23 +25,24 @@ use supervol_scene::transfer_function::TransferFunction;
 
 /// Midpoint samples of an interval.
 const SAMPLES: usize = 16;
-/// Change of an interval's colour and opacity that counts as standing still when its samples are doubled.
+/// Change of an interval's colour and opacity, when its samples are doubled, that counts as converged.
 const TOLERANCE: f64 = 4e-6;
 /// Most halvings of an interval; reaching it is counted.
 const DEPTH_LIMIT: u32 = 30;
-/// Most that the normal may turn from sample to sample, as a length, where highlights are wide; by how much less where they are not, the
-/// shininess says.
+/// Largest turn of the normal from sample to sample, as a length, for wide highlights. For narrow ones the shininess
+/// reduces it.
 const NORMAL_CHANGE: f64 = 0.5;
-/// Shininess of highlights that are as wide as that.
+/// Shininess of such wide highlights.
 const WIDE_SHININESS: f64 = 4.0;
-/// Relative distance from a piece's ends at which they are sampled: on the ends themselves rounding could choose the
-/// neighbouring cell, which may be absent. Also the distance, voxels, within which an end lies on a plane of voxels.
+/// Relative distance from a piece's ends at which they are sampled: on the ends themselves, rounding could choose the
+/// neighbouring cell, which may be absent. Also the distance, voxels, within which an end counts as lying on a plane of
+/// voxels.
 const END_INSET: f64 = 1e-9;
-/// Samples of a piece between which extremes and crossings are sought.
+/// Samples of a piece for the search of extremes and crossings.
 const SEARCH_SAMPLES: usize = 32;
-/// Gradients below this share of the data range per smallest spacing are noise: no shading.
+/// Gradients below this share of the data range per smallest spacing are noise and not shaded.
 const GRADIENT_FLOOR: f64 = 1e-6;
-/// The interpolant of equal voxels varies by this share of their value: its weights sum to 1 only up to rounding.
+/// Relative variation of the interpolant of equal voxels: its weights sum to 1 only up to rounding.
 const ROUNDING: f64 = 1e-13;
 
 /// A volume wholly in memory.
@@ -54,12 +58,12 @@ pub struct ReferenceVolume {
     pub value_range: ValueRange,
 }
 
-/// A picture and what making it hit.
+/// A picture, with the number of unconverged intervals.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReferencePicture {
     /// The picture.
     pub image: Image,
-    /// Intervals that still moved at the limit of halvings.
+    /// Intervals that had not converged at the limit of halvings.
     pub capped_pieces: u64,
 }
 
@@ -86,14 +90,14 @@ pub struct ReferenceCaster<'a> {
 }
 
 impl<'a> ReferenceCaster<'a> {
-    /// For the picture that [`render_reference`] makes.
+    /// A caster for the picture of [`render_reference`].
     #[must_use]
     pub fn new(volume: &'a ReferenceVolume, scene: &'a ResolvedScene) -> Self {
         Self { frame: Frame::new(volume, scene) }
     }
 
-    /// Pixels (column, row) of the picture, each the mean of its rays: premultiplied RGBA before the background, the bits of
-    /// the whole picture. `each` is called after each of them.
+    /// Pixels (column, row) of the picture, each the mean of its rays: premultiplied RGBA before the background, bit
+    /// for bit as in the whole picture. `each` is called after each of them.
     #[must_use]
     pub fn pixels(&self, pixels: &[[u32; 2]], each: &(dyn Fn() + Sync)) -> Vec<[f32; 4]> {
         let pixel = |&[x, y]: &[u32; 2]| {
@@ -107,7 +111,7 @@ impl<'a> ReferenceCaster<'a> {
         pixels.par_iter().map(pixel).collect()
     }
 
-    /// Intervals that still moved at the limit of halvings, so far.
+    /// Intervals so far that had not converged at the limit of halvings.
     #[must_use]
     pub fn capped_pieces(&self) -> u64 {
         self.frame.capped_pieces.load(Ordering::Relaxed)
@@ -163,11 +167,11 @@ struct Frame<'a> {
     world_from_index_gradient: DMat3,
     gradient_floor: f64,
     capped_pieces: AtomicU64,
-    /// Of each slice: what its filter has made of it, and colours that suit that.
+    /// For each slice: the result of its filter, and colours that suit it.
     filtered: Vec<Option<(FilteredSlice, Option<TransferFunction>)>>,
 }
 
-/// One ray with its pieces, front to back; one ends where the next begins, unless something is cut away between them.
+/// One ray with its pieces, front to back; one ends where the next begins, unless clipping removed the part in between.
 struct Pieces {
     ray: IndexRay,
     direction: DVec3,
@@ -175,7 +179,7 @@ struct Pieces {
 }
 
 impl Pieces {
-    /// Those that are more than the rounding of their ends.
+    /// The pieces that are longer than the rounding of their ends.
     fn longer_than_rounding(&self) -> impl Iterator<Item = &[f64; 2]> {
         let is_long =
             |end: &[f64; 2]| self.ray.direction.iter().any(|d| (d * (end[1] - end[0])).abs() > ROUNDED_LENGTH);
@@ -205,7 +209,7 @@ impl<'a> Frame<'a> {
         if self.scene.slices.is_empty() {
             return self.gathered(&whole);
         }
-        // Slices cut the ray: what lies before each, the slice, and what lies behind the last.
+        // Slices cut the ray: the part before each, the slice, and the part behind the last.
         let mut picture = (DVec3::ZERO, 1.0);
         let mut before = segment.t0;
         for (t, number) in crossings(&self.scene.slices, &ray, segment) {
@@ -241,7 +245,7 @@ impl<'a> Frame<'a> {
         (slice.opacity * DVec3::from(colors.classify(value).0), 1.0 - slice.opacity)
     }
 
-    /// What a ray gathers of the volume on these pieces.
+    /// Contribution of the volume to a ray on these pieces.
     fn gathered(&self, pieces: &Pieces) -> [f64; 4] {
         match self.scene.mode {
             Mode::Dvr => self.dvr(pieces),
@@ -280,15 +284,16 @@ impl<'a> Frame<'a> {
         [color.x, color.y, color.z, 1.0 - transmittance]
     }
 
-    /// Premultiplied colour and transmittance of a piece, cut where the transfer function bends or steps, and where shading
-    /// ends for want of a normal.
+    /// Premultiplied colour and transmittance of a piece. It is cut where the transfer function bends or steps, and
+    /// where shading ends because there is no normal.
     fn converged_piece(&self, pieces: &Pieces, t0: f64, t1: f64) -> (DVec3, f64) {
         let cuts = self.cuts(pieces, t0, t1);
         cuts.windows(2).map(|c| self.refined(pieces, c[0], c[1], 0)).fold((DVec3::ZERO, 1.0), behind)
     }
 
-    /// The piece's ends, where s crosses a control point, and where the gradient becomes too short for a normal: shading ends
-    /// there at once, and where the gradient grows steeply that is too near its zero for samples at even distances.
+    /// Positions of cuts: the piece's ends, the crossings of s with control points, and the positions where the
+    /// gradient becomes too short for a normal. Shading ends there at once. If the gradient grows steeply, that is too
+    /// near its zero for evenly spaced samples.
     fn cuts(&self, pieces: &Pieces, t0: f64, t1: f64) -> Vec<f64> {
         let mut cuts = vec![t0, t1];
         let value = |t: f64| self.volume.sample(pieces.ray.at(t)).unwrap_or(f64::NAN);
@@ -305,7 +310,7 @@ impl<'a> Frame<'a> {
         cuts
     }
 
-    /// An interval, halved until doubling its samples changes nothing, and nothing that shows can hide between them.
+    /// An interval, halved until doubling its samples changes nothing and nothing visible can hide between them.
     fn refined(&self, pieces: &Pieces, t0: f64, t1: f64, depth: u32) -> (DVec3, f64) {
         let middle = 0.5 * (t0 + t1);
         let coarse = self.piece(pieces, t0, t1, SAMPLES);
@@ -323,7 +328,7 @@ impl<'a> Frame<'a> {
         behind(self.refined(pieces, t0, middle, depth + 1), self.refined(pieces, middle, t1, depth + 1))
     }
 
-    /// Whether the normal turns so far from sample to sample, from end to end, that light may shine between two of them only.
+    /// Whether the normal turns so far between samples that light may shine between two of them only.
     fn turns_far(&self, pieces: &Pieces, ends: [f64; 2]) -> bool {
         let Some(shading) = &self.scene.shading else { return false };
         let most = NORMAL_CHANGE / (shading.shininess / WIDE_SHININESS).max(1.0).sqrt();
@@ -374,7 +379,7 @@ impl<'a> Frame<'a> {
             let at = |t: f64| self.volume.sample(pieces.ray.at(t)).map(|v| v * sign);
             let Some(values) = t.iter().map(|&t| at(t)).collect::<Option<Vec<f64>>>() else { continue };
             let best_at = (0..values.len()).max_by(|&a, &b| values[a].total_cmp(&values[b])).unwrap_or(0);
-            // The cubic has one greatest value inside at most: between the neighbours of the greatest sample.
+            // The cubic has at most one greatest value inside: between the neighbours of the greatest sample.
             let (low, high) = ((t[best_at] - step).max(t[0]), (t[best_at] + step).min(t[t.len() - 1]));
             let top = peak(low, high, |t| at(t).unwrap_or(f64::NEG_INFINITY));
             let refined = at(top).unwrap_or(values[best_at]).max(values[best_at]);
@@ -432,9 +437,9 @@ impl<'a> Frame<'a> {
         found
     }
 
-    /// Where a present piece crosses a surface, in order. Its ends belong to it: a ray that comes up to the surface just where a cell
-    /// ends, beside one that is absent, has crossed it. What lies on both sides of something cut away, or of something absent, is
-    /// never compared.
+    /// Crossings of a present piece with a surface, in order. The piece's ends belong to it: a ray that reaches the
+    /// surface exactly at the end of a cell, beside an absent one, has crossed it. Values on the two sides of a clipped
+    /// or absent part are never compared.
     fn crossings_in(&self, pieces: &Pieces, ends: [f64; 2], surface: f64) -> Vec<f64> {
         let mut places = Vec::new();
         if self.volume.sample(pieces.ray.at(0.5 * (ends[0] + ends[1]))).is_some() {
@@ -451,7 +456,7 @@ impl<'a> Frame<'a> {
     }
 }
 
-/// What a slice's filter makes of it, and colours that suit that.
+/// The result of a slice's filter, and colours that suit it.
 fn filtered(
     volume: &ReferenceVolume,
     scene: &ResolvedScene,
@@ -467,14 +472,14 @@ fn filtered(
     Some((made, colors))
 }
 
-/// A coordinate of a piece's end: the plane of voxels that it lies on but for rounding, or where it is.
+/// A coordinate of a piece's end: snapped to the plane of voxels that it lies on up to rounding.
 fn on_plane(x: f64) -> f64 {
     let plane = x.round();
     if (x - plane).abs() <= END_INSET.max(8.0 * f64::EPSILON * x.abs()) { plane } else { x }
 }
 
-/// Adds the places at which a function crosses some levels. Its extremes are searched first: between them it is monotone, so
-/// that no crossing is missed where it only grazes a level.
+/// Adds the positions at which a function crosses some levels. Its extremes are searched first: it is monotone between
+/// them, so no crossing is missed where it only grazes a level.
 fn add_crossings(
     ends: [f64; 2],
     at: impl Fn(f64) -> f64,
@@ -501,7 +506,7 @@ fn add_crossings(
     }
 }
 
-/// Where a function with one greatest value between `low` and `high` has it.
+/// Position of the greatest value of a function with one maximum between `low` and `high`.
 fn peak(mut low: f64, mut high: f64, f: impl Fn(f64) -> f64) -> f64 {
     for _ in 0..60 {
         let (a, b) = (low + (high - low) / 3.0, high - (high - low) / 3.0);
@@ -510,7 +515,7 @@ fn peak(mut low: f64, mut high: f64, f: impl Fn(f64) -> f64) -> f64 {
     0.5 * (low + high)
 }
 
-/// The end of the part of `low..high` in which `holds`, which begins with it and leaves it once.
+/// The end of the part of `low..high` in which `holds` is true; the part begins at `low`.
 fn bisect(mut low: f64, mut high: f64, holds: impl Fn(f64) -> bool) -> f64 {
     for _ in 0..50 {
         let middle = 0.5 * (low + high);
@@ -554,7 +559,7 @@ fn pieces_of(ray: &IndexRay, segment: Segment) -> Vec<[f64; 2]> {
     ends.windows(2).map(|end| [end[0], end[1]]).collect()
 }
 
-/// A piece without its ends, on which rounding could choose the neighbouring cell.
+/// A piece without its ends, where rounding could choose the neighbouring cell.
 fn inset([t0, t1]: [f64; 2]) -> [f64; 2] {
     [t0 + END_INSET * (t1 - t0), t1 - END_INSET * (t1 - t0)]
 }

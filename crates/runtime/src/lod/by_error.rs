@@ -1,40 +1,39 @@
-//! Whether a brick of a coarser level will do, by what the table of contents says of it: its error bound and its ranges,
-//! seen through the transfer function.
+//! Level rules by error: whether a coarser brick may be drawn. They use the brick's error bound and value ranges of the
+//! table of contents, seen through the transfer function.
 //!
-//! A brick of level 1 or more is drawn where one of these holds; otherwise its children are.
+//! A brick of level 1 or more is drawn if one of these rules holds; otherwise its children are.
 //! 1. *Nothing beneath it can be seen*: no value of its own range and of all ranges beneath it is visible.
-//! 2. *The bound* ([`LevelsByError::keeps_target`]): the picture stays within the target E whatever the values do within
-//!    the brick's error bound. This is a theorem, see below, and holds for voxels of any size.
-//! 3. *Small voxels* ([`LevelsByError::keeps_contrast`]): its voxels cover at most a quarter of a pixel, so that 16 rays
-//!    per pixel still meet each of them, and averaging has not taken away what the transfer function shows. This is a rule
-//!    of thumb, not a bound, and does not depend on E: no stored number says how often the error occurs within a brick. A
-//!    picture by this rule is measured against level 0 supersampled, from which level 0 itself, with one ray per pixel, is
-//!    as far (docs/decisions/005-levels-by-error.md).
+//! 2. *The bound* ([`LevelsByError::keeps_target`]): the picture stays within the target E for all values within the
+//! 3. *Small voxels* ([`LevelsByError::keeps_contrast`]): its voxels cover at most a quarter of a pixel, and averaging
+//!    has not removed visible contrast. Then 16 rays per pixel still meet each voxel. This rule is a heuristic, not a
+//!    bound, and does not depend on E: no stored number says how often the error occurs within a brick. The exact
+//!    picture for this rule is level 0 supersampled. Level 0 with one ray per pixel is as far from it
+//!    (docs/decisions/005-levels-by-error.md).
 //!
 //! ## The bound of a ray
 //!
-//! Let s be the exact field along a ray and s + d the drawn one, |d| <= error, extinction kappa and colour c (channels in
-//! [0, 1]). Going from one to the other in equal shares, the pixel changes at the rate
-//! `integral of T (kappa' dc + dkappa (c - C))`, where C is the colour that comes from behind, and T the transmittance of a
-//! mixture of both. Both colours lie in [0, 1], so the pixel changes by at most
+//! Let s be the exact field along a ray and s + d the drawn one, |d| <= error, with extinction kappa and colour c
+//! (channels in [0, 1]). Move from one to the other in equal shares. The pixel then changes at the rate `integral of T
+//! (kappa' dc + dkappa (c - C))`. C is the colour from behind; T is the transmittance of a mixture of both fields. Both
+//! colours lie in [0, 1], so the pixel changes by at most
 //!
 //! ```text
 //! integral of T(t) (kappa_max dc + dkappa) dt,      dc, dkappa, kappa_max over [s - error, s + error]
 //! ```
 //!
-//! As `integral of T kappa dt <= 1` and no ray is longer than L, it stays below E where everywhere
+//! As `integral of T kappa dt <= 1` and no ray is longer than L, the change stays below E if everywhere
 //!
 //! ```text
 //! kappa_max dc + dkappa <= E (kappa_min / 2 + 1 / (2 L))
 //! ```
 //!
-//! The right side is a brick's share of the ray's budget: half of E is spent by opacity, half by length, so that the sum
-//! over all bricks of a ray stays within E however many there are. It leaves nothing to chance and is severe: errors that
-//! cancel are added up. Shaded colours may be any (normals have no stored bound): there `dc = 1`. In `mip`, `minip` and
-//! `mean` the value itself is off by at most the error: its opacity and colour may change by E in all. In `iso` a crossing
-//! moves by an unknown length: a brick with an iso value beneath must be exact.
+//! The right side is a brick's share of the ray's budget: half of E is spent by opacity, half by length. So the sum
+//! over all bricks of a ray stays within E, however many there are. The bound is strict: errors that cancel are added
+//! up. Shaded colours are unknown (normals have no stored bound), so there `dc = 1`. In `mip`, `minip` and `mean` the
+//! value itself is off by at most the error: its opacity and colour may change by E in all. In `iso` a crossing moves
+//! by an unknown length: a brick with an iso value beneath it must be exact.
 //!
-//! Holes are outside all this: error bounds hold where both levels are present (see [`Verdict::FineWithoutHoles`]).
+//! Error bounds hold only where both levels have data; holes are treated by [`Verdict::FineWithoutHoles`].
 
 use glam::DVec3;
 use supervol_format::container::toc::BrickEntry;
@@ -45,18 +44,18 @@ use supervol_scene::transfer_function::{ALPHA_LIMIT, Intervals};
 
 use super::LodRule;
 
-/// An error of the picture that is none: every picture keeps it.
+/// Error that every picture keeps: the whole scale.
 pub const ANY_ERROR: f64 = 1.0;
-/// Pixels that a voxel may cover by rule 3: the distance between the rays of a picture supersampled 16 times.
+/// Pixels that a voxel may cover under rule 3: the distance between the rays of a picture supersampled 16 times.
 const SMALL_VOXEL_PIXELS: f64 = 0.25;
-/// Share of mean opacity that averaging may take away by rule 3, and opacity that it may change at the ends of a range.
+/// Tolerances of rule 3: share of mean opacity that averaging may remove, and change of opacity at the ends of a range.
 const CONTRAST_TOLERANCE: f64 = 0.05;
-/// Parts of a brick's range looked at before the bound counts as broken.
+/// Most parts of a brick's range to examine. If they do not suffice, the bound counts as broken.
 const PART_LIMIT: usize = 4096;
-/// A part of a range is not divided below this share of the error.
+/// Least length of a part, as a share of the error: shorter parts are not divided.
 const FINEST_PART: f64 = 0.25;
 
-/// What the table of contents says about drawing a brick of level 1 or more.
+/// Verdict of the level rules about a brick of level 1 or more.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
     /// It may be drawn.
@@ -67,7 +66,7 @@ pub enum Verdict {
     TooCoarse,
 }
 
-/// What the rules must know of a container.
+/// Container facts that the level rules need.
 #[derive(Debug, Clone, Copy)]
 pub struct DataScale<'a> {
     /// Levels and bricks.
@@ -80,11 +79,12 @@ pub struct DataScale<'a> {
     pub offset: f64,
     /// Least and greatest value of the volume, data units.
     pub value_range: ValueRange,
-    /// Most by which a voxel of level 0 is off its source's, data units: so far outside of all ranges may exact values lie.
+    /// Largest difference of a level-0 voxel from its source voxel, data units. Exact values may lie outside of all
+    /// ranges by this much.
     pub voxel_error: f64,
 }
 
-/// See the module.
+/// Level rules for one scene and container; see the module.
 #[derive(Debug, Clone)]
 pub struct LevelsByError {
     mode: Mode,
@@ -92,9 +92,9 @@ pub struct LevelsByError {
     /// Iso values, data units.
     iso: Vec<f64>,
     is_shaded: bool,
-    /// E, a share of full scale.
+    /// Target error E, a share of full scale.
     max_error: f64,
-    /// L, world length.
+    /// Longest ray L, world length.
     longest_ray: f64,
     scale: f64,
     offset: f64,
@@ -105,7 +105,7 @@ pub struct LevelsByError {
 }
 
 impl LevelsByError {
-    /// The rules for pictures of a scene within `max_error`, a share of full scale; `lod` says how large voxels are on
+    /// Rules for pictures of a scene within `max_error`, a share of full scale. `lod` gives the size of voxels on
     /// screen.
     #[must_use]
     pub fn new(scene: &ResolvedScene, data: &DataScale<'_>, lod: LodRule, max_error: f64) -> Self {
@@ -137,7 +137,7 @@ impl LevelsByError {
         if keeps_contrast { Verdict::Fine } else { bounded }
     }
 
-    /// Whether a brick may be drawn by rule 1 or 2: then the picture keeps the target.
+    /// Whether a brick may be drawn by rule 1 or 2, so that the picture provably keeps the target.
     #[must_use]
     pub fn bounded_verdict(&self, key: BrickKey, entry: &BrickEntry) -> Verdict {
         if key.lod() == Lod::FINEST || self.max_error >= ANY_ERROR {
@@ -151,20 +151,20 @@ impl LevelsByError {
         if is_kept { Verdict::FineWithoutHoles } else { Verdict::TooCoarse }
     }
 
-    /// Whether a brick may be drawn although its values are off by up to `error` somewhere: rule 2. `beneath` is the range
-    /// of the brick and of everything beneath it; data units.
+    /// Rule 2: whether a brick may be drawn although its values are off by up to `error`. `beneath` is the range of the
+    /// brick and everything beneath it. Data units.
     #[must_use]
     pub fn keeps_target(&self, beneath: ValueRange, error: f64) -> bool {
         let hull = (beneath.min, beneath.max);
-        // The same values everywhere, but not the same normals: those of a coarser level reach farther.
+        // Values are equal everywhere, but normals are not: those of a coarser level reach farther.
         if error == 0.0 && !self.is_shaded {
             return true;
         }
         match self.mode {
-            // Nobody knows where a surface would be on another level.
+            // The position of a surface on another level is unknown.
             Mode::Dvr if self.meets_surface(beneath) => false,
             Mode::Dvr => self.holds_within(hull, error, hull, |extent, share| self.keeps_ray(extent, share)),
-            // The ray's value lies in this brick's range, but what it is mistaken for need not.
+            // The ray's value lies in this brick's range, but the value it is exchanged for need not.
             Mode::Mip | Mode::Minip => {
                 self.holds_within(hull, error, EVERYTHING, |extent, share| self.keeps_value(extent, share))
             }
@@ -176,11 +176,11 @@ impl LevelsByError {
         }
     }
 
-    /// Whether the brick's own values show as much as those beneath it do: rule 3; data units.
+    /// Rule 3: whether the brick's own values show as much as those beneath it; data units.
     ///
-    /// Averaging draws values together. What it took off either end of the range must look like what is left there; and as
-    /// a model, values are spread evenly over their ranges: then the mean opacity and colour over both ranges are what a ray
-    /// gathers from the brick and from what lies beneath it.
+    /// Averaging narrows the range of values. The values lost at either end must look like the values kept there. As a
+    /// model, values are spread evenly over their ranges; the mean opacity and colour over both ranges are then what a
+    /// ray gathers from the brick and from the bricks beneath it.
     #[must_use]
     pub fn keeps_contrast(&self, own: ValueRange, beneath: ValueRange) -> bool {
         if own.is_empty() {
@@ -197,7 +197,7 @@ impl LevelsByError {
             }
             Mode::Mip => self.changes_little(own.max, beneath.max),
             Mode::Minip => self.changes_little(beneath.min, own.min),
-            // Means are means of means.
+            // A mean of means is the mean.
             Mode::Mean => true,
             Mode::Iso => self.keeps_surfaces(own, beneath),
             Mode::Slice => false,
@@ -219,7 +219,7 @@ impl LevelsByError {
         self.iso.iter().any(|&value| range.contains(value))
     }
 
-    /// Whether the brick's own values meet every surface that those beneath it do.
+    /// Whether the brick's own values meet every surface that the values beneath it meet.
     fn keeps_surfaces(&self, own: ValueRange, beneath: ValueRange) -> bool {
         self.iso.iter().all(|&value| own.contains(value) || !beneath.contains(value))
     }
@@ -231,7 +231,8 @@ impl LevelsByError {
         change <= CONTRAST_TOLERANCE
     }
 
-    /// The inequality of the module's text, where the error changes opacity and colour by `share` of the extremes' distance.
+    /// The inequality in the module's head, if the error changes opacity and colour by `share` of the extremes'
+    /// distance.
     fn keeps_ray(&self, extent: &Extent, share: f64) -> bool {
         let function = self.intervals.function();
         let (least, greatest) = (function.kappa(extent.low[3]), function.kappa(extent.high[3]));
@@ -242,15 +243,15 @@ impl LevelsByError {
         change + greatest * color_change <= 0.5 * self.max_error * (least + 1.0 / self.longest_ray)
     }
 
-    /// Whether a ray's value may be off by the error, with `share` as for [`Self::keeps_ray`].
+    /// Whether a ray's value may be off by the error; `share` as in [`Self::keeps_ray`].
     fn keeps_value(&self, extent: &Extent, share: f64) -> bool {
         share * (extent.high[3] - extent.low[3] + extent.high[3] * extent.color_change()) <= self.max_error
     }
 
-    /// Whether `keeps` holds for the extremes between every value of `range` and what it is mistaken for, up to `error`
-    /// below or above it, cut off at `within`. Parts of the range are looked at as wholes first, and divided where that does
-    /// not suffice; never says yes wrongly. Where the transfer function is linear, the error moves it by its share of the
-    /// part; elsewhere by all that the part holds.
+    /// Whether `keeps` holds for each value of `range` and its error interval: `error` below or above it, clipped to
+    /// `within`. Parts of the range are examined as wholes first, and divided if that does not suffice; the answer is
+    /// never wrongly yes. If the transfer function is linear, the error changes it by its share of the part; otherwise
+    /// by the part's whole change.
     fn holds_within(
         &self,
         range: Interval,
@@ -261,7 +262,7 @@ impl LevelsByError {
         let mut parts = vec![range];
         for _ in 0..PART_LIMIT {
             let Some((low, high)) = parts.pop() else { return true };
-            // Off to one side or to the other.
+            // The error may go to one side or to the other.
             let reaches = [((low - error).max(within.0), high), (low, (high + error).min(within.1))];
             let is_kept = reaches.into_iter().all(|(least, greatest)| {
                 let width = greatest - least;
@@ -293,7 +294,7 @@ type Interval = (f64, f64);
 
 const EVERYTHING: Interval = (f64::NEG_INFINITY, f64::INFINITY);
 
-/// Longest straight line inside the domain, or inside the part of it that a clip box leaves; world length.
+/// Longest straight line inside the domain, or inside its part within a clip box; world length.
 fn longest_chord(geometry: &Geometry, dims: Dims, clip_box: Option<[[f64; 3]; 2]>) -> f64 {
     let extent: [f64; 3] = std::array::from_fn(|a| {
         let kept = clip_box.map_or(f64::INFINITY, |[low, high]| (high[a] - low[a]).max(0.0));
@@ -358,13 +359,14 @@ mod tests {
             let points = [(0.0, 0.0), (50.0, 0.0), (50.0, 0.8), (50.001, 0.8), (50.001, 0.0), (100.0, 0.0)];
             let spike = rules(&format!(r#"{{"mode": "{mode}", {}}}"#, function(&points)), HALF);
             assert!(!spike.keeps_target(VALUES, 1.0) && !spike.keeps_target(range(40.0, 50.0), 0.001), "{mode}");
-            // In dvr the values are those of the brick, whatever its error; a ray's value comes from another brick, too.
+            // In dvr, the values are those of the brick, whatever its error. In other modes a ray's value may come from
+            // another brick.
             assert_eq!(spike.keeps_target(range(49.5, 49.9), 0.2), mode == "dvr", "{mode}");
             assert!(spike.keeps_target(VALUES, 0.0), "{mode}: exact values");
             // A mean over the ray may be any value of the volume.
             assert_eq!(spike.keeps_target(range(49.5, 49.9), 0.05), mode != "mean", "{mode}");
         }
-        // Normals have no bound: what is seen at all may be lit or not.
+        // Normals have no bound: any visible value may be lit or not.
         let shaded = rules(&format!(r#"{{"shading": {{}}, {grey}}}"#), HALF);
         assert!(!shaded.keeps_target(VALUES, 1e-9) && !shaded.keeps_target(VALUES, 0.0));
     }
@@ -380,7 +382,8 @@ mod tests {
             let ratio = most(mode, 4.0 * HALF) / most(mode, HALF);
             assert!((3.0..5.5).contains(&ratio), "{mode}: {ratio}");
         }
-        // In mip, alpha and red change by 0.005 and 0.01 per value: (0.5 + 0.4 * 1) / 100 times the error is the target.
+        // In mip, alpha and red change by 0.005 and 0.01 per value. The target is (0.5 + 0.4 * 1) / 100 times the
+        // error.
         let error = most("mip", HALF);
         assert!((0.6..1.01).contains(&(error * 0.009 / HALF)), "{error}");
     }
@@ -448,7 +451,7 @@ mod tests {
             let of = |share: f64| beneath.min + share * (beneath.max - beneath.min);
             let exact = picture(&rules, ray.iter().map(|&(length, share, _)| (length / total * 48.0, of(share))));
             let drawn = picture(&rules, ray.iter().map(|&(length, share, off)| {
-                // The extremes of the error are the worst: most pieces are as far off as they may be.
+                // The extremes of the error are the worst case: most pieces are as far off as allowed.
                 let off = (4.0 * off).clamp(-1.0, 1.0) * error;
                 (length / total * 48.0, (of(share) + off).clamp(beneath.min, beneath.max))
             }));

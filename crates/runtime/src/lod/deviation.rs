@@ -1,34 +1,37 @@
-//! How far rays may be from those through the source's own voxels because a brick is drawn from a coarser level, or its voxels
-//! were moved to make the container smaller: what the table of contents says of its values, seen through the transfer
-//! function. Below, "level 0" is that of the source: what a container of moved voxels holds is one more level above it.
+//! Deviation of drawn rays from rays through the source's own voxels. It has two causes: bricks of coarser levels, and
+//! voxels that were moved to compress the container. It is computed from the value ranges and errors in the table of
+//! contents, seen through the transfer function. Below, "level 0" is that of the source: a container of moved voxels is
+//! one more level above it.
 //!
-//! [`by_error`](super::by_error) asks whether a brick may be drawn at all, of the brick alone and whatever the ray. Here a
-//! picture has been drawn, and the opacity that a ray gathered in the brick is known; so the bound is far tighter.
+//! [`by_error`](super::by_error) decides whether a brick may be drawn, from the brick alone and for any ray. This
+//! module works on a drawn picture, where the opacity that a ray gathered in the brick is known. So its bound is far
+//! tighter.
 //!
 //! ## The bound of a ray in mode `dvr`
 //!
-//! A ray gathers `C = sum over bricks of T_i E_i`, T_i the transmittance in front of brick i and E_i its own premultiplied
-//! colour, and all colours are in [0, 1]. Exchange its bricks for those of level 0 one after the other, front to back. The
-//! exchange of brick i changes the ray by at most `T'_i |(E - E') + (t - t') B|`, where T' is the transmittance through the
-//! bricks of level 0 in front, t and t' that of the brick before and after, and B in [0, 1] the colour behind.
+//! A ray gathers `C = sum over bricks of T_i E_i`: T_i is the transmittance in front of brick i, E_i its own
+//! premultiplied colour. All colours are in [0, 1]. Exchange its bricks for those of level 0, one after the other,
+//! front to back. The exchange of brick i changes the ray by at most `T'_i |(E - E') + (t - t') B|`. T' is the
+//! transmittance through the level-0 bricks in front, t and t' that of the brick before and after the exchange, B in
+//! [0, 1] the colour behind.
 //!
-//! *In the brick*, let kappa and q = kappa c be extinction and emission drawn at a place, and kappa' and q' the exact ones
-//! there. Going from one to the other in equal shares (as in `by_error`), the change is at most the integral over the brick of
-//! `t e^d r`, where `r = max(|kappa - kappa'|, |q - q'|, |(q - kappa) - (q' - kappa')|)` and d the integral of
-//! `max(0, kappa - kappa')` so far. With numbers a and b such that `r <= a kappa + b` for all values of the brick,
-//! `integral of t (a kappa + b) <= a (1 - t) + b l` over the length l, and d is at most both its length times the greatest
-//! `kappa - kappa'`, and `-ln t`. Several pairs (a, b) are kept: the least of their sums counts.
-//! Never more than `1 - exp(-kappa_max l)`, kappa_max over the brick's own and all exact values.
+//! *In the brick*, let kappa and q = kappa c be the drawn extinction and emission at a place, kappa' and q' the exact
+//! ones. Move from one to the other in equal shares (as in `by_error`). The change is at most the integral over the
+//! brick of `t e^d r`. Here `r = max(|kappa - kappa'|, |q - q'|, |(q - kappa) - (q' - kappa')|)`, and d is the integral
+//! of `max(0, kappa - kappa')` up to that place. Choose numbers a and b such that `r <= a kappa + b` for all values of
+//! the brick. Then `integral of t (a kappa + b) <= a (1 - t) + b l` over the length l. Two bounds of d: its length
+//! times the greatest `kappa - kappa'`, and `-ln t`. Several pairs (a, b) are kept; the least of their sums counts. The
+//! change is never more than `1 - exp(-kappa_max l)`, with kappa_max over the brick's own and all exact values.
 //!
-//! *In front*, `T' <= T e^D`, D the sum of d over the bricks so far. And whatever lies behind a place with transmittance T can
-//! change the ray by no more than T: the sum so far plus T is a bound, too, at every place; and the only one for a ray that
-//! ended there.
+//! *In front*, `T' <= T e^D`, with D the sum of d over the bricks so far. All light from behind a place with
+//! transmittance T changes the ray by at most T. So at every place the sum so far plus T is a bound too. It is the only
+//! bound for a ray that ended there.
 //!
-//! Where voxels may be absent in one level and not in the other, the drawn value may be exchanged for nothing, and nothing for
-//! any value beneath. Shaded colours may be any: r is the greater of both extinctions.
+//! If voxels may be absent in one level and not in the other, a drawn value may be exchanged for nothing, and nothing
+//! for any value beneath. Shaded colours are unknown: r is then the greater of both extinctions.
 //!
-//! In `mip`, `minip` and `mean` values are off, not rays: [`Deviation::value`] says by how much. In `iso` everything from a
-//! brick on whose exact values hold an iso value may be different.
+//! In `mip`, `minip` and `mean` the value of a ray is off; [`Deviation::value`] bounds it. In `iso`, everything behind
+//! the first brick whose exact values hold an iso value may be different.
 
 use supervol_format::container::toc::BrickEntry;
 use supervol_format::{BrickKey, Lod, ValueRange};
@@ -38,33 +41,33 @@ use supervol_scene::transfer_function::{ALPHA_LIMIT, Intervals};
 
 use super::by_error::DataScale;
 
-/// What `f32` may do to a value, as a share of the range of all values: an estimate.
+/// Rounding of a value in `f32`, as a share of the range of all values: an estimate.
 const VALUE_ROUNDING: f64 = 1e-5;
-/// Parts of a brick's range of values that are looked at one by one.
+/// Parts of a brick's value range that are examined one by one.
 const PARTS: usize = 64;
 /// a of each pair, see the module.
 pub const PER_OPACITY: [f64; 7] = [0.0, 1.0 / 1024.0, 1.0 / 256.0, 1.0 / 64.0, 1.0 / 16.0, 1.0 / 4.0, 1.0];
 
-/// What is drawn of one brick, against level 0; see the module. World lengths, data values, 1 is white.
+/// Deviation of one drawn brick from level 0; see the module. World lengths, data values, 1 is white.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Deviation {
     /// Mode `dvr`: b for each a of [`PER_OPACITY`].
     pub(crate) per_length: [f64; PER_OPACITY.len()],
-    /// Mode `dvr`: most that the drawn extinction is above the exact one.
+    /// Mode `dvr`: greatest difference of the drawn extinction above the exact one.
     pub(crate) thinner: f64,
-    /// Greatest extinction that may be drawn or exact; infinite in mode `iso` where a surface may lie beneath.
+    /// Greatest extinction, drawn or exact; infinite in mode `iso` if a surface may lie beneath.
     pub(crate) kappa_max: f64,
-    /// Most that a value is off; infinite where one may be there or not.
+    /// Largest difference of a value; infinite if a value may be present or absent.
     pub value: f64,
-    /// Greatest and least exact value; empty where there is none.
+    /// Least and greatest exact value; empty if there is none.
     pub beneath: ValueRange,
-    /// Whether a voxel may be absent in the brick or beneath: then something may be drawn where nothing is, and the other way
-    /// round.
+    /// Whether a voxel in the brick or beneath it may be absent. Then something may be drawn where nothing is, and the
+    /// reverse.
     pub presence_may_change: bool,
 }
 
 impl Deviation {
-    /// Of level 0.
+    /// Deviation of level 0.
     pub const NONE: Self = Self {
         per_length: [0.0; PER_OPACITY.len()],
         thinner: 0.0,
@@ -73,7 +76,7 @@ impl Deviation {
         beneath: ValueRange::EMPTY,
         presence_may_change: false,
     };
-    /// Of a brick of which nothing is known.
+    /// Deviation of an unknown brick.
     pub const UNKNOWN: Self = Self {
         per_length: [f64::INFINITY; PER_OPACITY.len()],
         thinner: f64::INFINITY,
@@ -83,26 +86,26 @@ impl Deviation {
         presence_may_change: true,
     };
 
-    /// Whether nothing is off.
+    /// Whether there is no deviation.
     #[must_use]
     pub fn is_none(&self) -> bool {
         *self == Self::NONE
     }
 
-    /// Whether there may be surfaces elsewhere than they are drawn: no bound on what they hide.
+    /// Whether surfaces may be elsewhere than drawn: then nothing bounds the light that they hide.
     #[must_use]
     pub fn is_unbounded(&self) -> bool {
         self.kappa_max.is_infinite()
     }
 
-    /// How much less optical depth the brick may really have for a ray that goes through `length` of it and keeps the share
-    /// `through` of its light.
+    /// Largest excess of the drawn optical depth over the exact one. The ray crosses `length` of the brick and keeps
+    /// the share `through` of its light.
     #[must_use]
     pub fn thinner(&self, length: f64, through: f64) -> f64 {
         (self.thinner * length).min(-through.ln())
     }
 
-    /// Most by which such a ray may be off, of what there is in front of the brick.
+    /// Largest deviation of such a ray, as a share of the transmittance in front of the brick.
     #[must_use]
     pub fn of_ray(&self, length: f64, through: f64) -> f64 {
         let opacity = 1.0 - through;
@@ -111,49 +114,49 @@ impl Deviation {
         (integral * self.thinner(length, through).exp()).min(self.of_nothing(length))
     }
 
-    /// The same where nothing of the brick is drawn.
+    /// The same, if nothing of the brick is drawn.
     #[must_use]
     pub fn of_nothing(&self, length: f64) -> f64 {
         -(-self.kappa_max * length).exp_m1()
     }
 }
 
-/// A ray that is finished.
+/// A finished ray.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FinishedRay {
-    /// Light from behind that is left out, since the ray ended early.
+    /// Transmittance left when the ray ended early: light from behind that is left out.
     pub behind: f64,
-    /// `mip`, `minip`, `mean`: its value, data units; NaN where there is none.
+    /// `mip`, `minip`, `mean`: its value, data units; NaN if there is none.
     pub value: f64,
-    /// `mean`: world length over which there is one.
+    /// `mean`: world length over which values are present.
     pub length: f64,
-    /// What its cells may be off by, and whatever else is no coarser level's; 1 is white.
+    /// Error of its cells, and all other errors not caused by coarser levels; 1 is white.
     pub own: f64,
-    /// Colour times opacity, and opacity.
+    /// Premultiplied colour, and opacity.
     pub pixel: [f32; 4],
 }
 
-/// What the bricks that a ray has passed may do to it; see the module.
+/// Deviation summed up along a ray over the bricks it has passed; see the module.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RayDeviation {
-    /// `dvr`, `iso`: what the bricks so far may do, summed up; `mean`: what values are off, times the length.
+    /// `dvr`, `iso`: sum of the bricks' deviations so far; `mean`: deviation of values times length.
     pub(crate) sum: f64,
-    /// `dvr`, `iso`: least of the sum and the transmittance at all places so far.
+    /// `dvr`, `iso`: least of sum plus transmittance over all places so far.
     pub(crate) bound: f64,
-    /// `dvr`: how much less optical depth there may be in front.
+    /// `dvr`: largest possible excess of drawn optical depth in front.
     pub(crate) thinner: f64,
-    /// `mip`, `minip`: how far the exact value may be below.
+    /// `mip`, `minip`: how far the exact value may lie below.
     pub(crate) below: f64,
-    /// And above.
+    /// `mip`, `minip`: how far the exact value may lie above.
     pub(crate) above: f64,
 }
 
 impl RayDeviation {
-    /// Of a ray that has passed nothing.
+    /// Deviation of a ray that has passed nothing.
     pub const NONE: Self = Self { sum: 0.0, bound: 1.0, thinner: 0.0, below: 0.0, above: 0.0 };
 
-    /// `dvr`, `iso`: the ray has gone through `length` of a brick, which has changed its transmittance from `before` to
-    /// `after`; none where nothing of the brick is drawn.
+    /// `dvr`, `iso`: adds a brick. The ray crossed `length` of it, and its transmittance changed from `before` to
+    /// `after`; `None` if nothing of the brick is drawn.
     pub fn note_brick(&mut self, before: f64, after: Option<f64>, length: f64, deviation: &Deviation) {
         if before == 0.0 {
             return;
@@ -169,16 +172,16 @@ impl RayDeviation {
         }
     }
 
-    /// `dvr`, `iso`: by how much a ray may be off behind whose end there is no more light than `behind`.
+    /// `dvr`, `iso`: deviation of a ray that has at most the light `behind` left at its end.
     #[must_use]
     pub fn of_ray(&self, behind: f64) -> f64 {
         (self.sum + behind).min(self.bound)
     }
 
-    /// `mip`, `minip`: a brick has changed the greatest value of the ray, or the least; NaN where there is none.
+    /// `mip`, `minip`: adds a brick that changed the greatest or least value of the ray; NaN if there is none.
     pub fn note_extreme(&mut self, [before, after]: [f64; 2], is_greatest: bool, deviation: &Deviation) {
         let beyond = if is_greatest { deviation.beneath.max - after } else { after - deviation.beneath.min };
-        // Exact values go beyond the drawn one as far as their own range does.
+        // Exact values lie beyond the drawn one at most as far as their own range does.
         let beyond = if after.is_nan() { deviation.value } else { beyond.clamp(0.0, deviation.value) };
         let Self { below, above, .. } = self;
         let (inward, outward) = if is_greatest { (below, above) } else { (above, below) };
@@ -188,25 +191,25 @@ impl RayDeviation {
         }
     }
 
-    /// `mip`, `minip`: how far below and above the exact value may be.
+    /// `mip`, `minip`: how far below and above the drawn value the exact value may lie.
     #[must_use]
     pub fn reach(&self) -> [f64; 2] {
         [self.below, self.above]
     }
 
-    /// `mean`: a brick has added to the integral of the ray's values.
+    /// `mean`: adds a brick that contributed to the integral of the ray's values.
     pub fn note_mean(&mut self, length: f64, deviation: &Deviation) {
         self.sum += deviation.value * length;
     }
 
-    /// `mean`: how far below and above the exact mean over this length may be.
+    /// `mean`: how far below and above the drawn mean over this length the exact mean may lie.
     #[must_use]
     pub fn mean_reach(&self, length: f64) -> [f64; 2] {
         if self.sum == 0.0 { [0.0; 2] } else { [self.sum / length; 2] }
     }
 }
 
-/// See the module.
+/// Computes the deviation of bricks for one scene; see the module.
 #[derive(Debug, Clone)]
 pub struct Deviations {
     mode: Mode,
@@ -221,7 +224,7 @@ pub struct Deviations {
 }
 
 impl Deviations {
-    /// What to know for pictures of a scene.
+    /// Deviations for pictures of a scene.
     #[must_use]
     pub fn new(scene: &ResolvedScene, data: &DataScale<'_>) -> Self {
         Self {
@@ -236,19 +239,19 @@ impl Deviations {
         }
     }
 
-    /// Whether the finest level holds the source's own voxels: then nothing is off that is drawn from it.
+    /// Whether the finest level holds the source's own voxels: then bricks of it have no deviation.
     #[must_use]
     pub fn is_finest_exact(&self) -> bool {
         self.voxel_error == 0.0
     }
 
-    /// Of a brick with this entry; whether a voxel of it or beneath it may be absent is asked at most once.
+    /// Deviation of the brick with this entry.
     #[must_use]
     pub fn of(&self, key: BrickKey, entry: &BrickEntry, may_have_holes: bool) -> Deviation {
         let is_finest = key.lod() == Lod::FINEST;
         let beneath = self.data_range(entry.range_beneath).widened(self.voxel_error);
         let error = entry.error * self.scale.abs();
-        // Holes are where they were, and where no voxel has moved normals are what they were.
+        // Holes are the same in level 0. Normals are the same where no voxel has moved.
         let may_have_holes = may_have_holes && !is_finest;
         let is_unshaded = is_finest || !(self.is_shaded && matches!(self.mode, Mode::Dvr | Mode::Iso));
         let is_exact = is_finest && self.is_finest_exact();
@@ -263,7 +266,7 @@ impl Deviations {
         };
         let has_surface = self.iso.iter().any(|&value| beneath.contains(value));
         match self.mode {
-            // Nobody knows where a surface would be on another level, or without the error.
+            // The position of a surface on another level, or without the error, is unknown.
             Mode::Dvr | Mode::Iso if has_surface => Deviation { kappa_max: f64::INFINITY, ..known },
             Mode::Dvr => self.of_rays(self.data_range(entry.range), error, known),
             Mode::Iso => Deviation::NONE,
@@ -271,7 +274,7 @@ impl Deviations {
         }
     }
 
-    /// `known` with what mode `dvr` wants: drawn values lie in `own`, each off by at most `error`.
+    /// Adds the values of mode `dvr` to `known`: drawn values lie in `own`, each off by at most `error`.
     fn of_rays(&self, own: ValueRange, error: f64, known: Deviation) -> Deviation {
         let kappa = |alpha| self.intervals.function().kappa(alpha);
         let kappa_max = |range: ValueRange| {
@@ -293,7 +296,7 @@ impl Deviations {
             let place = |i: usize| own.min + (own.max - own.min) * (i as f64 / PARTS as f64);
             let [low, high] = [place(part), if part + 1 == PARTS { own.max } else { place(part + 1) }];
             let least = kappa(self.intervals.extent(low, high).low[3]);
-            // Exact values lie to one side or to the other.
+            // Exact values lie on one side or on the other.
             let reaches =
                 [((low - error).max(beneath.min).min(low), high), (low, (high + error).min(beneath.max).max(high))];
             for (from, to) in reaches {
@@ -310,8 +313,8 @@ impl Deviations {
         found
     }
 
-    /// Most by which extinction, and r of the module's text, change between two values of an interval that are `error` apart
-    /// at most; or between one of its values and nothing.
+    /// Largest changes of extinction and of r (see the module) between two values of an interval, at most `error`
+    /// apart. With `or_nothing`, also between one of its values and nothing.
     fn change(&self, from: f64, to: f64, error: f64, or_nothing: bool) -> (f64, f64) {
         let extent: Extent = self.intervals.extent(from, to);
         let function = self.intervals.function();
@@ -320,7 +323,7 @@ impl Deviations {
             return (greatest, greatest);
         }
         let width = to - from;
-        // Where the transfer function is linear, the error moves it by its share.
+        // If the transfer function is linear, the error changes it by its share.
         let share = if width > error && self.intervals.is_linear(from, to) { error / width } else { 1.0 };
         // Extinction is steepest where it is greatest.
         let steepest = 1.0 / ((1.0 - extent.high[3].min(ALPHA_LIMIT)) * function.unit_distance());
@@ -334,8 +337,8 @@ impl Deviations {
         (extinction, extinction.max(emission).min(greatest))
     }
 
-    /// Most by which the pixel of a value may be off that lies up to `below` and `above` elsewhere, of what is drawn: colour
-    /// times opacity, and opacity. Where nothing is drawn the value is NaN.
+    /// Largest deviation of a pixel whose exact value lies up to `below` under and `above` over `value`. `drawn` is its
+    /// colour times opacity, and opacity. `value` is NaN if nothing is drawn.
     #[must_use]
     pub fn of_value(&self, value: f64, [below, above]: [f64; 2], drawn: [f32; 4]) -> f64 {
         if value.is_nan() && below == 0.0 && above == 0.0 {
@@ -343,7 +346,7 @@ impl Deviations {
         }
         let all = self.value_range;
         let rounding = VALUE_ROUNDING * all.width();
-        // `max` and `min` drop NaN: where nothing is drawn, anything may be there.
+        // `max` and `min` drop NaN: if nothing is drawn, the exact value may be anything.
         let (from, to) = ((value - below - rounding).max(all.min), (value + above + rounding).min(all.max));
         let (from, to) = (from.min(all.max), to.max(all.min));
         let may_be_nothing = below.is_infinite() || above.is_infinite();
@@ -351,14 +354,14 @@ impl Deviations {
         let off = |c: usize| {
             let [low, high] = if c == 3 { [1.0, 1.0] } else { [extent.low[c], extent.high[c]] };
             let drawn = f64::from(drawn[c]);
-            // Nothing at all may be there, too.
+            // Possibly nothing is present.
             let least = if may_be_nothing { 0.0 } else { low * extent.low[3] };
             (drawn - least).max(high * extent.high[3] - drawn)
         };
         (0..4).map(off).fold(0.0, f64::max)
     }
 
-    /// What a finished ray may be off by: for all reasons, and because of levels alone; 1 is white.
+    /// Largest deviations of a finished ray: for all reasons, and from levels alone; 1 is white.
     #[must_use]
     pub fn of_finished(&self, levels: &RayDeviation, ray: &FinishedRay) -> [f64; 2] {
         let FinishedRay { behind, value, length, own, pixel, .. } = *ray;
@@ -397,7 +400,7 @@ mod tests {
         deviations_of(json, 0.0)
     }
 
-    /// Of a volume whose voxels have been moved by up to `voxel_error`.
+    /// Deviations of a volume whose voxels were moved by up to `voxel_error`.
     fn deviations_of(json: &str, voxel_error: f64) -> Deviations {
         let pyramid = Pyramid::new(Dims([32; 3]), BrickLayout::new(16).unwrap(), &[[2, 2, 2]]).unwrap();
         let facts = VolumeFacts::plain(Dims([32; 3]), Geometry::IDENTITY, VALUES);
@@ -437,7 +440,7 @@ mod tests {
         BrickKey::new(Lod(1), BrickIndex([0; 3]))
     }
 
-    /// Premultiplied colour and transmittance of pieces `(length, value)` of constant value, none where nothing is there.
+    /// Premultiplied colour and transmittance of pieces `(length, value)` of constant value; `None` is absent.
     fn gather(deviations: &Deviations, pieces: &[(f64, Option<f64>)]) -> ([f64; 3], f64) {
         let function = deviations.intervals.function();
         let (mut color, mut transmittance) = ([0.0; 3], 1.0);
@@ -455,8 +458,8 @@ mod tests {
         (0..3).map(|i| (c[i] - d[i]).abs()).fold((t - u).abs(), f64::max)
     }
 
-    /// A brick of a ray: least drawn value, width of those, error, and pieces `(length, share of the width, share of the
-    /// error)`; in some, values may be absent.
+    /// A brick of a ray: least drawn value, width of the drawn range, error, whether values may be absent, and pieces
+    /// `(length, share of the width, share of the error)`.
     type Brick = (f64, f64, f64, bool, Vec<(f64, f64, f64)>);
 
     fn bricks() -> impl Strategy<Value = Vec<Brick>> {
@@ -467,7 +470,7 @@ mod tests {
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(3000))]
-        /// The theorem of the module's text, and that it is worth something.
+        /// Tests the theorem of the module's head, and that its bound is useful.
         #[test]
         fn no_ray_is_farther_off_than_is_stated(
             points in prop::collection::vec((0.0f64..100.0, prop::sample::select(vec![0.0, 0.01, 0.1, 0.12, 0.8, 1.0])), 1..6),
@@ -486,7 +489,7 @@ mod tests {
                 for &(length, share, off) in pieces {
                     let value = own.min + share * (own.max - own.min);
                     let off = (3.0 * off).clamp(-1.0, 1.0) * error;
-                    // Something where there is nothing, and the other way round.
+                    // Something where nothing is drawn, and the reverse.
                     let is_there = [!may_be_absent || off > -0.5 * error, !may_be_absent || off < 0.5 * error];
                     exact.push((length, is_there[0].then_some((value + off).clamp(beneath.min, beneath.max))));
                     if behind == 0.0 {
@@ -500,7 +503,7 @@ mod tests {
                 let length = pieces.iter().map(|piece| piece.0).sum();
                 stated.note_brick(transmittance, Some(transmittance * through), length, &deviation);
                 transmittance *= through;
-                // The ray ends here: what lies behind is not drawn.
+                // The ray ends here: nothing behind is drawn.
                 behind = if transmittance <= ends_at { transmittance.max(f64::MIN_POSITIVE) } else { 0.0 };
             }
             let found = difference(gather(&deviations, &drawn), gather(&deviations, &exact));
@@ -508,7 +511,7 @@ mod tests {
             prop_assert!(found <= stated + 1e-9, "{found} of {stated}");
         }
 
-        /// Nothing of a brick is drawn, and whatever is beneath may be there.
+        /// Nothing of a brick is drawn, and any value beneath may be present.
         #[test]
         fn bricks_of_which_nothing_is_drawn_are_bounded(low in 0.0f64..90.0, width in 0.0f64..30.0, length in 0.01f64..20.0) {
             let deviations = deviations(&format!("{{{}}}", function(&[(20.0, 0.0), (60.0, 0.3), (80.0, 0.1)])));
@@ -537,7 +540,7 @@ mod tests {
             stated.of_ray(0.0)
         };
         assert!((4.0..6.0).contains(&(of(0.5) / of(0.1))), "{} and {}", of(0.5), of(0.1));
-        // 0.005 of alpha a value, 0.01 of red: the exact change is some 0.012 where all errors are alike.
+        // 0.005 of alpha per value, 0.01 of red: the exact change is about 0.012 if all errors are alike.
         assert!((0.01..0.05).contains(&of(0.5)), "{}", of(0.5));
         assert!(of(90.0) <= 1.0);
         let exact = deviations.of(coarse(), &entry(own, VALUES, 0.0), false);
@@ -545,7 +548,7 @@ mod tests {
             exact.is_none()
                 && deviations.of(BrickKey::new(Lod(0), BrickIndex([0; 3])), &entry(own, VALUES, 9.0), true).is_none()
         );
-        // Normals are unknown even where values are exact.
+        // Normals are unknown even if values are exact.
         let shaded =
             super::tests::deviations(&format!(r#"{{"shading": {{}}, {}}}"#, function(&[(0.0, 0.0), (100.0, 0.5)])));
         assert!(!shaded.of(coarse(), &entry(own, VALUES, 0.0), false).is_none());
@@ -562,7 +565,7 @@ mod tests {
         let off = of(0.5);
         assert_eq!((off.value, off.beneath, off.presence_may_change), (0.5, own.widened(0.5), false));
         assert!(off.of_ray(4.0, 0.5) > 0.0 && off.of_ray(4.0, 0.5) < 0.02, "{off:?}");
-        // What is just below the transfer function's foot may really be above it.
+        // A value just below the transfer function's foot may in truth be above it.
         let foot = deviations_of(&format!("{{{}}}", function(&[(60.2, 0.0), (100.0, 0.5)])), 0.5);
         let of_foot = foot.of(finest, &entry(own, own, 0.5), false);
         assert!(of_foot.of_nothing(4.0) > 0.0 && of_foot.of_nothing(4.0) < 0.05, "{of_foot:?}");
@@ -582,7 +585,7 @@ mod tests {
         assert_eq!(ray.reach(), [3.0, 4.0]);
         ray.note_extreme([60.0, 60.0], true, &brick([10.0, 50.0], [5.0, 90.0], 50.0, true));
         assert_eq!(ray.reach(), [3.0, 30.0]);
-        // Opacity is the value's: 0.57 to 0.9 may be there where 0.6 is drawn.
+        // Opacity follows the value: 0.57 to 0.9 is possible where 0.6 is drawn.
         let off = deviations.of_value(60.0, ray.reach(), [0.36, 0.3, 0.15, 0.6]);
         assert!((off - 0.45).abs() < 2e-3, "red is 0.9 * 0.9: {off}");
         let mut least = RayDeviation::NONE;

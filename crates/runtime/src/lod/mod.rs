@@ -1,10 +1,10 @@
-//! How fine a brick must be: pure rules, no state.
+//! Level-of-detail rules: how fine a brick must be. Pure functions without state.
 //!
-//! Two questions decide, and both are asked about whole bricks, so that all rays of a picture agree about a brick.
-//! [`LodRule`]: does one of its voxels, at the brick's point nearest to the eye, cover at most the tolerated number of
-//! pixels? The camera alone answers; larger voxels are never drawn. [`by_error`]: is the picture right where the brick is
-//! drawn? The table of contents and the transfer function answer; a brick that is too coarse gives way to its children.
-//! [`deviation`] says of a picture that has been drawn how far it may be off.
+//! Both rules decide about whole bricks, so that all rays of a picture agree about a brick. [`LodRule`] compares voxel
+//! and pixel sizes: at the brick's point nearest to the eye, a voxel may cover at most the tolerated number of pixels.
+//! It depends on the camera alone; larger voxels are never drawn. [`by_error`] decides whether the picture stays right
+//! when the brick is drawn. It depends on the table of contents and the transfer function; a brick that is too coarse
+//! is replaced by its children. [`deviation`] states how far a drawn picture may be off.
 
 pub mod by_error;
 pub mod deviation;
@@ -14,12 +14,12 @@ use supervol_format::space::HALF_VOXEL;
 use supervol_format::{BrickKey, Geometry, Lod, Pyramid};
 use supervol_scene::camera::{Camera, Projection};
 
-/// Which level bricks are taken from.
+/// Choice of the level of bricks.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum LodChoice {
-    /// This level everywhere; the coarsest one where the pyramid ends before.
+    /// This level everywhere; the coarsest one if the pyramid has fewer levels.
     Fixed(Lod),
-    /// The coarsest level whose voxels cover at most this many pixels (1 unless a coarser picture will do).
+    /// The coarsest level whose voxels cover at most this many pixels (1 for a full-quality picture).
     Auto {
         /// Pixels that one voxel may cover.
         voxel_pixels: f64,
@@ -34,7 +34,7 @@ pub struct LodRule {
     world_from_index: DMat3,
     /// The eye in index coordinates of level 0.
     eye: DVec3,
-    /// World height of a pixel: at distance 1 for perspective, anywhere for orthographic cameras.
+    /// World height of a pixel: at distance 1 for perspective cameras, everywhere for orthographic ones.
     pixel_height: f64,
     projection: Projection,
 }
@@ -63,15 +63,16 @@ impl LodRule {
         voxel_world <= voxel_pixels * pixel_world
     }
 
-    /// Pixels that the longest edge of one of the brick's voxels covers where the brick is nearest to the eye; infinite
-    /// where the eye lies in the brick.
+    /// Pixels covered by the longest edge of one of the brick's voxels, at the brick's point nearest to the eye.
+    /// Infinite if the eye lies in the brick.
     #[must_use]
     pub fn voxel_pixels(&self, pyramid: &Pyramid, key: BrickKey) -> f64 {
         let (voxel_world, pixel_world) = self.sizes(pyramid, key);
         voxel_world / pixel_world
     }
 
-    /// World length of the longest edge of one of the brick's voxels, and of a pixel where the brick is nearest to the eye.
+    /// World length of the longest edge of one of the brick's voxels, and of a pixel at the brick's point nearest to
+    /// the eye.
     fn sizes(&self, pyramid: &Pyramid, key: BrickKey) -> (f64, f64) {
         let scale = pyramid.level_at(key.lod()).scale;
         let m = &self.world_from_index;
@@ -84,7 +85,7 @@ impl LodRule {
         (voxel_world, pixel_world)
     }
 
-    /// World distance from the eye to the brick; exact where the grid's axes are orthogonal.
+    /// World distance from the eye to the brick; exact if the grid's axes are orthogonal.
     #[must_use]
     pub fn distance(&self, pyramid: &Pyramid, key: BrickKey) -> f64 {
         let level = pyramid.level_at(key.lod());

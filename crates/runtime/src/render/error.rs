@@ -1,4 +1,4 @@
-//! Why there is no picture.
+//! Errors of rendering.
 
 use supervol_format::container::ContainerError;
 use supervol_format::readable::Mib;
@@ -10,7 +10,7 @@ use crate::render::options::Backend;
 use crate::stream::budget::BudgetError;
 use crate::stream::streamer::StreamError;
 
-/// Why there is no picture.
+/// Reason why there is no picture.
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs, reason = "the messages say it")]
 pub enum RenderError {

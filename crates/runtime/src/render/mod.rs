@@ -1,9 +1,9 @@
 //! Rendering: options in, pictures out.
 //!
-//! - [`options`], [`error`]: how a picture is made, and why there is none;
+//! - [`options`], [`error`]: how a picture is made, and errors of rendering;
 //! - [`volume`]: an open container with its facts;
 //! - [`frame`]: one frame: its setting, its engine and its passes;
-//! - [`renderer`]: pictures one after the other, interruptible, with everything that stays between them;
+//! - [`renderer`]: successive pictures, interruptible, with all data kept between them;
 //! - [`stats`], [`process`]: the cost of a frame.
 
 pub mod error;

@@ -1,4 +1,4 @@
-//! How pictures are made: by whom, from which level, within how much memory and time, how exactly.
+//! Options of a picture: engine, level, memory, time and accuracy.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
@@ -13,10 +13,10 @@ use crate::render::error::RenderError;
 use crate::render::process::bytes_beside_pictures;
 use crate::stream::classify::Skipping;
 
-/// Who casts the rays.
+/// The engine that casts the rays.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Backend {
-    /// A hardware GPU if there is one that can draw this, else the CPU.
+    /// A hardware GPU if one can draw this picture, else the CPU.
     #[default]
     Auto,
     /// The ray caster in Rust.
@@ -27,74 +27,74 @@ pub enum Backend {
     Reference,
 }
 
-/// Which level bricks are taken from.
+/// Choice of the level of bricks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum LevelChoice {
-    /// The coarsest level that keeps the picture within the error asked for, and whose voxels are not larger than a pixel,
-    /// brick by brick ([`crate::lod::by_error`]).
+    /// Brick by brick, the coarsest level that keeps the picture within the requested error and whose voxels are not
+    /// larger than a pixel ([`crate::lod::by_error`]).
     #[default]
     Auto,
-    /// This level everywhere; the coarsest where there is no such level.
+    /// This level everywhere; the coarsest if there is no such level.
     Fixed(Lod),
 }
 
-/// How far a frame has come.
+/// Progress of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Progress {
     /// Passes cast.
     pub passes: u64,
-    /// Pixel rows of bands that are finished.
+    /// Pixel rows of finished bands.
     pub rows_finished: u32,
     /// Pixel rows of the picture.
     pub rows: u32,
-    /// Rays of the band that wait.
+    /// Waiting rays of the current band.
     pub rays_waiting: u64,
     /// Bytes read.
     pub bytes_read: u64,
 }
 
-/// Called with how far a frame has come, from one thread at a time.
+/// Callback with the progress of a frame; called from one thread at a time.
 pub type OnProgress = Arc<dyn Fn(Progress) + Send + Sync>;
 
-/// How a frame is made.
+/// Options of a frame.
 #[derive(Clone)]
 pub struct RenderOptions {
-    /// Who casts the rays.
+    /// The engine that casts the rays.
     pub backend: Backend,
-    /// Which level bricks are taken from.
+    /// Choice of the level of bricks.
     pub level: LevelChoice,
     /// Bytes that the frame may hold in host memory.
     pub host_memory_bytes: u64,
-    /// Of these, what the process holds beside the frame: program, stacks, manifest, what the allocator keeps.
+    /// Part of these that the process holds beside the frame: program, stacks, manifest, memory kept by the allocator.
     pub process_bytes: u64,
-    /// Most bytes of decoded bricks among these; `None`: all that is left of them.
+    /// Part of these for decoded bricks, at most; `None`: all that is left.
     pub cache_bytes: Option<u64>,
-    /// Bytes that the frame may hold on a graphics device; `None`: what [`GpuDevice::default_memory`] says of it,
-    /// or half of that, and so on, where it has no room for so much.
+    /// Bytes that the frame may hold on a graphics device. `None`: [`GpuDevice::default_memory`]; if the device has no
+    /// room for that, half of it, and so on.
     ///
     /// [`GpuDevice::default_memory`]: crate::engines::gpu::device::GpuDevice::default_memory
     pub gpu_memory_bytes: Option<u64>,
     /// Threads that cast and decode; `None`: one per processor.
     pub threads: Option<usize>,
-    /// Whether what cannot be seen is left out; the picture is the same.
+    /// Whether invisible parts are skipped; the picture is the same.
     pub skipping: Skipping,
-    /// Who casts rays on the CPU; anything but the default is for that backend only.
+    /// The CPU ray caster; any other than the default requires the CPU backend.
     pub caster: Caster,
-    /// Milliseconds after which the picture is completed from what is there; `None`: it converges.
+    /// Milliseconds after which the picture is completed from resident bricks; `None`: it converges.
     pub time_budget_ms: Option<u64>,
     /// Error of the picture that is aimed for, a share of full scale: steers packets of rays, within
     /// [`MAX_ERROR_LIMITS`](crate::engines::rules::MAX_ERROR_LIMITS), and chooses levels where they are chosen automatically.
     /// From 1 on any picture will do, and voxels are as large as a pixel.
     pub max_error: f64,
-    /// Whether it is said how far the picture may be off: of each pixel (`error_stated`), and in mode `dvr` term by term (`error_predicted`). 1 to
-    /// 2 % of the time on the CPU, 3 to 6 % on graphics devices.
+    /// Whether errors are stated: of each pixel (`error_stated`), and in mode `dvr` term by term (`error_predicted`).
+    /// Costs 1 to 2 % of the time on the CPU, 3 to 6 % on graphics devices.
     pub predict_error: bool,
-    /// Whether it is counted what the rays of each pixel cost, for a map of that: several times the time, on the CPU. Nothing else of the
-    /// picture changes.
+    /// Whether the work of each pixel's rays is counted, for a map: several times the time, on the CPU. The picture is
+    /// the same.
     pub count_work: bool,
     /// Called after each pass.
     pub progress: Option<OnProgress>,
-    /// Counts up while packets finish rays, for who wants to know how far a pass has come.
+    /// Counter of rays that packets finish: shows the progress within a pass.
     pub rays_finished: Option<Arc<AtomicU64>>,
 }
 
@@ -121,13 +121,13 @@ impl Default for RenderOptions {
 }
 
 impl RenderOptions {
-    /// The same options, with a host budget that covers the whole process as it is now: program, stacks and all.
+    /// The same options with a host budget that covers the whole process as it is now, including program and stacks.
     #[must_use]
     pub fn for_whole_process(self) -> Self {
         Self { process_bytes: bytes_beside_pictures(self.threads), ..self }
     }
 
-    /// Refuses numbers that mean nothing.
+    /// Checks that all numbers are valid.
     ///
     /// # Errors
     /// [`RenderError::Option`], if the requested error is negative or no number, or there are to be no threads.
@@ -142,7 +142,7 @@ impl RenderOptions {
         Ok(())
     }
 
-    /// Level of detail as the ray casters and the streamer take it.
+    /// Level choice in the form that ray casters and the streamer take.
     #[must_use]
     pub fn lod(&self) -> LodChoice {
         match self.level {

@@ -1,11 +1,11 @@
-//! What the operating system says about this process: processor time and memory.
+//! Facts of the operating system about this process: processor time and memory.
 
 use std::num::NonZero;
 use std::time::Duration;
 
 use crate::stream::loader::READERS;
 
-/// Processor time that all threads of this process have used; zero where the system does not tell.
+/// Processor time of all threads of this process; zero if the system does not tell.
 #[must_use]
 pub fn cpu_time() -> Duration {
     #[cfg(unix)]
@@ -18,31 +18,31 @@ pub fn cpu_time() -> Duration {
     Duration::ZERO
 }
 
-/// Most bytes of memory that this process has had resident so far; 0 where the system does not tell (all but Linux).
+/// Peak resident memory of this process, bytes; 0 if the system does not tell (all but Linux).
 #[must_use]
 pub fn peak_resident_bytes() -> u64 {
     bytes_of("VmHWM:")
 }
 
-/// Bytes of memory that this process has resident; 0 where the system does not tell (all but Linux).
+/// Resident memory of this process, bytes; 0 if the system does not tell (all but Linux).
 #[must_use]
 pub fn resident_bytes() -> u64 {
     bytes_of("VmRSS:")
 }
 
-/// Bytes of a thread beside the memory that it casts with: the used part of its stack, and what the allocator keeps for it.
+/// Bytes of a thread beside its casting memory: the used part of its stack, and memory that the allocator keeps for it.
 const THREAD_BYTES: u64 = 2 << 20;
 
-/// Bytes that the process holds beside the pictures that it is about to draw with `threads` threads (`None`: one per
-/// processor). Counted in [`RenderOptions::process_bytes`](super::options::RenderOptions::process_bytes), they make the host
-/// budget a limit of the whole process.
+/// Bytes that the process holds beside pictures to be drawn with `threads` threads (`None`: one per processor). Counted
+/// in [`RenderOptions::process_bytes`](super::options::RenderOptions::process_bytes), they make the host budget a limit
+/// of the whole process.
 #[must_use]
 pub fn bytes_beside_pictures(threads: Option<usize>) -> u64 {
     let threads = threads.or_else(|| std::thread::available_parallelism().ok().map(NonZero::get)).unwrap_or(1);
     resident_bytes() + THREAD_BYTES * (threads + READERS) as u64
 }
 
-/// A number of `/proc/self/status`.
+/// Reads a number of `/proc/self/status`.
 fn bytes_of(name: &str) -> u64 {
     let Ok(status) = std::fs::read_to_string("/proc/self/status") else { return 0 };
     let line = status.lines().find_map(|l| l.strip_prefix(name));

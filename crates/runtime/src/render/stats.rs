@@ -1,8 +1,8 @@
-//! What one frame cost: one flat JSON object, units in the names.
+//! Statistics of one frame: one flat JSON object, units in the names.
 //!
-//! The names are a contract with whoever reads `--stats` files: none is renamed, new ones may come. Headless runs,
-//! benchmarks and the viewer read this one struct. Counters stand beside the code they measure; here they are only
-//! gathered.
+//! The names are a contract with readers of `--stats` files: none is renamed, new ones may be added. Headless runs,
+//! benchmarks and the viewer read this one struct. Counters stand beside the code they measure; this module only
+//! gathers them.
 
 use std::collections::BTreeMap;
 
@@ -27,11 +27,11 @@ pub struct FrameStats {
     pub image_height: u32,
     /// `cpu`, `gpu` or `reference`.
     pub backend: &'static str,
-    /// Why backend `auto` did not take a graphics device; null if it did, or was not asked.
+    /// Reason why backend `auto` took no graphics device; null if it did, or for other backends.
     pub no_gpu_because: Option<String>,
-    /// Whether the graphics adapter is a processor in disguise: many times slower than the CPU backend.
+    /// Whether the graphics adapter is software, which is many times slower than the CPU backend.
     pub adapter_is_software: bool,
-    /// Instructions that packets of rays were cast with; null where no packets were.
+    /// Instruction set of ray packets; null if there were none.
     pub instructions: Option<&'static str>,
     /// Name of the graphics adapter; null without one.
     pub adapter: Option<String>,
@@ -39,9 +39,9 @@ pub struct FrameStats {
     pub threads: usize,
     /// `dvr`, `mip`, ...
     pub mode: &'static str,
-    /// The fixed level of detail; null where each brick's was chosen.
+    /// The fixed level of detail; null if levels were chosen brick by brick.
     pub level: Option<u8>,
-    /// Every ray was finished with the bricks it wanted, and no brick failed.
+    /// Whether every ray was finished with the bricks it wanted, and no brick failed.
     pub converged: bool,
     /// Times the rays were cast.
     pub passes: u64,
@@ -49,22 +49,22 @@ pub struct FrameStats {
     pub bands: u64,
     /// Bricks of the container, all levels.
     pub bricks_total: u64,
-    /// Bricks by state at the end of the frame; those that were never met are not in it.
+    /// Bricks by state at the end of the frame, without those never met.
     pub bricks_by_state: BTreeMap<&'static str, u64>,
     /// The same by level, finest first.
     pub bricks_by_level: Vec<LevelStats>,
-    /// What streaming did and cost; of a picture of a living renderer, since its scene was set.
+    /// Counters of streaming; from a renderer with several pictures, since the scene was set.
     #[serde(flatten)]
     pub streaming: StreamCounters,
     /// Wall time of casting rays.
     pub render_ms: f64,
     /// Wall time of the whole frame.
     pub total_ms: f64,
-    /// Wall time from the start of the program to the picture's file being whole; 0 where no command writes one.
+    /// Wall time from the start of the program until the picture's file is whole; 0 if no command writes one.
     pub handed_over_ms: f64,
-    /// Processor time that the process used during the frame; 0 where the system does not tell.
+    /// Processor time of the process during the frame; 0 if the system does not tell.
     pub cpu_ms: f64,
-    /// Most memory that the process had resident since it began; 0 where the system does not tell.
+    /// Peak resident memory of the process; 0 if the system does not tell.
     pub peak_rss_bytes: u64,
     /// Bytes of bricks in the host cache at the end of the frame.
     pub host_cache_bytes: u64,
@@ -78,49 +78,49 @@ pub struct FrameStats {
     pub gpu_bytes: u64,
     /// Bytes that the frame may hold on the graphics device.
     pub gpu_budget_bytes: u64,
-    /// What the graphics device did and cost.
+    /// Counters of the graphics device.
     #[serde(flatten)]
     pub device: DeviceCounters,
-    /// The slowest piece of work handed to the graphics device.
+    /// Longest dispatch on the graphics device.
     pub gpu_dispatch_ms_max: f64,
-    /// What the driver said when the graphics device was lost and another one drew the picture; null if none was lost.
+    /// The driver's message, if the graphics device was lost and another one drew the picture; null if none was lost.
     pub gpu_lost_because: Option<String>,
-    /// What the rays of the picture did.
+    /// Counters of the picture's rays.
     #[serde(flatten)]
     pub casting: RayCounters,
     /// Times a ray took a coarser brick than it wanted.
     pub fallbacks: u64,
-    /// Bricks that rays waited for when the time was up.
+    /// Bricks that rays waited for at the deadline.
     pub bricks_missing_at_deadline: u64,
-    /// Pixels that were not finished when the time was up: they are taken from a picture of larger pixels.
+    /// Pixels unfinished at the deadline; they are taken from a picture of larger pixels.
     pub pixels_unfinished: u64,
-    /// How many pixels along an edge a pixel of that picture covers; 0 where all are finished.
+    /// Edge of a pixel of that picture, in pixels; 0 if all are finished.
     pub coarsest_pixel: u32,
     /// Bricks that failed.
     pub bricks_failed: u64,
     /// The first failures.
     pub failures: Vec<Failure>,
-    /// The error asked for, a share of full scale. Where levels are chosen automatically it bounds what the choice of
-    /// levels does to the picture, if `bricks_without_bound` is 0.
+    /// Requested error, a share of full scale. If levels are chosen automatically, it bounds the error from levels,
+    /// provided that `bricks_without_bound` is 0.
     pub max_error_requested: f64,
-    /// Bound on |drawn level - level 0| over all bricks that rays met and drew, data units: how far values are off, whether
-    /// they can be seen or not. Beside holes it holds where both levels are present. On a graphics device, bricks of one
-    /// value that no ray had to wait for are not in it.
-    /// Where a brick failed, the width of the range of all values.
+    /// Bound on |drawn level - level 0| over all bricks that rays met and drew, data units; it covers visible and
+    /// invisible values. Beside holes it holds where both levels are present. On a graphics device, it leaves out
+    /// uniform bricks that no ray waited for. If a brick failed, it is the width of the range of all values.
     pub error_bound: f64,
-    /// Bricks drawn from coarser levels although nothing bounds what that does to the picture: because their voxels are
-    /// small against a pixel (`lod::by_error`, rule 3), because they stand in for finer ones, or because the level was asked
-    /// for. On a graphics device, bricks of one value are not counted.
+    /// Bricks drawn from coarser levels without a bound of their effect on the picture. Reasons: their voxels are small
+    /// against a pixel (`lod::by_error`, rule 3), they stand in for finer ones, or the level was requested. On a
+    /// graphics device, uniform bricks are not counted.
     pub bricks_without_bound: u64,
-    /// Pieces of rays at which the reference integrator did not stand still.
+    /// Pieces of rays at which the reference integrator did not converge.
     pub reference_capped_pieces: u64,
-    /// How far the picture may be from the exact one, by what is known without measuring, term by term, each with whether it
-    /// is a bound: of pictures in mode `dvr` by packets of rays, or by a graphics device and without steps; null for others, and where nobody asked.
+    /// Predicted distance from the exact picture, term by term, each with a flag whether it is a bound. For pictures in
+    /// mode `dvr` by packets of rays, or by a graphics device if the transfer function has no steps. Null for others,
+    /// and if not requested.
     pub error_predicted: Option<ErrorPredicted>,
-    /// How far each pixel may be from the exact picture of the finest level, whatever level was asked for and however far the
-    /// picture has come: of pictures by packets of rays or by a graphics device; null for others, and where nobody asked.
+    /// Stated distance of each pixel from the exact picture of the finest level, for any requested level and any
+    /// progress. For pictures by packets of rays or by a graphics device. Null for others, and if not requested.
     pub error_stated: Option<ErrorStated>,
-    /// Distance from the exact picture where that was measured; null where nobody asked.
+    /// Measured distance from the exact picture; null if not requested.
     pub error_measured: Option<ErrorMeasured>,
 }
 
@@ -145,7 +145,7 @@ pub struct LevelStats {
     pub bytes_read: u64,
 }
 
-/// Name of a mode as in scene files.
+/// Name of a mode in scene files.
 #[must_use]
 pub fn mode_name(mode: Mode) -> &'static str {
     match mode {
@@ -159,7 +159,7 @@ pub fn mode_name(mode: Mode) -> &'static str {
 }
 
 impl FrameStats {
-    /// The same, where bricks that failed count: what is drawn instead of them is not the picture that was wanted.
+    /// The same, with the effect of failed bricks: the parts drawn in their place are not the requested picture.
     #[must_use]
     pub fn with_failures(mut self, values: ValueRange) -> Self {
         if self.bricks_failed > 0 {
@@ -169,7 +169,7 @@ impl FrameStats {
         self
     }
 
-    /// Whether all that was wanted failed, so that there is nothing to draw from.
+    /// Whether all wanted bricks failed, so that nothing can be drawn.
     #[must_use]
     pub fn has_nothing_but_failures(&self) -> bool {
         let are_there = |kind: StateKind| self.bricks_by_state.get(kind.name()).is_some_and(|&n| n > 0);
@@ -179,10 +179,10 @@ impl FrameStats {
             && !are_there(StateKind::Uniform)
     }
 
-    /// The same without what streaming had cost before: bricks that came and left, and what was read and decoded.
+    /// The same without earlier costs of streaming: page-ins, evictions, reads and decoding.
     #[must_use]
     pub fn since(mut self, before: &Self) -> Self {
-        // Where nothing has been gathered there is nothing to take away.
+        // Nothing to subtract before anything was gathered.
         if self.bricks_total == 0 {
             return self;
         }
@@ -194,7 +194,7 @@ impl FrameStats {
         self
     }
 
-    /// Fills in all that the streamer knows.
+    /// Fills in all fields from the streamer.
     pub fn gather_streamer(&mut self, streamer: &Streamer) {
         let (states, cache) = (streamer.states(), streamer.cache());
         let pyramid = streamer.container().pyramid();
@@ -226,7 +226,7 @@ impl FrameStats {
         (self.error_bound, self.bricks_without_bound) = (drawn.bound, drawn.without_bound);
     }
 
-    /// Fills in all that the engine knows but its errors.
+    /// Fills in all fields from the engine but its errors.
     pub fn gather_engine(&mut self, totals: EngineTotals) {
         (self.casting, self.instructions) = (totals.rays, totals.instructions);
         if let Some(device) = totals.device {
@@ -242,7 +242,7 @@ impl FrameStats {
 mod tests {
     use super::*;
 
-    /// Every key of a `--stats` file that somebody may read: none may be missing, none may hold something nested.
+    /// Every key of a `--stats` file that readers may use: none may be missing, none may hold a nested value.
     const KEYS: &str = "
         image_width image_height backend no_gpu_because adapter_is_software instructions adapter threads
         mode level converged passes bands bricks_total bricks_by_state bricks_by_level uses misses page_ins

@@ -1,4 +1,4 @@
-//! A volume as it is drawn: an open container at its place in the world, with its facts.
+//! A volume to be drawn: an open container at its place in the world, with its facts.
 
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
@@ -9,25 +9,25 @@ use supervol_scene::facts::{DataKind, VolumeFacts};
 use supervol_scene::preset::overview::Overview;
 use supervol_scene::scene::{ResolvedScene, Scene, SceneError};
 
-/// An open container at its place in the world, and everything that scenes must know of it. Clones share all of it.
+/// An open container at its place in the world, with everything that scenes need to know of it. Clones share all of it.
 #[derive(Debug, Clone)]
 pub struct PlacedVolume {
     container: Arc<Container>,
     facts: Arc<VolumeFacts>,
-    /// Read when a scene first asks for it; `None` where no level is small enough, or a brick of it cannot be read.
+    /// Read when a scene first asks for it; `None` if no level is small enough, or a brick of it cannot be read.
     overview: Arc<OnceLock<Option<Overview>>>,
 }
 
 impl PlacedVolume {
-    /// Opens a container file where it is stored to be; no brick is read.
+    /// Opens a container file at its stored place in the world; reads no brick.
     ///
     /// # Errors
-    /// If the file cannot be read, or is no container.
+    /// If the file cannot be read, or is not a container.
     pub fn open(path: &Path) -> Result<Self, ContainerError> {
         Ok(Self::of(Arc::new(Container::open(path)?)))
     }
 
-    /// The volume of a container that is open already. Its kind of data is recognised.
+    /// The volume of an open container. Recognises its kind of data.
     #[must_use]
     pub fn of(container: Arc<Container>) -> Self {
         let facts = VolumeFacts::of(&container);
@@ -51,22 +51,22 @@ impl PlacedVolume {
         &self.container
     }
 
-    /// Facts of the volume where it is placed.
+    /// Facts of the volume at its place in the world.
     #[must_use]
     pub fn facts(&self) -> &VolumeFacts {
         &self.facts
     }
 
-    /// A coarse level in memory, by which cameras frame what can be seen. The first call reads it.
+    /// A coarse level in memory, from which cameras frame the visible part. The first call reads it.
     ///
-    /// `None` where even the coarsest level is too large, or a brick of it cannot be read: whoever draws the picture reports
+    /// `None` if even the coarsest level is too large, or a brick of it cannot be read; drawing the picture reports
     /// that brick.
     #[must_use]
     pub fn overview(&self) -> Option<&Overview> {
         self.overview.get_or_init(|| Overview::read(&self.container, &self.facts).ok().flatten()).as_ref()
     }
 
-    /// The scene with everything that it leaves open written out for this volume ([`Scene::complete`]).
+    /// The scene with all omitted parts filled in for this volume ([`Scene::complete`]).
     ///
     /// # Errors
     /// If the scene is not valid.

@@ -1,19 +1,19 @@
-//! One number of host bytes, divided among all that a frame holds in memory.
+//! Division of one number of host bytes among all parts of a frame.
 //!
 //! | part | size |
 //! |---|---|
-//! | picture | 16 bytes per pixel; a quarter more with a deadline; twice as much more where errors are stated |
+//! | picture | 16 bytes per pixel; with a deadline a quarter more; with stated errors three times as much |
 //! | rays | tiles, miss list and pixel of every ray of a band; a band is the whole picture if that takes at most 1/4 |
-//! | casting | what every thread that casts has at hand: the rays of one tile on their way |
-//! | made of bricks | what the ray caster makes once of each brick, and keeps: 1/16, at most 32 MiB; at least one brick's |
-//! | TOC pages | what the container keeps of its table of contents, at most 64 MiB |
-//! | states | one record per brick that was met, 1/32 of the budget |
+//! | casting | working memory of every casting thread: the rays of one tile |
+//! | made of bricks | data derived once from each brick and kept: 1/16, at most 32 MiB; at least one brick's |
+//! | TOC pages | pages of the table of contents that the container keeps, at most 64 MiB |
+//! | states | one record per brick met, 1/32 of the budget |
 //! | in flight | records being read and bricks being decoded, 1/8 of the budget, at most 128 MiB |
-//! | cache | the rest, less what the process holds beside the frame; at least one brick |
+//! | cache | the rest, less the bytes that the process holds beside the frame; at least one brick |
 //!
-//! Everything is computed before anything is allocated; a budget that is too small is refused with the sum of the least
-//! parts. The program itself, its threads' stacks and the container's manifest are counted where somebody says how much that
-//! is ([`Demand::process_bytes`]); a budget that all the rest fits is not refused for their sake.
+//! Everything is computed before anything is allocated. A budget that is too small is refused with the sum of the least
+//! parts. [`Demand::process_bytes`] states the bytes of the program itself: its threads' stacks and the container's
+//! manifest. They reduce the cache, but never cause a refusal.
 
 use supervol_format::codec::wavelet::DECODING_BYTES_PER_VOXEL;
 use supervol_format::container::reader::CACHED_TOC_PAGES;
@@ -26,13 +26,13 @@ use crate::stream::cache::host::BRICK_OVERHEAD_BYTES;
 
 /// Most bytes of records and decoding buffers in flight.
 pub const IN_FLIGHT_LIMIT: u64 = 128 << 20;
-/// Most bytes of what is made once of each brick, and kept.
+/// Most bytes of data derived from bricks and kept.
 pub const MADE_LIMIT: u64 = 32 << 20;
-/// Part of the budget, as a divisor, that it may take.
+/// Divisor of the budget: the share of data derived from bricks.
 const MADE_SHARE: u64 = 16;
 /// Bytes of one pixel of an image.
 const PIXEL_BYTES: u64 = 16;
-/// Bytes that a waiting ray costs in the list of misses.
+/// Bytes of a waiting ray in the list of misses.
 const MISS_BYTES: u64 = 16;
 
 /// The budget is too small.
@@ -47,16 +47,16 @@ pub struct BudgetError {
     pub budget_bytes: u64,
     /// Least bytes that suffice.
     pub needed_bytes: u64,
-    /// What they are needed for.
+    /// List of the parts and their bytes.
     pub parts: String,
 }
 
 /// Sizes of one container's bricks in memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct BrickBytes {
-    /// A full brick as the ray casters read it, with its place in the cache.
+    /// A full brick in the form that ray casters read, with its cache overhead.
     pub decoded: u64,
-    /// What a thread that decodes a full brick needs beside its record: its stored voxels, and what they are made of.
+    /// Buffers for decoding a full brick, without its record: stored voxels and intermediate data.
     pub decoding: u64,
     /// The longest record of a full brick.
     pub record: u64,
@@ -65,7 +65,7 @@ pub struct BrickBytes {
 /// Bytes in the host cache of a brick with this many voxels and macro cells.
 #[must_use]
 pub fn decoded_bytes(voxel_type: VoxelType, voxels: u64, macro_cells: u64) -> u64 {
-    // One and two byte integers stay as they are, all others become f32; a macro cell has two f32.
+    // One-byte and two-byte integers keep their size; all other types become f32. A macro cell has two f32.
     let voxel_bytes = voxel_type.bytes().min(4) as u64;
     voxels * voxel_bytes + macro_cells * 8 + BRICK_OVERHEAD_BYTES
 }
@@ -79,70 +79,70 @@ impl BrickBytes {
         let voxels = (layout.stored() as u64).pow(3);
         let macro_cells = (layout.core() as u64).div_ceil(supervol_format::brick::MACRO_CELL as u64).pow(3);
         let stored = voxels * voxel_type.bytes() as u64;
-        // The bound that the container's reader puts on payloads, and two bytes per macro cell.
+        // The limit that the container's reader sets for payloads, and two bytes per macro cell.
         let record = stored + stored / 64 + 1024 + 2 * macro_cells;
         let decoding = stored + voxels * DECODING_BYTES_PER_VOXEL as u64;
         Self { decoded: decoded_bytes(voxel_type, voxels, macro_cells), decoding, record }
     }
 }
 
-/// Whether a ray caster can cast a picture in parts.
+/// Whether a ray caster can cast a picture in bands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Bands {
-    /// Some rows of pixels at a time.
+    /// Bands of pixel rows, one after the other.
     Allowed,
     /// The whole picture at once.
     Whole,
 }
 
-/// What a ray caster holds in host memory.
+/// Host memory of a ray caster.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct CasterBytes {
     /// Whether rays may be cast band by band.
     pub bands: Bands,
-    /// Rays along an edge of the square tiles in which they are kept between passes; at least 1.
+    /// Edge of the square tiles in which rays are kept between passes, rays; at least 1.
     pub tile_side: u32,
-    /// Bytes of a tile whose rays wait, whether all its rays lie in the picture or not; finished ones have less.
+    /// Bytes of a tile whose rays wait, including rays outside the picture. Finished tiles take less.
     pub tile: u64,
-    /// Bytes that a thread has at hand while it casts.
+    /// Bytes of working memory of a casting thread.
     pub thread: u64,
-    /// Most bytes that are made once of a brick.
+    /// Most bytes derived from one brick.
     pub made_of_brick: u64,
-    /// Bytes of what is said of each pixel of the picture beside its colour.
+    /// Bytes per pixel of the statements made beside its colour.
     pub of_pixel: u64,
 }
 
 impl CasterBytes {
-    /// Everything lies on a device, and the whole picture is cast at once.
+    /// A ray caster that holds everything on a device and casts the whole picture at once.
     pub const ON_DEVICE: Self =
         Self { bands: Bands::Whole, tile_side: 1, tile: 0, thread: 0, made_of_brick: 0, of_pixel: 0 };
 
-    /// The same; errors, where they are stated, lie in host memory once a band is read.
+    /// The same, with stated errors: they lie in host memory once a band is read.
     #[must_use]
     pub const fn on_device(states_errors: bool) -> Self {
         Self { of_pixel: if states_errors { 2 * PIXEL_BYTES } else { 0 }, ..Self::ON_DEVICE }
     }
 }
 
-/// What a frame needs memory for.
+/// The memory needs of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Demand {
-    /// Pixels of the picture.
+    /// Width and height of the picture, pixels.
     pub image_size: [u32; 2],
     /// Rays along one edge of a pixel.
     pub subgrid: u32,
-    /// What the ray caster holds.
+    /// Host memory of the ray caster.
     pub caster: CasterBytes,
     /// Sizes of bricks.
     pub brick: BrickBytes,
-    /// Whether there is a deadline: then the coarsest brick stays in the cache, beside the one that makes progress, and a
-    /// picture of pixels at least twice as large is there while the next one is begun.
+    /// Whether there is a deadline. Then the coarsest brick stays in the cache, beside the brick that makes progress. A
+    /// coarser picture, of pixels at least twice as large, is kept while the next one is cast.
     pub has_deadline: bool,
     /// Threads that cast and decode.
     pub threads: u64,
     /// TOC pages of the container.
     pub toc_pages: u64,
-    /// What the process holds beside the frame.
+    /// Bytes that the process holds beside the frame.
     pub process_bytes: u64,
 }
 
@@ -151,11 +151,11 @@ pub struct Demand {
 pub struct HostPlan {
     /// Bytes given.
     pub budget_bytes: u64,
-    /// Pixel rows that are cast at once.
+    /// Pixel rows cast at once.
     pub band_rows: u32,
-    /// Bytes of picture, rays, threads that cast, and TOC pages.
+    /// Bytes of picture, rays, casting threads and TOC pages.
     pub fixed_bytes: u64,
-    /// Most bytes of what the ray caster makes once of each brick, and keeps.
+    /// Most bytes of data derived from bricks and kept.
     pub made_bytes: u64,
     /// Most bricks whose state is remembered.
     pub state_limit: usize,
@@ -166,14 +166,14 @@ pub struct HostPlan {
 }
 
 impl Demand {
-    /// Bytes of the rays of a band of so many pixel rows: whole tiles, and what every ray has beside.
+    /// Bytes of the rays of a band of `band_rows` pixel rows: whole tiles, and the parts kept per ray.
     fn ray_bytes(&self, band_rows: u64) -> u64 {
         let [columns, rows] = [u64::from(self.image_size[0]), band_rows].map(|n| n * u64::from(self.subgrid));
         let tiles = [columns, rows].map(|n| n.div_ceil(u64::from(self.caster.tile_side)));
         tiles[0] * tiles[1] * self.caster.tile + columns * rows * (MISS_BYTES + PIXEL_BYTES)
     }
 
-    /// Most pixel rows of a band whose rays take no more than so many bytes; at least 1, and whole tiles where it can be.
+    /// Most pixel rows of a band whose rays take at most `bytes`; at least 1, whole tiles if possible.
     fn band_rows(&self, bytes: u64) -> u64 {
         let height = u64::from(self.image_size[1]);
         if self.caster.bands == Bands::Whole || self.ray_bytes(height) <= bytes {
@@ -194,7 +194,7 @@ impl HostPlan {
     /// Divides the budget.
     ///
     /// # Errors
-    /// If it is too small for the least of every part.
+    /// If the budget is smaller than the sum of the least parts.
     pub fn new(budget_bytes: u64, demand: &Demand) -> Result<Self, BudgetError> {
         let [width, height] = demand.image_size.map(u64::from);
         let image = width * height * PIXEL_BYTES;
@@ -210,13 +210,12 @@ impl HostPlan {
         let made = if least_made > 0 { (budget_bytes / MADE_SHARE).min(MADE_LIMIT).max(least_made) } else { 0 };
         let states = budget_bytes / 32;
         let least_cache = least_bricks * demand.brick.decoded;
-        // A band is no higher than the least of all other parts allows: otherwise more memory would raise the need.
+        // The band is limited by the least of all other parts. Otherwise more memory would raise the need.
         let least_others = image + casting + toc + states + least_made + least_in_flight + least_cache;
         let band_rows = demand.band_rows((budget_bytes / 4).min(budget_bytes.saturating_sub(least_others)));
         let rays = demand.ray_bytes(band_rows);
         let fixed = image + rays + casting + toc;
-        // Where the shares leave too little for the cache, all that is made goes down to one brick's, and reads in flight to
-        // one record.
+        // If the cache would get too little, derived data shrinks to one brick's and reads in flight to one record.
         let has_room = fixed + states + made + in_flight + least_cache <= budget_bytes;
         let (made, in_flight) = if has_room { (made, in_flight) } else { (least_made, least_in_flight) };
         let needed = fixed + states + made + in_flight + least_cache;

@@ -1,9 +1,10 @@
-//! How many of the wanted bricks are fetched in one tick, and whom they may push out.
+//! Admission: how many of the wanted bricks are fetched in one tick, and which bricks they may evict.
 //!
-//! The *frontier* is the least rank that any ray waits for (see [`super::priority`]). What ranks below it is passed: no
-//! ray of this frame comes back to it. Wanted bricks at the frontier are fetched *now*, whatever it pushes out. Those
-//! behind it are fetched *ahead*, because rays stand there already and a pass is saved; but only into memory that no
-//! ray of this frame will want, and only while bricks at or behind the frontier fill no more than `AHEAD_SHARE` of the
+//! The *frontier* is the least rank that any ray waits for (see [`super::priority`]). Ranks below it are passed: no ray
+//! of this frame returns to them. Wanted bricks at the frontier are fetched *now*, whatever they evict.
+//!
+//! Wanted bricks behind the frontier are fetched *ahead*: rays wait there already, and a pass is saved. They take only
+//! memory that no ray of this frame will want, while bricks at or behind the frontier fill at most `AHEAD_SHARE` of the
 //! cache. So the frontier always finds room that is not live, and no brick is fetched twice.
 
 use super::priority::Rank;
@@ -17,22 +18,22 @@ const AHEAD_SHARE: u64 = 2;
 pub struct Candidate {
     /// The brick.
     pub key: FieldBrick,
-    /// Its place in the front-to-back order.
+    /// Position in the front-to-back order.
     pub rank: Rank,
-    /// Bytes it will take in the host cache; 0 where it is there already.
+    /// Bytes it will take in the host cache; 0 if it is there already.
     pub bytes: u64,
 }
 
-/// Where bricks can go.
+/// Room for bricks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Supply {
-    /// Bytes of the host cache in which nothing is.
+    /// Bytes of the host cache that hold nothing.
     pub unused_bytes: u64,
     /// Bytes of bricks that no ray of this frame will want.
     pub free_bytes: u64,
     /// Bytes of bricks that rays of this frame may want again.
     pub live_bytes: u64,
-    /// Bytes that are reserved for bricks on their way.
+    /// Bytes reserved for bricks being loaded.
     pub reserved_bytes: u64,
     /// Bytes of the whole cache.
     pub budget_bytes: u64,
@@ -40,15 +41,15 @@ pub struct Supply {
     pub bricks: usize,
 }
 
-/// Whether it matters to [`admit`] who may leave the cache: not while all that is there, on its way and wanted fills no more than what
-/// may be fetched ahead.
+/// Whether [`admit`] needs to know which bricks may leave the cache. It does not while all bricks held, being loaded
+/// and wanted fit into the share for bricks fetched ahead.
 #[must_use]
 pub fn needs_victims(candidates: &[Candidate], unused_bytes: u64, budget_bytes: u64) -> bool {
     let wanted: u64 = candidates.iter().map(|candidate| candidate.bytes).sum();
     budget_bytes - unused_bytes + wanted > budget_bytes / AHEAD_SHARE
 }
 
-/// How many of the candidates, from the front of the list, are fetched in this tick. They are in order of rank.
+/// Number of candidates, from the front of the list, to fetch in this tick. Candidates are in order of rank.
 #[must_use]
 pub fn admit(candidates: &[Candidate], frontier: Rank, supply: Supply) -> usize {
     let mut bytes = 0;

@@ -1,12 +1,13 @@
-//! What the table of contents alone says about a brick: absent, invisible, uniform, or to be read.
+//! Classification of bricks by their TOC entries alone: absent, invisible, uniform, or to be read.
 //!
-//! The range in the TOC bounds everything that interpolation reaches. In `dvr`, a brick on whose range the transfer
-//! function is transparent is *invisible*: its macro cells are so too, and leaving it out changes no picture. In `iso`, a
-//! ray must know on which side of the iso values it is: a brick without holes whose range holds no iso value is answered
-//! as uniform, with a value on its side. `mip`, `minip` and `mean` must see every present value.
+//! The value range in the TOC bounds every interpolated value. In `dvr`, a brick is *invisible* if the transfer
+//! function is transparent on its whole range. Its macro cells are then invisible too, and leaving it out changes no
+//! picture. In `iso`, a ray must know on which side of the iso values it is. So a brick without holes whose range holds
+//! no iso value is answered as uniform, with a value on its side. `mip`, `minip` and `mean` must see every present
+//! value.
 //!
-//! A coarser level holds averages, and may not show what level 0 shows. Where levels are chosen brick by brick, a brick
-//! that would change the picture too much is *too coarse* ([`crate::lod::by_error`]): its children are drawn instead.
+//! A coarser level holds averages, which may hide values of level 0. If levels are chosen brick by brick, a brick that
+//! would change the picture too much is *too coarse* ([`crate::lod::by_error`]): its children are drawn instead.
 
 use supervol_format::container::toc::BrickEntry;
 use supervol_format::{BrickKey, Container, Lod, ValueRange, VoxelType};
@@ -17,10 +18,10 @@ use supervol_scene::value_map::ValueMap;
 use super::state::Emptiness;
 use crate::lod::by_error::{LevelsByError, Verdict};
 
-/// Entries of the table of contents looked at for holes beneath a brick; where there are more, holes are taken for granted.
+/// Most TOC entries searched for holes beneath a brick. If there are more, holes are assumed.
 const HOLE_SEARCH_LIMIT: usize = 1024;
 
-/// Whether a voxel that this brick or a brick beneath it reaches may be absent, by their TOC entries.
+/// Whether interpolation in this brick, or in a brick beneath it, may reach an absent voxel. Decided by TOC entries.
 #[must_use]
 pub fn may_have_holes(container: &Container, key: BrickKey, entry: &BrickEntry) -> bool {
     let voxels = container.descriptor().dims().0.iter().fold(1, |product: u64, &n| product.saturating_mul(n));
@@ -53,7 +54,7 @@ pub enum Skipping {
 /// What must be done for a brick.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Class {
-    /// Nothing of it can be seen.
+    /// Nothing in it can be seen.
     Nothing(Emptiness),
     /// It has this render value everywhere.
     Uniform(f32),
@@ -70,7 +71,7 @@ pub struct Classifier {
     map: ValueMap,
     visibility: Visibility,
     skipping: Skipping,
-    /// Which bricks are too coarse; `None` where a level was asked for.
+    /// Rules for bricks that are too coarse; `None` if a fixed level was requested.
     levels: Option<LevelsByError>,
 }
 
@@ -78,7 +79,7 @@ pub struct Classifier {
 enum Visibility {
     /// Every present value is seen.
     All,
-    /// What has positive opacity is seen.
+    /// Values of positive opacity are seen.
     Classified(Box<RenderTransferFunction>),
     /// Ranges that hold one of these render values are seen.
     Iso(Vec<f32>),
@@ -98,14 +99,14 @@ impl Classifier {
         Self { voxel_type, map, visibility, skipping, levels: None }
     }
 
-    /// The same, refusing bricks that these rules call too coarse.
+    /// The same classification, which also refuses bricks that these rules call too coarse.
     #[must_use]
     pub fn with_levels(self, levels: LevelsByError) -> Self {
         Self { levels: Some(levels), ..self }
     }
 
-    /// What must be done for the brick of this entry. `may_have_holes` is asked at most once, whether a voxel of this
-    /// brick or of a brick beneath it may be absent.
+    /// Class of the brick with this entry. `may_have_holes` is called at most once. It tells whether a voxel of this
+    /// brick, or of a brick beneath it, may be absent.
     #[must_use]
     pub fn classify(&self, key: BrickKey, entry: &BrickEntry, may_have_holes: impl FnOnce() -> bool) -> Class {
         let verdict = self.levels.as_ref().map_or(Verdict::Fine, |levels| levels.verdict(key, entry));
@@ -116,8 +117,9 @@ impl Classifier {
         }
     }
 
-    /// Whether drawing the brick keeps the picture within the error asked for, by a bound: for level 0 where its voxels are
-    /// the source's, never for a level that was asked for, nor for a brick that a rule of thumb lets pass or that stands in for a child.
+    /// Whether a bound proves that drawing the brick keeps the picture within the requested error. True for level 0 if
+    /// its voxels are the source's. False for a requested level, for a brick accepted by a heuristic, and for a brick
+    /// that stands in for a child.
     #[must_use]
     pub fn has_bound(&self, key: BrickKey, entry: &BrickEntry, may_have_holes: impl FnOnce() -> bool) -> bool {
         let verdict = self.levels.as_ref().map(|levels| levels.bounded_verdict(key, entry));
@@ -129,14 +131,14 @@ impl Classifier {
         }
     }
 
-    /// What must be done for the brick of this entry where it is drawn, however coarse it is.
+    /// Class of the brick with this entry when it is drawn, however coarse it is.
     #[must_use]
     pub fn classify_drawn(&self, entry: &BrickEntry) -> Class {
         if entry.absent {
             return Class::Nothing(Emptiness::Absent);
         }
         let (low, high) = self.render_range(entry.range);
-        // Whether macro cells are skipped or not: the picture is the same.
+        // The answer is the same whether macro cells are skipped or not: so is the picture.
         let is_left_out = self.skipping == Skipping::On && !self.is_visible((low, high));
         match &self.visibility {
             Visibility::Classified(_) if is_left_out => Class::Nothing(Emptiness::Invisible),
@@ -229,7 +231,7 @@ mod tests {
         }
     }
 
-    /// Rules that are never asked about level 0, and refuse everything else whose error may be seen.
+    /// Rules that are never asked about level 0, and refuse every other brick whose error may be seen.
     #[test]
     fn bricks_that_are_too_coarse_are_refused_whatever_else_they_are() {
         let points = r#""transfer_function": {"points": [{"value": 200, "color": [1,1,1], "alpha": 0},
@@ -261,7 +263,7 @@ mod tests {
             assert!(has_bound(fine, &exact) && has_bound(coarse, &exact) && !has_bound(coarse, &wrong));
             assert!(!has_bound(fine, &wrong), "its voxels were moved");
             assert_eq!([true, false].map(|holes| class(coarse, &exact, holes)), [Class::TooCoarse, Class::Load]);
-            // Stored values above 55 are invisible, and so are those beneath: neither errors nor holes matter.
+            // Stored values above 55 are invisible, here and in all bricks beneath: neither errors nor holes matter.
             let clear = BrickEntry { error: 190.0, ..entry(60.0, 250.0) };
             assert_eq!(class(coarse, &clear, true), automatic.classify_drawn(&clear));
         }

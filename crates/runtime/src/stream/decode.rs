@@ -1,7 +1,7 @@
-//! Decoding records on rayon's worker threads: checksum, codec, then the form the ray casters read.
+//! Decoding of records on rayon's worker threads: checksum, codec, then conversion to the form that ray casters read.
 //!
 //! Each brick is decoded alone, so the result does not depend on the number of threads. A brick that cannot be decoded
-//! is an answer like any other; nothing here stops a frame.
+//! is returned as an error of that brick; it never stops a frame.
 
 use rayon::prelude::*;
 use supervol_format::Container;
@@ -22,7 +22,7 @@ pub struct Encoded {
     pub entry: BrickEntry,
     /// Its record.
     pub record: Record,
-    /// A brick that has left, whose memory it takes.
+    /// An evicted brick whose memory is reused.
     pub spare: Option<DecodedBrick>,
 }
 
@@ -39,7 +39,7 @@ pub fn decode_bricks(
         .collect()
 }
 
-/// Decodes one brick; `voxels` is scratch space that is kept from brick to brick.
+/// Decodes one brick; `voxels` is scratch space reused from brick to brick.
 fn decode(
     container: &Container,
     map: &ValueMap,

@@ -1,8 +1,9 @@
-//! Of which field a brick is: what states, caches and page tables are keyed by.
+//! Fields and [`FieldBrick`]: the key of states, caches and page tables.
 //!
-//! A *field* is one quantity over the whole grid: a channel, or a time step of one. A [`BrickKey`] says where a brick lies, and bricks of
-//! two fields lie at the same places. So whatever outlives the picture of one field goes by [`FieldBrick`]; what draws one field goes by
-//! [`BrickKey`], and the view it reads from says which field that is. A container holds one field today.
+//! A *field* is one quantity over the whole grid: a channel, or one time step of a channel. A [`BrickKey`] says where a
+//! brick lies, and bricks of two fields lie at the same places. Data that outlives the picture of one field is keyed by
+//! [`FieldBrick`]. Code that draws one field uses [`BrickKey`]; its view says which field that is. A container holds
+//! one field today.
 
 use std::fmt;
 use std::hash::{Hash, Hasher};
@@ -17,30 +18,30 @@ impl Field {
     /// The first field: a container's only one.
     pub const FIRST: Self = Self(0);
 
-    /// The brick of this field that lies there.
+    /// The brick of this field at this place.
     #[inline]
     #[must_use]
     pub const fn brick(self, brick: BrickKey) -> FieldBrick {
         FieldBrick { field: self, brick }
     }
 
-    /// The bricks of this field that lie there, in the same order.
+    /// The bricks of this field at these places, in the same order.
     #[must_use]
     pub fn bricks(self, bricks: impl IntoIterator<Item = BrickKey>) -> Vec<FieldBrick> {
         bricks.into_iter().map(|brick| self.brick(brick)).collect()
     }
 }
 
-/// Name of one brick of one field. Ordered by field, then as keys are.
+/// Name of one brick of one field. Ordered by field, then by key.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct FieldBrick {
     /// The field.
     pub field: Field,
-    /// Where in it.
+    /// Level and place of the brick in the field.
     pub brick: BrickKey,
 }
 
-/// 2^64 divided by pi, made odd: moves the keys of different fields away from each other.
+/// 2^64 divided by pi, made odd: separates the hashes of different fields.
 const INVERSE_PI: u64 = 0x517c_c1b7_2722_0a95;
 
 impl FieldBrick {
@@ -52,7 +53,7 @@ impl FieldBrick {
 }
 
 impl Hash for FieldBrick {
-    /// One word: a second one would cost a second round of the hash at every look-up.
+    /// Hashes one word: a second one would cost a second round of the hash at every look-up.
     #[inline]
     fn hash<H: Hasher>(&self, state: &mut H) {
         state.write_u64(self.brick.bits() ^ u64::from(self.field.0).wrapping_mul(INVERSE_PI));
@@ -60,7 +61,7 @@ impl Hash for FieldBrick {
 }
 
 impl fmt::Display for FieldBrick {
-    /// The first field goes without saying.
+    /// The first field is not printed.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.field {
             Field::FIRST => self.brick.fmt(f),

@@ -1,9 +1,9 @@
-//! Reading records: sorted by offset, neighbours merged into one read.
+//! Reading of records: sorted by offset, neighbours merged into one read.
 //!
-//! Records that lie closer together than the source's gap are read at once, up to its best size. A merged read that fails is
-//! taken apart and each record is read alone, so that a damaged place costs only the bricks that lie on it. Failures that may
-//! pass by themselves (a network that stumbles) are tried again after [`RETRY_AFTER`]; all others at most twice.
-//! Only reading is done here: checksums are the decoder's.
+//! Records closer together than the source's gap are merged, up to its best read size. If a merged read fails, each of
+//! its records is read alone, so that a damaged place costs only the bricks on it. Failures that may be temporary (such
+//! as network errors) are retried after [`RETRY_AFTER`]. All other records are read at most twice. Checksums are
+//! checked by the decoder, not here.
 
 use std::io::ErrorKind;
 use std::ops::Range;
@@ -17,10 +17,10 @@ use crate::stop::Stop;
 use crate::stream::counters::{StreamCounters, milliseconds};
 use crate::stream::field::FieldBrick;
 
-/// How long to wait before a read is tried again whose failure may pass by itself; as often as there are entries.
+/// Waiting times before the first, second, ... retry of a read whose failure may be temporary.
 pub const RETRY_AFTER: [Duration; 2] = [Duration::from_millis(20), Duration::from_millis(80)];
 
-/// One record to be read.
+/// A request to read one record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RecordRequest {
     /// The brick.
@@ -31,7 +31,7 @@ pub struct RecordRequest {
     pub bytes: u64,
 }
 
-/// The bytes of one record: a part of what was read at once.
+/// The bytes of one record: a part of the buffer of a merged read.
 #[derive(Debug, Clone)]
 pub struct Record {
     buffer: Arc<Vec<u8>>,
@@ -46,12 +46,12 @@ impl Record {
     }
 }
 
-/// Records that are read at once.
+/// Records read at once.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MergedRead {
-    /// Bytes of the file.
+    /// Byte range in the file.
     pub bytes: Range<u64>,
-    /// Those that lie in them, sorted by offset.
+    /// The records in this range, sorted by offset.
     pub records: Vec<RecordRequest>,
 }
 
@@ -63,13 +63,13 @@ impl MergedRead {
     }
 }
 
-/// Fills the buffer from the offset on.
+/// Function that fills the buffer with the bytes from an offset on.
 pub type ReadAt<'a> = dyn Fn(u64, &mut [u8]) -> Result<(), ContainerError> + 'a;
 
-/// A record that was read, or why not.
+/// A brick, with its record or the error that prevented reading it.
 pub type Answer = (FieldBrick, Result<Record, ContainerError>);
 
-/// Reads what is read at once.
+/// Reads a merged read, or its records one by one if that fails.
 pub fn read_merged(read_at: &ReadAt<'_>, merged: &MergedRead, counters: &mut StreamCounters) -> Vec<Answer> {
     counters.merged_reads += u64::from(merged.records.len() > 1);
     let part = |buffer: &Arc<Vec<u8>>, r: &RecordRequest| {
@@ -78,7 +78,7 @@ pub fn read_merged(read_at: &ReadAt<'_>, merged: &MergedRead, counters: &mut Str
     };
     match read_range(read_at, merged.bytes.clone(), counters) {
         Ok(buffer) => merged.records.iter().map(|r| (r.key, Ok(part(&buffer, r)))).collect(),
-        // The first failure may be another record's: the second one is this record's own, and it is reported.
+        // The first failure may be another record's. The second one is this record's own and is reported.
         Err(_) => merged
             .records
             .iter()
@@ -90,7 +90,7 @@ pub fn read_merged(read_at: &ReadAt<'_>, merged: &MergedRead, counters: &mut Str
     }
 }
 
-/// Whether a failure may pass by itself.
+/// Whether a failure may be temporary.
 fn may_pass(error: &ContainerError) -> bool {
     use ErrorKind::{
         ConnectionAborted, ConnectionReset, Interrupted, NotConnected, ResourceBusy, TimedOut, WouldBlock,
@@ -118,10 +118,11 @@ fn read_range(
     Ok(Arc::new(buffer))
 }
 
-/// Tries to read until it succeeds, as often as [`RETRY_AFTER`] says, where the failure may pass by itself and there is time.
+/// Repeats a read until it succeeds, at most as often as [`RETRY_AFTER`] says. It retries only temporary failures, and
+/// only while there is time.
 ///
 /// # Errors
-/// That of the last attempt.
+/// The error of the last attempt.
 pub fn patiently(
     counters: &mut StreamCounters,
     stop: &Stop,
@@ -141,7 +142,8 @@ pub fn patiently(
     }
 }
 
-/// Groups requests into reads, in the order of their offsets; none is longer than `most_bytes` but for a single record.
+/// Groups requests into reads, in the order of their offsets. No read is longer than `most_bytes`, except one of a
+/// single record.
 #[must_use]
 pub fn merge(mut requests: Vec<RecordRequest>, shape: ReadShape, most_bytes: u64) -> Vec<MergedRead> {
     requests.sort_unstable_by_key(|r| (r.offset, r.key));
@@ -201,7 +203,7 @@ mod tests {
         ContainerError::Io { what: "test".into(), offset, bytes: buffer.len() as u64, source }
     }
 
-    /// A file whose byte at offset i is `i % 251`, except that reads touching `bad` fail.
+    /// A file whose byte at offset i is `i % 251`; reads that touch `bad` fail.
     fn file(bad: Range<u64>) -> impl Fn(u64, &mut [u8]) -> Result<(), ContainerError> {
         move |offset, buffer| {
             let end = offset + buffer.len() as u64;

@@ -1,6 +1,6 @@
-//! Threads that read while others cast, and do nothing else: decoding is left to the threads that compute.
+//! Reader threads: they only read, while other threads cast. Decoding runs on the computing threads.
 //!
-//! Reads wait in one queue, in the order in which they were asked for; those that no thread has begun can be taken back.
+//! Reads wait in one queue, first come, first served. Reads that no thread has begun can be cancelled.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -11,31 +11,31 @@ use supervol_format::Container;
 use super::io::{Answer, MergedRead, read_merged};
 use crate::stream::counters::StreamCounters;
 
-/// Threads that read: enough to keep a disk or a network busy while one of them waits.
+/// Number of reader threads: enough to keep a disk or a network busy while one of them waits.
 pub const READERS: usize = 4;
-/// What the names of these threads begin with.
+/// Prefix of the names of these threads.
 pub const READER: &str = "reader";
-/// Most reads that wait for a thread, or are under way.
+/// Most reads that wait for a thread or are in progress.
 pub const QUEUE_LIMIT: usize = 64;
 
-/// A read that has come back.
+/// A finished read.
 #[derive(Debug)]
 pub struct Finished {
-    /// What was read at once.
+    /// The merged read.
     pub read: MergedRead,
-    /// Its records.
+    /// Its records, or their errors.
     pub answers: Vec<Answer>,
-    /// What that cost.
+    /// Counters of this read.
     pub counters: StreamCounters,
 }
 
-/// Reads in the background.
+/// Loader: reads in the background.
 #[derive(Debug)]
 pub struct Loader {
     queue: Sender<MergedRead>,
     waiting: Receiver<MergedRead>,
     finished: Receiver<Finished>,
-    /// Reads that were asked for and have not come back.
+    /// Reads requested and not yet returned.
     pending: usize,
 }
 
@@ -43,10 +43,10 @@ impl Loader {
     /// Starts the threads.
     ///
     /// # Errors
-    /// If the system has none left.
+    /// If the system cannot start a thread.
     pub fn new(container: &Arc<Container>) -> std::io::Result<Self> {
         let (queue, waiting) = bounded::<MergedRead>(QUEUE_LIMIT);
-        // Nobody waits to hand a read over: no more are under way than may be asked for.
+        // Sending a finished read never blocks: the channel has room for all reads in progress.
         let (done, finished) = bounded(QUEUE_LIMIT);
         for number in 0..READERS {
             let (container, waiting, done) = (container.clone(), waiting.clone(), done.clone());
@@ -65,37 +65,37 @@ impl Loader {
         Ok(Self { queue, waiting, finished, pending: 0 })
     }
 
-    /// Reads that were asked for and have not come back.
+    /// Reads requested and not yet returned.
     #[must_use]
     pub fn pending(&self) -> usize {
         self.pending
     }
 
-    /// Asks for a read.
+    /// Requests a read.
     ///
     /// # Panics
-    /// If there is no room for it.
+    /// If the queue is full.
     pub fn ask(&mut self, read: MergedRead) {
         assert!(self.pending < QUEUE_LIMIT, "more than {QUEUE_LIMIT} reads");
         self.pending += 1;
         self.queue.send(read).expect("the loader itself holds a receiver");
     }
 
-    /// Takes back all reads that no thread has begun.
+    /// Cancels and returns all reads that no thread has begun.
     pub fn take_back(&mut self) -> Vec<MergedRead> {
         let taken: Vec<MergedRead> = self.waiting.try_iter().collect();
         self.pending -= taken.len();
         taken
     }
 
-    /// The reads that have come back.
+    /// The finished reads, without waiting.
     pub fn take_finished(&mut self) -> Vec<Finished> {
         let taken: Vec<Finished> = self.finished.try_iter().collect();
         self.pending -= taken.len();
         taken
     }
 
-    /// The next read that comes back until then.
+    /// Waits for the next finished read, at most until `until`.
     pub fn wait(&mut self, until: Instant) -> Option<Finished> {
         match self.finished.recv_deadline(until) {
             Ok(finished) => {
@@ -109,7 +109,7 @@ impl Loader {
 }
 
 impl Drop for Loader {
-    /// Reads under way are not waited for, or a picture by a deadline would be late: their threads end with them.
+    /// Does not wait for reads in progress, which would delay a picture with a deadline: their threads end with them.
     fn drop(&mut self) {
         self.take_back();
     }

@@ -1,5 +1,5 @@
-//! What has been asked for, until it is resident: room is made and reserved, records are read by threads of their own, decoded
-//! by those that call, and put into the cache. What nobody wants any more and nobody has begun is taken back.
+//! Loading of bricks, from request to residence. The streamer reserves room, reader threads read records, and the
+//! calling threads decode them into the cache. Reads that no ray wants any more and no thread has begun are cancelled.
 
 use std::time::{Duration, Instant};
 
@@ -16,13 +16,13 @@ use crate::stream::field::FieldBrick;
 use crate::stream::residency::DecodedBrick;
 use crate::stream::streamer::{Fetched, Load, Room, StreamError, Streamer};
 
-/// Bricks that each thread decodes before the time is looked at.
+/// Bricks that each thread decodes before it checks the time.
 const DECODED_AT_ONCE: usize = 2;
-/// Longest wait for a read before it is looked whether somebody has cancelled.
+/// Longest wait for a read before a cancel request is checked.
 const PATIENCE: Duration = Duration::from_millis(20);
 
 impl Streamer {
-    /// Asks for what is due, as much as may be in flight.
+    /// Requests due reads, as many as may be in flight.
     pub(super) fn ask_for_due(&mut self) -> Result<(), StreamError> {
         let (shape, limit) = (self.container.read_shape(), self.plan.in_flight_bytes);
         while !self.due.is_empty() {
@@ -57,7 +57,7 @@ impl Streamer {
         Ok(self.loader.as_mut().expect("it has just been started"))
     }
 
-    /// Bricks are read from now on, and the cache has room for them.
+    /// Makes and reserves room in the cache for these bricks, and marks them as being read.
     fn make_room(&mut self, batch: &[Load]) {
         let bytes = batch.iter().map(|load| load.bytes).sum();
         let dropped = self.cache.make_room(bytes, &mut self.victims).expect("only bricks that fit are admitted");
@@ -69,7 +69,7 @@ impl Streamer {
         }
     }
 
-    /// Waits until a read comes back, but not too long, and makes some of what has come resident.
+    /// Waits for a finished read, at most until `until`, and makes some of the arrived bricks resident.
     pub(super) fn receive_some(&mut self, until: Option<Instant>, fetched: &mut Fetched) {
         let Some(loader) = &mut self.loader else { return };
         self.arrived.extend(loader.take_finished());
@@ -83,21 +83,21 @@ impl Streamer {
         self.take_some(fetched);
     }
 
-    /// Makes some of what has come resident, without waiting for anything.
+    /// Makes some of the arrived bricks resident, without waiting.
     pub(super) fn take_arrived(&mut self) {
         let Some(loader) = &mut self.loader else { return };
         self.arrived.extend(loader.take_finished());
-        // Whoever waits for it asks again, and is answered from the cache.
+        // Rays that wait for such a brick ask again, and are answered from the cache.
         self.take_some(&mut Fetched::default());
     }
 
     fn take_some(&mut self, fetched: &mut Fetched) {
         self.decode_some(fetched);
-        // Nobody can be told here that threads cannot be started: they run already.
+        // The reader threads run already, so that this request cannot fail to start them.
         self.ask_for_due().expect("the loader runs");
     }
 
-    /// Decodes some of the records that have come, and makes their bricks resident.
+    /// Decodes some of the arrived records, and makes their bricks resident.
     fn decode_some(&mut self, fetched: &mut Fetched) {
         let most = DECODED_AT_ONCE * rayon::current_num_threads();
         let mut encoded = Vec::with_capacity(most);
@@ -129,7 +129,7 @@ impl Streamer {
         bricks.into_iter().for_each(|(key, brick)| self.settle(key, brick, fetched));
     }
 
-    /// A brick that was on its way is here, or has failed.
+    /// Puts a loaded brick into the cache, or marks it as failed.
     fn settle(&mut self, key: FieldBrick, brick: Result<DecodedBrick, ContainerError>, fetched: &mut Fetched) {
         let load = self.loading.remove(&key).expect("it was on its way");
         self.cache.release(load.bytes);
@@ -139,7 +139,7 @@ impl Streamer {
                 self.counters.bytes_decoded += self.container.shape(key.brick).bytes() as u64;
                 self.cache.insert(key, brick, load.bytes);
                 self.states.in_host(key);
-                // The transfer function may have changed meanwhile.
+                // The transfer function may have changed since the request.
                 if self.class_of(key, &load.entry) == Class::TooCoarse {
                     self.stand_ins.insert(key, ());
                 }
@@ -152,7 +152,7 @@ impl Streamer {
         }
     }
 
-    /// Adds what comes to `fetched`.
+    /// Receives bricks and adds them to `fetched`, within the time that `room` allows.
     pub(super) fn receive(&mut self, room: &Room, fetched: &mut Fetched) {
         let end = room.patience.map(|patience| Instant::now() + patience);
         let is_enough = |fetched: &Fetched| fetched.is_progress() && end.is_some_and(|end| Instant::now() >= end);
@@ -163,16 +163,16 @@ impl Streamer {
         fetched.left = self.wanted.len() - fetched.bricks.len() - fetched.answered.len();
     }
 
-    /// Whether nothing is on its way.
+    /// Whether no brick is being loaded or due.
     #[must_use]
     pub fn is_idle(&self) -> bool {
         self.loading.is_empty() && self.due.is_empty()
     }
 
-    /// From now on only these are wanted: what has not been begun for others is not read.
+    /// Replaces the wanted bricks: reads for all others are cancelled, unless a thread has begun them.
     pub(super) fn cancel_all_but(&mut self, wanted: KeyMap<()>) {
         self.wanted = wanted;
-        // What is due is decided anew.
+        // Due bricks are decided anew.
         self.due.clear();
         for key in std::mem::take(&mut self.queued) {
             if self.states.state(key) == BrickState::Queued && !self.wanted.contains_key(&key) {

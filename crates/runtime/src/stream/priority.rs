@@ -1,18 +1,20 @@
-//! In which order wanted bricks are fetched: front to back, as the rays meet them; or slab by slab, for an engine that goes so.
+//! Order in which wanted bricks are fetched: front to back, as rays meet them; or slab by slab, for an engine with that
+//! order.
 //!
-//! Why this order: a ray goes on only when the brick it waits for is there, and never comes back to a brick. Let the rank
-//! of a brick grow strictly along every ray. Then a ray that needs the wanted brick of least rank is not yet beyond it,
-//! and cannot wait before it, because it would wait at a lesser rank: it waits *at* it. So one pass over that brick
-//! serves all rays that will ever need it, and everything of lesser rank will not be needed again in this frame. Fetched
-//! in this order each brick is read once, however small the cache.
+//! Reason for this order: a ray continues only when the brick it waits for is resident, and it never returns to a
+//! brick. Suppose that the rank of bricks grows strictly along every ray. A ray that needs the wanted brick of least
+//! rank is not yet beyond it. It cannot wait before it, because that would be a lesser rank. So it waits *at* it. One
+//! pass over that brick then serves all rays that will ever need it, and bricks of lesser rank are not needed again in
+//! this frame. Fetched in this order, each brick is read once, however small the cache.
 //!
-//! Such a rank on a grid of equal boxes is the Manhattan distance: a ray moves away from the eye along each axis, so the
-//! sum over axes of |brick - eye brick| grows by one with each face it crosses. (Rays into different octants do not
-//! meet.) For parallel rays the axes are summed with the sign of the common direction; axes that the direction does not
-//! move along do not count.
-//! Bricks of several levels are compared by the corner farthest from the eye, in voxels of level 0: that keeps the order
-//! strict from finer to coarser bricks, which is the way levels change along a ray. Where a ray goes from coarser to
-//! finer bricks the order is only near to strict; a brick may then be fetched twice, and the picture is the same.
+//! On a grid of equal boxes, the Manhattan distance is such a rank. A ray moves away from the eye along each axis. So
+//! the sum over axes of |brick - eye brick| grows by one with each face it crosses. (Rays into different octants do not
+//! meet.) For parallel rays, the axes are summed with the sign of the common direction. Axes without movement do not
+//! count.
+//!
+//! Bricks of several levels are compared by the corner farthest from the eye, in voxels of level 0. This keeps the
+//! order strict from finer to coarser bricks, the usual direction along a ray. From coarser to finer bricks the order
+//! is only nearly strict: a brick may be fetched twice, and the picture is the same.
 
 use glam::DVec3;
 use supervol_format::space::HALF_VOXEL;
@@ -24,10 +26,10 @@ use crate::stream::field::FieldBrick;
 /// Position in the order: less is nearer to the eye. Unit: voxels of level 0, summed over axes.
 pub type Rank = i64;
 
-/// Eyes farther away than this many voxels of level 0 give the same order as an eye at this distance.
+/// Farthest eye, in voxels of level 0: eyes beyond it give the same order as an eye at this distance.
 const EYE_LIMIT: f64 = (1u64 << 40) as f64;
 
-/// The order in which an engine goes through bricks.
+/// The order in which an engine visits bricks.
 #[derive(Debug, Clone)]
 pub struct BrickOrder {
     view: View,
@@ -35,23 +37,23 @@ pub struct BrickOrder {
 
 #[derive(Debug, Clone)]
 enum View {
-    /// The eye in index coordinates of level 0, half a voxel added: bricks begin at multiples of their size.
+    /// The eye in index coordinates of level 0, plus half a voxel: bricks begin at multiples of their size.
     Eye([f64; 3]),
     /// Sign of the view direction along each index axis: -1, 0 or 1.
     Direction([Rank; 3]),
 }
 
-/// A wanted brick with its place in the order.
+/// A wanted brick with its position in the order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Ranked {
-    /// Place in the order.
+    /// Position in the order.
     pub rank: Rank,
     /// The brick; ties are broken by its field and its bits.
     pub key: FieldBrick,
 }
 
 impl BrickOrder {
-    /// The order of bricks as this camera's rays meet them.
+    /// The order in which this camera's rays meet bricks.
     #[must_use]
     pub fn front_to_back(camera: &Camera, geometry: &Geometry) -> Self {
         let index_from_world = geometry.index_from_world();
@@ -68,11 +70,11 @@ impl BrickOrder {
         Self { view }
     }
 
-    /// The order of an engine that goes through slabs of bricks along the index axes: sign of its way along each, -1, 0 or 1; axes
-    /// with 0 do not count.
+    /// The order of an engine that visits slabs of bricks along the index axes. `signs`: direction along each axis, -1,
+    /// 0 or 1; axes with 0 do not count.
     ///
     /// # Panics
-    /// If a sign is none of these.
+    /// If a sign is not -1, 0 or 1.
     #[must_use]
     pub fn along(signs: [Rank; 3]) -> Self {
         assert!(signs.iter().all(|sign| (-1..=1).contains(sign)), "signs {signs:?}");
@@ -134,7 +136,7 @@ mod tests {
         Camera::look_at(eye, eye + forward, up, projection, [8, 8]).unwrap()
     }
 
-    /// Bricks of level 0 in the order in which a ray from `p` along `d` meets them, by small steps.
+    /// Bricks of level 0 that a ray from `p` along `d` meets, in order, found by small steps.
     fn bricks_along(p: DVec3, d: DVec3) -> Vec<BrickKey> {
         let mut keys: Vec<BrickKey> = Vec::new();
         for i in 0..60_000 {
@@ -207,7 +209,7 @@ mod tests {
         let keys = ranked(Field::FIRST.bricks(wanted));
         let places = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [3, 0, 0]].map(key);
         assert!(keys.eq(Field::FIRST.bricks(places)));
-        // Bricks of two fields at one place are two, and stand next to each other among those of the same rank.
+        // Bricks of two fields at one place are different bricks, and adjacent among those of the same rank.
         let of_two = [Field(1), Field(0)].into_iter().flat_map(|field| field.bricks([key([3, 0, 0]), key([0, 0, 0])]));
         let expected = [(0, [0; 3]), (1, [0; 3]), (0, [3, 0, 0]), (1, [3, 0, 0])];
         assert!(ranked(of_two.collect()).eq(expected.map(|(field, place)| Field(field).brick(key(place)))));

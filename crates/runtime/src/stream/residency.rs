@@ -1,8 +1,8 @@
 //! Decoded bricks, and the view of resident bricks that ray casters read.
 //!
-//! Voxels are stored numbers of a [`ValueMap`], or render values where the voxel type has more than 16 bits.
+//! Voxels are stored numbers of a [`ValueMap`]; voxel types with more than 16 bits are render values.
 //!
-//! Bricks are stored with their apron, x fastest. Macro cells lie on the core from its first voxel, x fastest.
+//! Bricks include their apron, x fastest. Macro cells cover the core from its first voxel, x fastest.
 
 use supervol_format::codec::BrickShape;
 use supervol_format::container::toc::BrickEntry;
@@ -13,51 +13,51 @@ use supervol_scene::value_map::ValueMap;
 /// Voxels of one brick, apron included, x fastest.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Voxels {
-    /// Stored u8, and i8 moved up by 128.
+    /// Stored u8; i8 with 128 added.
     U8(Vec<u8>),
-    /// Stored u16, and i16 moved up by 32768.
+    /// Stored u16; i16 with 32768 added.
     U16(Vec<u16>),
     /// Render values of all other types; NaN is a hole.
     F32(Vec<f32>),
 }
 
 impl Voxels {
-    /// The memory of bytes; none where there are others.
+    /// The `u8` memory; empty for other types.
     fn into_u8(self) -> Vec<u8> {
         if let Self::U8(voxels) = self { voxels } else { Vec::new() }
     }
 
-    /// The memory of words.
+    /// The `u16` memory; empty for other types.
     fn into_u16(self) -> Vec<u16> {
         if let Self::U16(voxels) = self { voxels } else { Vec::new() }
     }
 
-    /// The memory of floats.
+    /// The `f32` memory; empty for other types.
     fn into_f32(self) -> Vec<f32> {
         if let Self::F32(voxels) = self { voxels } else { Vec::new() }
     }
 }
 
-/// One brick as the ray casters read it.
+/// One brick in the form that ray casters read.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DecodedBrick {
-    /// Which brick this is.
+    /// The brick's key.
     pub key: BrickKey,
-    /// Voxels along each axis, the apron of 2 on both sides included.
+    /// Voxels along each axis, including the apron of 2 on both sides.
     pub extent: [u32; 3],
     /// The voxels.
     pub voxels: Voxels,
-    /// Least and greatest render value that interpolation can reach in each macro cell of the core, x fastest;
-    /// `min > max`: nothing present.
+    /// Least and greatest render value that interpolation can reach in each macro cell of the core, x fastest. `min >
+    /// max` means that nothing is present.
     pub macro_ranges: Vec<[f32; 2]>,
 }
 
 impl DecodedBrick {
-    /// A brick from a container's voxels (little endian, packed) and macro-cell ranges (container values), in the memory of `spare`,
-    /// a brick of the same voxel type whose contents are lost.
+    /// Builds a brick from a container's voxels (little endian, packed) and macro-cell ranges (container values). It
+    /// reuses the memory of `spare`, a brick of the same voxel type, and overwrites its contents.
     ///
     /// # Panics
-    /// If the bytes are not exactly the voxels of this shape: decoders have checked that.
+    /// If the byte count does not match the voxels of this shape: decoders have checked that.
     #[must_use]
     pub fn from_stored(
         key: BrickKey,
@@ -108,7 +108,7 @@ impl DecodedBrick {
     }
 }
 
-/// So many voxels in the memory of others.
+/// Fills the memory of another vector with these items.
 fn refilled<T>(mut memory: Vec<T>, items: impl Iterator<Item = T>) -> Vec<T> {
     memory.clear();
     memory.extend(items);
@@ -119,17 +119,17 @@ fn words(bytes_le: &[u8], flip: u16) -> impl Iterator<Item = u16> {
     bytes_le.chunks_exact(2).map(move |b| u16::from_le_bytes([b[0], b[1]]) ^ flip)
 }
 
-/// What a ray caster finds under a brick's key.
+/// Answer to a look-up of a brick's key.
 #[derive(Debug, Clone, Copy)]
 pub enum Resident<'a> {
     /// The brick itself.
     Brick(&'a DecodedBrick),
     /// All voxels, apron included, have this render value.
     Uniform(f32),
-    /// The brick contributes nothing: it is absent, or invisible under the transfer function. For every mode but `dvr`
-    /// only truly absent bricks may be answered so.
+    /// The brick contributes nothing: it is absent, or invisible under the transfer function. In all modes but `dvr`,
+    /// only absent bricks may be answered so.
     Nothing,
-    /// The brick would change the picture too much: the ray goes on in its children. For [`BrickView::lookup`] only.
+    /// The brick would change the picture too much: the ray continues in its children. Only from [`BrickView::lookup`].
     TooCoarse,
     /// The brick has failed: its parent stands in.
     UseParent,
@@ -137,29 +137,29 @@ pub enum Resident<'a> {
     Missing,
 }
 
-/// The bricks a pass may read; constant during the pass.
+/// The bricks that a pass may read; constant during the pass.
 pub trait BrickView: Sync {
-    /// What is resident under this key.
+    /// The resident data of this key.
     fn lookup(&self, key: BrickKey) -> Resident<'_>;
 
-    /// What is resident under the key of a brick that stands in for a child which has failed; never
-    /// [`Resident::TooCoarse`], for there is nothing finer.
+    /// The resident data of a brick that stands in for a failed child. Never [`Resident::TooCoarse`], because nothing
+    /// finer is available.
     fn stand_in(&self, key: BrickKey) -> Resident<'_> {
         self.lookup(key)
     }
 
-    /// What the table of contents says of a brick, where that is known; may read it.
+    /// The TOC entry of a brick, if it is known; may read it from the container.
     fn entry(&self, _key: BrickKey) -> Option<KnownEntry> {
         None
     }
 }
 
-/// A brick's entry in the table of contents.
+/// A brick's entry in the table of contents, and whether it may have holes.
 #[derive(Debug, Clone, Copy)]
 pub struct KnownEntry {
     /// The entry.
     pub entry: BrickEntry,
-    /// Whether a voxel that the brick or one beneath it reaches may be absent.
+    /// Whether interpolation in the brick, or in one beneath it, may reach an absent voxel.
     pub may_have_holes: bool,
 }
 

@@ -11,10 +11,10 @@
 //!   Nothing, Uniform, TooCoarse, Evicted --> Unknown     forgotten, or to be classified anew
 //! ```
 //!
-//! Every brick is `Unknown` until a ray wants it. A transition that the table [`ALLOWED`] does not name is a mistake of
-//! ours and panics with both states. Transitions are counted by kind, bricks by state and level.
-//! Memory: at most [`RECORD_BYTES`] for each brick that is not `Unknown`; [`StateTable::forget`] keeps their number below
-//! a limit by dropping what can be found out again.
+//! Every brick is `Unknown` until a ray wants it. A transition that the table [`ALLOWED`] does not list is a bug and
+//! panics with both states. Transitions are counted by kind, bricks by state and level. Memory: at most
+//! [`RECORD_BYTES`] for each brick that is not `Unknown`. [`StateTable::forget`] keeps their number below a limit: it
+//! drops states that can be determined again.
 
 use serde::Serialize;
 use supervol_format::Lod;
@@ -23,14 +23,14 @@ use crate::stream::cache::KeyMap;
 use crate::stream::counters::StreamCounters;
 use crate::stream::field::FieldBrick;
 
-/// Bytes that one remembered brick takes in the table where the table is least full, right after it has grown.
+/// Bytes of one remembered brick in the table at its lowest load, right after it has grown.
 pub const RECORD_BYTES: u64 = 3 * (size_of::<(FieldBrick, Record)>() as u64 + 1);
-/// Most failures that are kept with their reasons; all are counted.
+/// Most failures kept with their reasons; all are counted.
 pub const FAILURES_KEPT: usize = 16;
 /// Most attempts at one brick over all frames.
 pub const ATTEMPT_LIMIT: u32 = 8;
 
-/// Why there is nothing to draw in a brick.
+/// Reason why a brick draws nothing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Emptiness {
     /// It holds no data.
@@ -42,15 +42,15 @@ pub enum Emptiness {
 /// State of one brick.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum BrickState {
-    /// Nobody asked for it yet.
+    /// No ray has wanted it yet.
     Unknown,
-    /// Nothing of it can be seen.
+    /// Nothing in it can be seen.
     Nothing(Emptiness),
     /// One render value everywhere.
     Uniform(f32),
-    /// It would change the picture too much: rays go on in its children. Read only where it stands in for a child.
+    /// It would change the picture too much: rays continue in its children. It is read only to stand in for a child.
     TooCoarse,
-    /// Wanted; not yet begun.
+    /// Wanted; reading has not begun.
     Queued,
     /// Its record is being read.
     Reading,
@@ -58,9 +58,9 @@ pub enum BrickState {
     Decoding,
     /// In the host cache.
     InHost,
-    /// Was in the host cache, and was dropped.
+    /// Dropped from the host cache.
     Evicted,
-    /// Could not be read or decoded: drawn from its parent.
+    /// Could not be read or decoded: its parent is drawn.
     Failed {
         /// Attempts so far, at least 1.
         attempts: u32,
@@ -90,7 +90,7 @@ pub const KINDS: usize = 10;
 
 use StateKind as K;
 
-/// The transitions that may happen, from left to right. All others are mistakes.
+/// The allowed transitions, (from, to). All others are bugs.
 pub const ALLOWED: [(StateKind, StateKind); 29] = [
     (K::Unknown, K::Nothing),
     (K::Unknown, K::Uniform),
@@ -138,7 +138,7 @@ impl StateKind {
         K::Failed,
     ];
 
-    /// Name as in statistics.
+    /// Name used in statistics.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -175,7 +175,7 @@ impl BrickState {
     }
 }
 
-/// What is remembered of one brick.
+/// Record of one brick.
 #[derive(Debug, Clone, Copy)]
 struct Record {
     state: BrickState,
@@ -183,16 +183,16 @@ struct Record {
     page_ins: u32,
 }
 
-/// One brick that failed, for people to read.
+/// Description of one failed brick, for users.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Failure {
     /// The brick, in words.
     pub brick: String,
-    /// What went wrong, with place and values.
+    /// The error, with place and values.
     pub reason: String,
 }
 
-/// States of all bricks of all fields. What it counts by level it counts over the fields.
+/// States of all bricks of all fields. Counts by level are sums over the fields.
 #[derive(Debug)]
 pub struct StateTable {
     records: KeyMap<Record>,
@@ -226,43 +226,43 @@ impl StateTable {
         self.records.get(&key).map_or(BrickState::Unknown, |r| r.state)
     }
 
-    /// The TOC entry says that nothing of the brick can be seen.
+    /// Sets the state: by its TOC entry, nothing of the brick can be seen.
     pub fn nothing(&mut self, key: FieldBrick, why: Emptiness) {
         self.enter(key, BrickState::Nothing(why));
     }
 
-    /// The TOC entry says that the brick has one render value everywhere.
+    /// Sets the state: by its TOC entry, the brick has one render value everywhere.
     pub fn uniform(&mut self, key: FieldBrick, value: f32) {
         self.enter(key, BrickState::Uniform(value));
     }
 
-    /// The rules of levels say that the brick would change the picture too much.
+    /// Sets the state: by the level rules, the brick would change the picture too much.
     pub fn too_coarse(&mut self, key: FieldBrick) {
         self.enter(key, BrickState::TooCoarse);
     }
 
-    /// The brick is wanted and must be read.
+    /// Sets the state: the brick is wanted and must be read.
     pub fn queue(&mut self, key: FieldBrick) {
         self.enter(key, BrickState::Queued);
     }
 
-    /// No ray wants the brick any more, and no thread has begun to read it.
+    /// Cancels a brick: no ray wants it any more, and no thread has begun to read it.
     pub fn cancel(&mut self, key: FieldBrick) {
         let was_in_host = self.records.get(&key).is_some_and(|r| r.page_ins > 0);
         self.enter(key, if was_in_host { BrickState::Evicted } else { BrickState::Unknown });
     }
 
-    /// The brick's record is being read.
+    /// Sets the state: the brick's record is being read.
     pub fn start_reading(&mut self, key: FieldBrick) {
         self.enter(key, BrickState::Reading);
     }
 
-    /// The brick's record was read and is being decoded.
+    /// Sets the state: the brick's record was read and is being decoded.
     pub fn start_decoding(&mut self, key: FieldBrick) {
         self.enter(key, BrickState::Decoding);
     }
 
-    /// The brick is in the host cache.
+    /// Sets the state: the brick is in the host cache.
     pub fn in_host(&mut self, key: FieldBrick) {
         self.enter(key, BrickState::InHost);
         self.page_ins[level(key)] += 1;
@@ -271,12 +271,13 @@ impl StateTable {
         self.counters.repeated_page_ins += u64::from(record.page_ins > 1);
     }
 
-    /// The host cache dropped the brick.
+    /// Sets the state: the host cache dropped the brick.
     pub fn evict(&mut self, key: FieldBrick) {
         self.enter(key, BrickState::Evicted);
     }
 
-    /// The brick cannot be used in this frame. The wait until the next attempt doubles with each failure.
+    /// Sets the state: the brick cannot be used in this frame. The wait until the next attempt doubles with each
+    /// failure.
     pub fn fail(&mut self, key: FieldBrick, earlier_attempts: u32, reason: String) {
         let attempts = earlier_attempts + 1;
         self.enter(key, BrickState::Failed { attempts, frames_to_wait: 1 << attempts.min(16) });
@@ -285,8 +286,8 @@ impl StateTable {
         }
     }
 
-    /// A new frame begins: failed bricks come nearer to their next attempt. Returns those that may be tried again, with
-    /// their attempts so far; they are `Unknown` now.
+    /// Begins a frame: shortens the waits of failed bricks. Returns the bricks that may be tried again, which become
+    /// `Unknown`, with their attempts so far.
     pub fn begin_frame(&mut self) -> Vec<(FieldBrick, u32)> {
         let mut retry = Vec::new();
         for (&key, record) in &mut self.records {
@@ -304,8 +305,8 @@ impl StateTable {
         retry
     }
 
-    /// The transfer function, the mode, the iso values or the camera changed: what was invisible or too coarse may not be
-    /// so now, and the other way round.
+    /// Resets all decided bricks. Called when the transfer function, the mode, the iso values or the camera changed:
+    /// invisible or too coarse bricks may be needed now, and the reverse.
     pub fn reclassify(&mut self) {
         let decided = |r: &Record| matches!(r.state.kind(), K::Nothing | K::Uniform | K::TooCoarse);
         let keys: Vec<FieldBrick> = self.records.iter().filter(|(_, r)| decided(r)).map(|(&k, _)| k).collect();
@@ -326,8 +327,8 @@ impl StateTable {
         self.records.is_empty()
     }
 
-    /// Drops what can be found out again where the table holds more than `limit` bricks: evicted bricks and those
-    /// decided from their TOC entry. Returns how many were dropped. A page-in after this does not count as repeated.
+    /// Drops states that can be determined again while the table holds more than `limit` bricks: evicted bricks and
+    /// those decided from their TOC entry. Returns the number dropped. A page-in after this does not count as repeated.
     pub fn forget(&mut self, limit: usize) -> u64 {
         if self.records.len() <= limit {
             return 0;
@@ -370,19 +371,19 @@ impl StateTable {
         self.counts.iter().map(|c| c[kind as usize]).sum()
     }
 
-    /// Times that bricks went from one state to another.
+    /// Number of transitions from one state to another.
     #[must_use]
     pub fn transitions(&self, from: StateKind, to: StateKind) -> u64 {
         self.transitions[from as usize][to as usize]
     }
 
-    /// Times that bricks of a level came into the host cache.
+    /// Number of page-ins into the host cache of bricks of a level.
     #[must_use]
     pub fn page_ins(&self, lod: Lod) -> u64 {
         self.page_ins[lod.0 as usize]
     }
 
-    /// What happened so far: bricks that came again, and states that were forgotten.
+    /// Counters: repeated page-ins and forgotten states.
     #[must_use]
     pub fn counters(&self) -> &StreamCounters {
         &self.counters
@@ -416,7 +417,7 @@ mod tests {
         Field::FIRST.brick(BrickKey::new(Lod((x % 2) as u8), BrickIndex([x, 0, 0])))
     }
 
-    /// A table with `key(0)` in the state, reached on a legal way.
+    /// A table with `key(0)` in the state, reached by allowed transitions.
     fn table_in(kind: StateKind) -> StateTable {
         let mut t = StateTable::new(2);
         let k = key(0);
@@ -510,12 +511,12 @@ mod tests {
         t.start_reading(b);
         t.start_decoding(b);
         t.in_host(b);
-        // The second field's brick comes for the first time, and both are counted at their level.
+        // The second field's brick comes for the first time. Both bricks are counted at their level.
         assert_eq!((t.page_ins(Lod(0)), t.counters().repeated_page_ins), (2, 0));
         assert_eq!((t.count(Lod(0), K::InHost), t.total(K::InHost)), (2, 2));
         t.evict(a);
         assert_eq!((t.state(a), t.state(b)), (BrickState::Evicted, BrickState::InHost));
-        // Both count towards the limit; what can be found out again goes, and the other stays.
+        // Both count towards the limit. The evicted one is dropped, the other stays.
         assert_eq!((t.forget(2), t.forget(1), t.len()), (0, 1, 1));
         assert_eq!((t.state(a), t.state(b)), (BrickState::Unknown, BrickState::InHost));
         t.fail(a, 0, "broken".into());

@@ -2,12 +2,12 @@
 //! explains the whole.
 //!
 //! Protocol of one frame:
-//! 1. [`Streamer::begin_frame`]; [`Streamer::begin_band`] where the rays are cast band by band.
+//! 1. [`Streamer::begin_frame`]; [`Streamer::begin_band`] if the rays are cast band by band.
 //! 2. [`Streamer::begin_pass`]; the ray caster looks bricks up in [`Streamer::view`].
-//! 3. [`Streamer::note_uses`] with what the pass used, then [`Streamer::fetch`] with what it wanted.
-//! 4. Again from 2 until no ray waits.
+//! 3. [`Streamer::note_uses`] with the bricks that the pass used, then [`Streamer::fetch`] with the bricks it wanted.
+//! 4. Repeat from 2 until no ray waits.
 //!
-//! What is resident changes within these calls only; reading goes on between them. It does not know what a ray is.
+//! Residency changes only within these calls; reading continues between them. The streamer knows nothing of rays.
 
 use std::collections::{HashSet, VecDeque};
 use std::sync::Arc;
@@ -33,72 +33,72 @@ use crate::stream::residency::DecodedBrick;
 use crate::stream::state::{BrickState, StateTable};
 pub use crate::stream::view::{HostView, OnMissing};
 
-/// Why the streamer cannot go on.
+/// Reason why the streamer cannot continue.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum StreamError {
     /// The bricks that must stay leave no room for one more.
     #[error("the host cache of {} has no room for {key}: {} more are needed", Mib(*budget_bytes), Mib(*missing_bytes))]
     NoRoom {
-        /// The brick that comes first.
+        /// The first wanted brick.
         key: FieldBrick,
-        /// Size of the cache.
+        /// Size of the cache, bytes.
         budget_bytes: u64,
-        /// What it lacks.
+        /// Missing bytes.
         missing_bytes: u64,
     },
-    /// Nobody can read.
+    /// Reader threads cannot be started.
     #[error("the threads that read cannot be started: {0}")]
     Threads(String),
 }
 
-/// What limits one tick besides the host cache.
+/// Limits of one tick besides the host cache.
 #[derive(Debug, Clone)]
 pub struct Room {
     /// Bricks that the ray caster can take.
     pub bricks: usize,
-    /// When to stop waiting: what is being read then goes on.
+    /// Condition to stop waiting. Reads in progress continue.
     pub stop: Stop,
-    /// How long to wait for more once some ray can go on; `None`: for all that there is room for.
+    /// Longest wait for more bricks once some ray can continue. `None`: wait for all that fit.
     pub patience: Option<Duration>,
 }
 
-/// What some ticks brought.
+/// Result of some ticks.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Fetched {
-    /// Wanted bricks that are in the host cache now, front to back; at most as many as there was room for.
+    /// Wanted bricks that are in the host cache now, front to back; at most `Room::bricks`.
     pub bricks: Vec<FieldBrick>,
-    /// Wanted bricks that are nothing, uniform, too coarse, or failed: there is an answer, but no brick.
+    /// Wanted bricks that are nothing, uniform, too coarse or failed: answered without a brick.
     pub answered: Vec<FieldBrick>,
-    /// Other bricks that are known to be nothing, uniform or too coarse since this tick.
+    /// Other bricks that this tick classified as nothing, uniform or too coarse.
     pub neighbours: Vec<FieldBrick>,
-    /// Wanted bricks that are being read, or must wait for a later tick.
+    /// Number of wanted bricks that are being read or must wait for a later tick.
     pub left: usize,
 }
 
 impl Fetched {
-    /// Whether some ray can go on now.
+    /// Whether some ray can continue now.
     #[must_use]
     pub fn is_progress(&self) -> bool {
         !self.bricks.is_empty() || !self.answered.is_empty()
     }
 }
 
-/// What rays drew of the bricks' errors in one frame.
+/// Error bounds of the bricks that rays drew in one frame.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct DrawnErrors {
     /// Largest error bound of all bricks that rays drew, data units.
     pub bound: f64,
-    /// Bricks that rays drew although nothing bounds what that does to the picture.
+    /// Number of drawn bricks whose effect on the picture has no bound.
     pub without_bound: u64,
 }
 
-/// Makes wanted bricks resident in host memory.
+/// Streamer: makes wanted bricks resident in host memory.
 #[derive(Debug)]
 pub struct Streamer {
     pub(crate) container: Arc<Container>,
     pub(crate) map: ValueMap,
     classifier: Classifier,
-    /// Classifiers before this one.
+    /// Number of classifiers set before the current one.
     answers: u64,
     order: BrickOrder,
     pub(crate) plan: HostPlan,
@@ -106,23 +106,23 @@ pub struct Streamer {
     pub(crate) cache: HostCache<DecodedBrick>,
     /// Bricks that are never evicted.
     kept: KeyMap<()>,
-    /// Bricks in any state but `TooCoarse` that are too coarse all the same: they stand in for children, or were read
-    /// for another picture.
+    /// Bricks that are too coarse, but in another state than `TooCoarse`: they stand in for children, or were read for
+    /// another picture.
     pub(crate) stand_ins: KeyMap<()>,
     /// Bricks whose error bound has been counted in this frame.
     drawn: KeyMap<()>,
-    /// What the last request wanted.
+    /// Bricks wanted by the last request.
     pub(crate) wanted: KeyMap<()>,
     /// Bricks left in `Queued` by the last request.
     pub(crate) queued: Vec<FieldBrick>,
-    /// Of these: bricks that there is room for, front to back, and who leaves for them.
+    /// Queued bricks that have room, front to back.
     pub(crate) due: VecDeque<Load>,
     pub(crate) victims: Victims,
-    /// Bricks on their way, for which room is reserved.
+    /// Bricks being loaded, for which room is reserved.
     pub(crate) loading: KeyMap<Load>,
-    /// Reads that have come back and are not decoded.
+    /// Finished reads that are not yet decoded.
     pub(crate) arrived: VecDeque<Finished>,
-    /// Bytes of reads that were asked for and are not decoded.
+    /// Bytes of reads requested and not yet decoded.
     pub(crate) in_flight_bytes: u64,
     /// Started by the first read.
     pub(crate) loader: Option<Loader>,
@@ -132,7 +132,7 @@ pub struct Streamer {
     classified_pages: HashSet<u64>,
     /// First pass of this frame.
     first_pass: u64,
-    /// The pass since which bricks that were used stay, where only spare room is to be taken.
+    /// First pass whose used bricks stay, if only spare room may be taken.
     kept_since: Option<u64>,
     pub(crate) counters: StreamCounters,
     /// Bytes of records read, by level.
@@ -140,12 +140,12 @@ pub struct Streamer {
     drawn_errors: DrawnErrors,
 }
 
-/// Why bricks are fetched.
+/// Purpose of a fetch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Purpose {
-    /// To be drawn, if they are fine enough.
+    /// To be drawn, if fine enough.
     Draw,
-    /// To stand in for finer bricks, however coarse they are.
+    /// To stand in for finer bricks, however coarse it is.
     StandIn,
 }
 
@@ -198,7 +198,7 @@ impl Streamer {
         }
     }
 
-    /// Memory is divided anew: bricks that no longer fit are dropped. Nothing is on its way afterwards.
+    /// Changes the memory plan: drops bricks that no longer fit. Nothing is being loaded afterwards.
     pub fn set_plan(&mut self, plan: HostPlan) {
         self.cancel_all_but(KeyMap::default());
         while !self.is_idle() {
@@ -212,7 +212,7 @@ impl Streamer {
         }
     }
 
-    /// A new frame: bricks that failed long enough ago may be tried again.
+    /// Begins a frame: bricks that failed long enough ago may be tried again.
     pub fn begin_frame(&mut self) {
         self.attempts.extend(self.states.begin_frame());
         self.drawn.clear();
@@ -220,58 +220,59 @@ impl Streamer {
         self.begin_band();
     }
 
-    /// A new band of rays: bricks that earlier rays used are no longer live.
+    /// Begins a band of rays: bricks that earlier rays used are no longer live.
     pub fn begin_band(&mut self) {
         self.cache.begin_pass();
         self.first_pass = self.cache.pass();
     }
 
-    /// From now on the bricks of the last frame, and all that come from now on, stay in the cache: what is fetched takes spare
-    /// room only. Or no longer.
+    /// Turns keeping on or off. While on, bricks of the last frame and all that arrive later stay in the cache, and
+    /// fetches use spare room only.
     pub fn keep_last_frame(&mut self, is_kept: bool) {
         self.kept_since = is_kept.then_some(self.first_pass);
     }
 
-    /// Another camera looks at the volume. Where levels are chosen by brick, it needs another classifier, too.
+    /// Sets the order of another camera. If levels are chosen by brick, set another classifier too.
     pub fn set_order(&mut self, order: BrickOrder) {
         self.order = order;
     }
 
-    /// The transfer function, the mode or the iso values changed; or the camera, where levels are chosen by brick.
+    /// Sets the classifier after a change of transfer function, mode or iso values; or of the camera, if levels are
+    /// chosen by brick.
     pub fn set_classifier(&mut self, classifier: Classifier) {
         self.classifier = classifier;
         self.answers += 1;
         self.classified_pages.clear();
         self.states.reclassify();
-        // What is in the cache is not asked for again: whether it may be drawn is decided here.
+        // Cached bricks are not classified again on request, so it is decided here whether they may be drawn.
         self.stand_ins = self.cache.keys().filter(|&key| self.is_too_coarse(key)).map(|key| (key, ())).collect();
     }
 
-    /// Changes whenever the table of contents may decide something else about bricks.
+    /// Version of the classification: changes whenever bricks may be classified differently.
     #[must_use]
     pub fn answers(&self) -> u64 {
         self.answers
     }
 
-    /// Whether the table of contents says that the brick must not be drawn while its children can be.
+    /// Whether the brick is too coarse: it must not be drawn while its children can be.
     #[must_use]
     pub fn is_too_coarse(&self, key: FieldBrick) -> bool {
         self.container.entry(key.brick).is_ok_and(|entry| self.class_of(key, &entry) == Class::TooCoarse)
     }
 
-    /// A new pass begins, with some of what has come since the last one: when that ended it may have been too late to take anything.
+    /// Begins a pass. Takes in some bricks that arrived since the last pass, which may have had no time for them.
     pub fn begin_pass(&mut self) {
         self.cache.begin_pass();
         self.take_arrived();
     }
 
-    /// What the ray caster may read in this pass: the container's one field.
+    /// The bricks that the ray caster may read in this pass: the container's one field.
     #[must_use]
     pub fn view(&self, on_missing: OnMissing) -> HostView<'_> {
         HostView::new(Field::FIRST, &self.container, &self.states, &self.cache, &self.stand_ins, on_missing)
     }
 
-    /// The bricks that the pass used, and how many it wanted in vain.
+    /// Records the bricks that the pass used, and the number of its misses.
     pub fn note_uses(&mut self, used: &[FieldBrick], missed: u64) {
         let start = Instant::now();
         self.cache.note_uses(used, missed);
@@ -309,13 +310,13 @@ impl Streamer {
         Ok(fetched)
     }
 
-    /// Makes as many of the wanted bricks resident as there is room and patience for, front to back; at least one, unless it
-    /// is time to stop before.
+    /// Makes wanted bricks resident, front to back, as far as room and patience allow. At least one, unless `room.stop`
+    /// is due first.
     ///
-    /// Bricks that cannot be read or decoded fail and are answered so; they are no error of the call.
+    /// Bricks that cannot be read or decoded become failed and are answered so; the call succeeds.
     ///
     /// # Errors
-    /// If nothing could be answered, because the bricks that stay leave no room for one more.
+    /// If no brick could be answered, because the bricks that stay leave no room for one more.
     ///
     /// # Panics
     /// If a brick is of a field that the container does not have.
@@ -330,7 +331,8 @@ impl Streamer {
         loop {
             let mut fetched = self.request_for(purpose, wanted, &room)?;
             self.receive(&room, &mut fetched);
-            // What was on its way for others may have taken all the room; now it is here, and may leave.
+            // Bricks being loaded for earlier requests may have taken all the room. They have arrived now and may be
+            // evicted.
             if fetched.is_progress() || wanted.is_empty() || room.stop.is_due() {
                 return Ok(fetched);
             }
@@ -345,7 +347,7 @@ impl Streamer {
     }
 
     fn plan_requests(&mut self, purpose: Purpose, wanted: &[FieldBrick], room: &Room) -> Result<Fetched, StreamError> {
-        // A ray that wants a brick although it knows it to be too coarse wants it for a child that has failed.
+        // A ray that wants a brick known to be too coarse needs it in place of a failed child.
         let is_known = |key: &&FieldBrick| self.states.state(**key) == BrickState::TooCoarse;
         let wanted_to_stand_in: KeyMap<()> = wanted.iter().filter(is_known).map(|&key| (key, ())).collect();
         if self.states.forget(self.plan.state_limit) > 0 {
@@ -356,7 +358,7 @@ impl Streamer {
         self.cancel_all_but(ranked.iter().map(|r| (r.key, ())).collect());
         let Some(frontier) = ranked.first().map(|r| r.rank) else { return Ok(Fetched::default()) };
 
-        // The table of contents decides what it can; the rest are candidates for the cache.
+        // The table of contents decides some bricks; the rest are candidates for the cache.
         let waits = self.read_entries_ahead(&ranked, &room.stop);
         let mut fetched = Fetched::default();
         let mut candidates = Vec::new();
@@ -374,8 +376,8 @@ impl Streamer {
             }
         }
 
-        // Among equals those that are here already come first. Where they or an answer let some ray go on, wanted bricks
-        // stay; otherwise the frontier may push even them out, the farthest first.
+        // Among equal ranks, resident bricks come first. If they or an answer let some ray continue, wanted bricks
+        // stay. Otherwise the frontier may evict even those, the farthest first.
         candidates.sort_by_key(|c| (c.rank, c.bytes > 0, c.key));
         let is_served = !fetched.answered.is_empty() || candidates.first().is_some_and(|c| c.bytes == 0);
         let needs_victims = needs_victims(&candidates, self.cache.free_bytes(), self.cache.budget_bytes());
@@ -408,8 +410,8 @@ impl Streamer {
         Ok(fetched)
     }
 
-    /// Reads what the table of contents says of bricks of which nothing is known yet, front to back. What cannot be read fails its
-    /// bricks, one by one, when they are looked up. Returns the bricks of which nothing could be read in time: they wait.
+    /// Reads the TOC entries of unknown bricks, front to back. Entries that cannot be read make their bricks fail one
+    /// by one, at look-up. Returns the bricks whose entries could not be read in time: they wait.
     fn read_entries_ahead(&mut self, ranked: &[Ranked], stop: &Stop) -> KeyMap<()> {
         let (container, states) = (&self.container, &self.states);
         let unknown = || ranked.iter().map(|r| r.key).filter(|&key| states.state(key) == BrickState::Unknown);
@@ -422,7 +424,7 @@ impl Streamer {
         unknown().filter(|&key| !container.has_entry(key.brick)).map(|key| (key, ())).collect()
     }
 
-    /// What to do for a wanted brick; afterwards its state is decided, or it is queued.
+    /// Looks up a wanted brick. Afterwards its state is decided, or it is queued.
     fn look_up(&mut self, key: FieldBrick, purpose: Purpose, neighbours: &mut Vec<FieldBrick>) -> Lookup {
         let state = self.states.state(key);
         match state {
@@ -462,10 +464,10 @@ impl Streamer {
         }
     }
 
-    /// What must be done for a wanted brick.
+    /// Class of a wanted brick.
     fn class_for(&mut self, key: FieldBrick, entry: &BrickEntry, purpose: Purpose) -> Class {
         let class = if self.stand_ins.contains_key(&key) { Class::TooCoarse } else { self.class_of(key, entry) };
-        // Rays do not ask for what stands in already, but for a child.
+        // Rays never ask for a brick that already stands in; they ask for a child.
         if class == Class::TooCoarse && (purpose == Purpose::StandIn || self.stand_ins.contains_key(&key)) {
             self.stand_ins.insert(key, ());
             return self.classifier.classify_drawn(entry);
@@ -486,8 +488,8 @@ impl Streamer {
         }
     }
 
-    /// Decides all other bricks of the same TOC page that need no reading: the page is in memory, and rays that cross
-    /// empty space need not stop at each of its bricks.
+    /// Classifies all other bricks of the same TOC page that need no reading. The page is in memory, and rays that
+    /// cross empty space then need not stop at each of its bricks.
     fn classify_neighbours(&mut self, key: FieldBrick, neighbours: &mut Vec<FieldBrick>) {
         let per_page = ENTRIES_PER_PAGE as u64;
         let page = self.container.pyramid().entry(key.brick) / per_page;
@@ -497,14 +499,14 @@ impl Streamer {
         for number in page * per_page..(page + 1) * per_page {
             let Some(brick) = self.container.pyramid().key(number) else { break };
             let neighbour = key.field.brick(brick);
-            // An entry that cannot be read fails when a ray wants it.
+            // A brick whose entry cannot be read fails when a ray wants it.
             if self.is_answered_by_entry(neighbour) {
                 neighbours.push(neighbour);
             }
         }
     }
 
-    /// Decides a brick of which nothing is known, if its entry is enough for that: whether it is.
+    /// Classifies an unknown brick if its entry suffices. Returns whether it did.
     fn is_answered_by_entry(&mut self, key: FieldBrick) -> bool {
         let (BrickState::Unknown, Ok(entry)) = (self.states.state(key), self.container.entry(key.brick)) else {
             return false;
@@ -514,8 +516,8 @@ impl Streamer {
         class != Class::Load
     }
 
-    /// Decides what bricks are, as far as their entries are enough for that and are in memory: which of them are decided by it. What was
-    /// answered under another look or camera is answered anew before rays ask.
+    /// Classifies bricks as far as their entries suffice and are in memory; returns those that it decided. After a
+    /// change of look or camera this answers bricks again before rays ask.
     pub fn answer_again(&mut self, keys: impl IntoIterator<Item = FieldBrick>) -> Vec<FieldBrick> {
         let mut answered = Vec::new();
         for key in keys {
@@ -527,7 +529,8 @@ impl Streamer {
         answered
     }
 
-    /// Who may leave the cache. `stays` answers for wanted bricks whether they must stay, and nothing for all others.
+    /// Bricks that may leave the cache. For a wanted brick, `stays` says whether it must stay; for all others it
+    /// returns `None`.
     fn victims(&self, frontier: Rank, stays: impl Fn(FieldBrick) -> Option<bool>) -> Victims {
         let pyramid = self.container.pyramid();
         self.cache.victims(|key, last_used| {
@@ -567,7 +570,7 @@ impl Streamer {
         &self.cache
     }
 
-    /// What streaming did and cost since the streamer was made.
+    /// Counters of streaming since the streamer was made.
     #[must_use]
     pub fn counters(&self) -> StreamCounters {
         let mut sum = self.counters;
@@ -582,20 +585,20 @@ impl Streamer {
         self.record_bytes[lod.0 as usize]
     }
 
-    /// What rays drew of the bricks' errors in this frame.
+    /// Errors of the bricks that rays drew in this frame.
     #[must_use]
     pub fn drawn_errors(&self) -> DrawnErrors {
         self.drawn_errors
     }
 
-    /// The container that is streamed from.
+    /// The container that the streamer reads.
     #[must_use]
     pub fn container(&self) -> &Arc<Container> {
         &self.container
     }
 }
 
-/// What is to be done for a wanted brick.
+/// Result of looking up a wanted brick.
 enum Lookup {
     InHost,
     Answered,

@@ -1,4 +1,4 @@
-//! What a ray caster sees of bricks: those in the host cache, and what is known of all others.
+//! View of bricks for ray casters: those in the host cache, and the states of all others.
 
 use supervol_format::{BrickKey, Container};
 
@@ -9,17 +9,17 @@ use crate::stream::cache::host::HostCache;
 use crate::stream::field::Field;
 use crate::stream::residency::{BrickView, DecodedBrick, KnownEntry, Resident};
 
-/// What a ray caster is told about bricks that are not resident.
+/// Answer to a ray that meets a brick that is not resident.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum OnMissing {
-    /// Rays wait for them.
+    /// Rays wait for it.
     #[default]
     Wait,
-    /// Their nearest resident ancestor stands in: the picture is completed now.
+    /// The nearest resident ancestor stands in: the picture is completed now.
     UseParent,
 }
 
-/// The bricks of one field that are in the host cache, and what is known of all its others.
+/// The bricks of one field in the host cache, and the states of all its other bricks.
 #[derive(Debug, Clone, Copy)]
 pub struct HostView<'a> {
     field: Field,
@@ -31,7 +31,7 @@ pub struct HostView<'a> {
 }
 
 impl<'a> HostView<'a> {
-    /// A view of the field's bricks among these, of which `stand_ins` are too coarse for the rays that want them.
+    /// A view of the field's bricks. `stand_ins` are too coarse for the rays that want them.
     pub(super) fn new(
         field: Field,
         container: &'a Container,
@@ -43,19 +43,19 @@ impl<'a> HostView<'a> {
         Self { field, container, states, cache, stand_ins, on_missing }
     }
 
-    /// The field whose bricks these are.
+    /// The field of these bricks.
     #[must_use]
     pub fn field(&self) -> Field {
         self.field
     }
 
-    /// What rays are told about bricks that are not resident.
+    /// Answer to rays that meet bricks that are not resident.
     #[must_use]
     pub fn on_missing(&self) -> OnMissing {
         self.on_missing
     }
 
-    /// What is drawn of a brick that is in this state and not in the cache.
+    /// Answer for a brick that is in this state and not in the cache.
     #[inline]
     fn answer(&self, state: BrickState) -> Resident<'_> {
         match (state, self.on_missing) {

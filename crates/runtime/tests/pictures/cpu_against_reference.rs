@@ -1,6 +1,6 @@
 //! The CPU ray caster against the reference integrator: every mode, field and regime, with bounds in grey levels.
 //!
-//! Early ray termination alone may cost 0.0765/255 ([`TERMINATION_OPACITY`]); bounds leave little beside it.
+//! Early ray termination alone may cost 0.0765/255 ([`TERMINATION_OPACITY`]); the bounds leave little room beside it.
 
 #![allow(clippy::print_stderr, reason = "tests show the errors they measure")]
 
@@ -87,8 +87,8 @@ fn value_modes() {
     }
 }
 
-/// Surfaces have silhouettes: there the picture jumps, and `f32` and `f64` may disagree. Pixels at which the reference
-/// itself changes when the eye moves by a ten-thousandth of a voxel are not judged; there must be few.
+/// At silhouettes of surfaces the picture jumps, and `f32` and `f64` may disagree. Pixels at which the reference itself
+/// changes when the eye moves by a ten-thousandth of a voxel are not judged; they must be few.
 #[test]
 fn iso_surfaces() {
     let volume = Volume::new([41, 41, 41], VoxelType::F32, marschner_lobb(41));
@@ -129,7 +129,7 @@ fn degenerate_grids() {
     }
 }
 
-/// S25: at the centre, exactly on a brick's corner, on the bounds.
+/// S25: the eye at the centre, exactly on a brick's corner, and on the bounds.
 #[test]
 fn the_eye_may_be_inside() {
     let volume = Volume::new([31, 67, 41], VoxelType::F32, marschner_lobb(41));
@@ -150,7 +150,8 @@ fn axis_parallel_rays() {
         for sign in [1.0, -1.0] {
             let eye = [8.0, 8.0, 8.0];
             let target: [f64; 3] = std::array::from_fn(|a| eye[a] + sign * forward[a] + tilt);
-            // 16 pixels over 16 voxels through the middle of even pixels: every ray on a plane of voxels or on a face.
+            // 16 pixels over 16 voxels, rays through the middle of even pixels: every ray lies on a plane of voxels or
+            // on a face.
             for height in [16.0, 8.0] {
                 let camera =
                     format!(r#""camera": {{"eye": {eye:?}, "target": {target:?}, "up": {up:?}, "height": {height}}}"#);
@@ -221,7 +222,7 @@ fn levels_of_detail() {
     let (cast, _) = bricked.render_with(&scene, LodChoice::Fixed(Lod(1)), Skipping::On);
     let coarse = volume.coarser([2, 2, 2]);
     let mut exact = coarse.reference();
-    // Shading's threshold is the finest level's; spacing enters nothing else.
+    // The threshold of shading is the finest level's; the spacing affects nothing else.
     exact.value_range = volume.range();
     let error = difference(&cast, &render_reference(&exact, &scene));
     eprintln!("LOD 1: {error:.4}/255");

@@ -1,4 +1,4 @@
-//! What must not change a picture: skipping, brick size, threads, the order in which bricks arrive.
+//! Invariances of a picture: skipping, brick size, threads, the order in which bricks arrive.
 
 #![allow(clippy::print_stderr, reason = "tests show how much they skip")]
 
@@ -30,7 +30,7 @@ fn volumes() -> Vec<Volume> {
     .collect()
 }
 
-/// Every mode, shaded where that matters; the transfer function leaves much invisible.
+/// Every mode, also shaded if the mode allows it; the transfer function makes much invisible.
 fn scenes(volume: &Volume) -> Vec<ResolvedScene> {
     let c = [1.0, 0.7, 0.2];
     let tf = points(1.0, &[(0.4, c, 0.0), (0.5, [0.2, 0.7, 1.0], 0.6), (0.6, c, 0.0), (0.9, c, 0.0), (0.9, c, 0.5)]);
@@ -51,7 +51,8 @@ fn scenes(volume: &Volume) -> Vec<ResolvedScene> {
 
 const FINEST: LodChoice = LodChoice::Fixed(Lod(0));
 
-/// Whether a trilinear cell whose corners span `low` to `high` (data values) can show anything, straight from the model.
+/// Whether a trilinear cell whose corners span `low` to `high` (data values) may be visible, by the definition of the
+/// model.
 fn can_show(scene: &ResolvedScene, low: f64, high: f64) -> bool {
     let tf = &scene.transfer_function;
     let ends = || tf.classify(low).1 > 0.0 || tf.classify(high).1 > 0.0;
@@ -63,8 +64,8 @@ fn can_show(scene: &ResolvedScene, low: f64, high: f64) -> bool {
     }
 }
 
-/// The same bricks, but with the best ranges that macro cells can have: by brute force over the trilinear cells that
-/// each meets, of those that show anything; none where no cell does.
+/// The same bricks with the best possible ranges of macro cells: by brute force over the visible trilinear cells that
+/// each meets; empty if there are none.
 fn with_best_ranges(volume: &Volume, scene: &ResolvedScene, core: u32) -> Bricked {
     let mut bricked = Bricked::new(volume, core);
     for key in bricked.pyramid.keys_of(Lod(0)) {
@@ -105,7 +106,8 @@ fn what_is_made_of_bricks_need_not_be_kept() {
     }
 }
 
-/// Plans go from picture to picture, whatever changes, and no picture shows it; those of a camera that moves stay.
+/// Plans are passed from picture to picture, whatever changes, without any effect on a picture; plans stay valid for a
+/// moving camera.
 #[test]
 fn what_is_made_of_bricks_may_be_kept() {
     let (mut kept, mut made) = (0, 0);
@@ -113,7 +115,7 @@ fn what_is_made_of_bricks_may_be_kept() {
         let bricked = Bricked::new(volume, 16);
         let mut plans: Option<Arc<BrickPlans>> = None;
         for (i, scene) in scenes(volume).iter().enumerate() {
-            // Twice, the second time seen from the other side.
+            // Twice, the second time from the other side.
             let mut behind = scene.clone();
             let (camera, middle) = (&mut behind.camera, DVec3::from_array(volume.dims.map(|n| 0.5 * n as f64)));
             camera.eye += 2.0 * (middle - camera.eye).dot(camera.forward) * camera.forward;
@@ -136,7 +138,7 @@ fn what_is_made_of_bricks_may_be_kept() {
     assert!(kept > 10 && made > 5, "{kept} frames found plans that are still true, {made} made new ones");
 }
 
-/// S21. At least four fifths of what the best ranges would let the same rays skip.
+/// S21. Skips at least four fifths of the cells that the best ranges would let the same rays skip.
 #[test]
 fn skipping_changes_no_bit_and_skips() {
     let (mut could_in_all, mut whole_in_all) = (0, 0);
@@ -148,7 +150,7 @@ fn skipping_changes_no_bit_and_skips() {
             assert_eq!(on, off, "volume {v}, scene {i}");
             assert_eq!(all.macro_cells_skipped, 0);
             let best = with_best_ranges(volume, scene, 32).render_with(scene, FINEST, Skipping::On).1;
-            // Packets leap over macro cells and count cells; single rays look at every macro cell.
+            // Packets leap over macro cells and count cells; single rays test every macro cell.
             let (skipped, could, whole) = if all.macro_cells == 0 {
                 (all.cells - counters.cells, all.cells - best.cells, all.cells)
             } else {
@@ -165,9 +167,9 @@ fn skipping_changes_no_bit_and_skips() {
     assert!(could_in_all * 5 > whole_in_all, "where little can be skipped, skipping it shows little");
 }
 
-/// Grey levels by which a picture may depend on the size of bricks. Packets compute positions in `f32` from where a ray enters
-/// a brick; in `dvr` they refine by what is in front of a brick, and may use a quarter of the error they aim at
-/// (docs/decisions/006-packets.md). Surfaces are found in `f64`.
+/// Grey levels by which a picture may depend on the size of bricks. Packets compute positions in `f32` from the ray's
+/// entry into a brick. In `dvr` they refine by the transmittance in front of a brick, and may use a quarter of the
+/// requested error (docs/decisions/006-packets.md). Surfaces are found in `f64`.
 fn tolerance(scene: &ResolvedScene) -> f64 {
     match scene.mode {
         Mode::Dvr => 0.125,
@@ -215,7 +217,7 @@ fn threads_change_no_bit() {
     }
 }
 
-/// Rays that wait and go on see what rays that never waited see, though a cache holds few bricks.
+/// Rays that wait and continue give the same picture as rays that never waited, although the cache holds few bricks.
 #[test]
 fn waiting_changes_no_bit() {
     let volume = &volumes()[0];
@@ -236,7 +238,7 @@ fn waiting_changes_no_bit() {
             if feedback.is_converged() {
                 break;
             }
-            // Nothing is kept but what is wanted now, front to back.
+            // Only the bricks wanted now are kept, front to back.
             *view.resident.lock().unwrap() = feedback.misses.iter().take(capacity).map(|m| m.key).collect();
             passes += 1;
             assert!(passes < 1000, "no progress");

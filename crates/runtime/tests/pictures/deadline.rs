@@ -1,4 +1,4 @@
-//! Pictures by a deadline: always complete, better the more time there is, and the very picture where there is enough.
+//! Pictures with a deadline: always complete, better with more time, and final if there is enough.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests are tests")]
 
@@ -16,7 +16,7 @@ use crate::{containers, support};
 use containers::{Faulty, container_bytes, open};
 use support::{Volume, marschner_lobb, points, scene};
 
-/// Pixels along x and y: more than a sketch has, and no whole number of its pixels.
+/// Pixels along x and y: more than a sketch has, and not a multiple of its pixels.
 const SIZE: [u32; 2] = [205, 171];
 
 fn volume() -> Volume {
@@ -24,7 +24,7 @@ fn volume() -> Volume {
     Volume::new([64, 60, 50], VoxelType::U8, move |p| 255.0 * signal(p))
 }
 
-/// The scene in a mode, with so many samples per pixel.
+/// The scene in a mode, with `samples` samples per pixel.
 fn scene_of(volume: &Volume, mode: &str, samples: u32) -> ResolvedScene {
     let tf =
         points(4.0, &[(90.0, [0.1, 0.2, 0.9], 0.0), (160.0, [0.9, 0.8, 0.1], 0.05), (255.0, [0.9, 0.1, 0.1], 0.3)]);
@@ -45,7 +45,7 @@ fn mean_difference(a: &Image, b: &Image) -> f64 {
     255.0 * pairs.map(|(a, b)| f64::from((a - b).abs())).sum::<f64>() / a.pixels.as_flattened().len() as f64
 }
 
-/// What holds for every picture, however little time there was.
+/// Properties of every picture, however little time there was.
 fn assert_whole(image: &Image, stats: &FrameStats) {
     assert!([image.width, image.height] == SIZE && image.is_finite(), "{stats:#?}");
     assert_eq!(stats.converged, stats.pixels_unfinished == 0, "{stats:#?}");
@@ -83,7 +83,7 @@ fn without_any_time_it_is_a_sketch_of_the_whole() {
     }
 }
 
-/// Reads take long, so that the time is up while bricks are fetched.
+/// Reads are slow, so that the deadline passes while bricks are fetched.
 #[test]
 fn a_slow_source_does_not_keep_the_picture() {
     let volume = volume();

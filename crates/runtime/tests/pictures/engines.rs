@@ -1,5 +1,5 @@
-//! A frame knows engines, and not rays: one that goes through the volume slab by slab, in an order of its own, goes through the same
-//! passes as a ray caster, with a cache of any size.
+//! A frame knows engines, not rays. An engine that visits the volume slab by slab, in an order of its own, uses the
+//! same passes as a ray caster, with a cache of any size.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests are tests")]
 
@@ -28,8 +28,8 @@ use support::{Volume, noise, scene};
 const DIMS: [usize; 3] = [40, 36, 52];
 const APRON: usize = 2;
 
-/// The greatest value along z, a pixel for each line of voxels, from the last slab to the first. It knows its working set: all bricks
-/// of level 0.
+/// Engine that draws the greatest value along z, a pixel for each line of voxels, from the last slab to the first. Its
+/// working set is known: all bricks of level 0.
 struct Slabs {
     container: Arc<Container>,
     map: ValueMap,
@@ -103,7 +103,7 @@ impl Engine for Slabs {
 fn an_engine_without_rays_gets_its_bricks_in_its_own_order_each_once() {
     let volume = Volume::new(DIMS, VoxelType::U8, |p| 1.0 + 250.0 * noise(p));
     let container = open(&container_bytes(&volume, 16));
-    // A camera that looks along x: its order is another.
+    // A camera that looks along x: its order differs.
     let camera = r#""eye": [-90, 18, 26], "target": [20, 18, 26], "up": [0, 0, 1], "fov_y": 30"#;
     let image = format!(r#""image": {{"width": {}, "height": {}}}"#, DIMS[0], DIMS[1]);
     let scene = scene(&volume, &format!(r#"{{"camera": {{{camera}}}, {image}, "transfer_function": "grey"}}"#));

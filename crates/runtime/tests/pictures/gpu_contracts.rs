@@ -1,5 +1,5 @@
 #![allow(clippy::print_stdout, reason = "measured errors are printed")]
-//! What the GPU backend promises besides pictures: huge coordinates, budgets, evictions, errors, a lost device.
+//! Contracts of the GPU backend besides pictures: huge coordinates, budgets, evictions, errors, a lost device.
 
 use std::time::Instant;
 
@@ -48,16 +48,17 @@ impl BrickView for FarBrick {
     }
 }
 
-/// Values change by this much per voxel of a brick of this edge, along one axis; they stay between 0 and 1, where alpha equals
-/// them.
+/// Change of values per voxel of a brick of this edge, along one axis. Values stay between 0 and 1; alpha equals the
+/// value.
 fn value_per_voxel(edge: u32) -> f64 {
     1.0 / f64::from(edge + 2)
 }
 
-/// What a ray shows of a field that measures places along one axis, in voxels behind the brick's first one.
+/// The position on a ray that the picture shows, for a field that measures positions along one axis, in voxels behind
+/// the brick's first one.
 ///
-/// In closed form: the ray's line meets the brick's cube, and there the field is linear, but for the outer half voxels
-/// across the volume, where it is constant.
+/// In closed form: the ray's line meets the brick's cube, in which the field is linear. It is constant in the outer
+/// half voxels across the volume.
 fn place_seen(ray: &IndexRay, start: [f64; 3], edge: u32, axis: usize, mode: &str) -> Option<f64> {
     let slab = |interval, a: usize| {
         let end = start[a] + if a == 0 { f64::from(edge) } else { 64.0 };
@@ -76,9 +77,9 @@ fn place_seen(ray: &IndexRay, start: [f64; 3], edge: u32, axis: usize, mode: &st
     })
 }
 
-/// S39: no place on a ray is off by 1/256 of a voxel along any axis, 2^23 voxels from the origin, also for rays that come
-/// all that way; and 2^26 voxels from it, the most that brick keys can name, for rays that a clip box lets begin near the
-/// end. Each axis is measured by a field of its own, against the closed form; and so is the CPU.
+/// S39: no position on a ray is off by 1/256 of a voxel along any axis, 2^23 voxels from the origin, also for rays that
+/// come all that way. The same holds 2^26 voxels from the origin, the limit of brick keys, for rays that a clip box
+/// lets begin near the end. Each axis is measured by a field of its own, against the closed form; so is the CPU.
 #[test]
 fn huge_coordinates() {
     let Some(gpu) = gpu() else { return };
@@ -115,7 +116,7 @@ fn places_in_a_volume_of(gpu: &GpuDevice, length: usize, edge: u32, is_clipped: 
                 seen += usize::from(place.is_some());
                 for (off, image) in off.iter_mut().zip(&images) {
                     let alpha = f64::from(image.pixels[pixel][3]);
-                    // Where the ray misses the brick nothing may be seen; one thousandth of a value is 1/15 of a voxel.
+                    // A ray that misses the brick must show nothing; one thousandth of a value is 1/15 of a voxel.
                     let voxels = place.map_or(alpha, |place| alpha / value_per_voxel - 1.0 - place);
                     *off = greatest([*off, voxels]);
                 }
@@ -214,7 +215,7 @@ fn feedback_names_misses_uses_and_evictions() {
     assert!(second.misses.iter().all(|m| !expected.contains(&m.key)));
     assert!(second.counters.cells > 0 && second.counters.samples > 0);
 
-    // Both were used in the same pass; either may leave, and its rays would wait for it again.
+    // Both were used in the same pass, so either may be evicted, and its rays would wait for it again.
     let Insertion::Placed { evicted: Some(evicted) } = renderer.insert(&volume.bricks[&keys[2]]).unwrap() else {
         panic!("a third brick found room in two slots")
     };
@@ -224,10 +225,10 @@ fn feedback_names_misses_uses_and_evictions() {
     assert_eq!((did.page_ins, did.evictions, stats.slots_used, did.passes), (3, 1, 2, 2));
 }
 
-/// Grey levels of 255: rays that waited for bricks began anew at faces of cells.
+/// Grey levels of 255: rays that waited for bricks began again at faces of cells.
 const ROUNDING: f64 = 1e-3;
 
-/// Another camera, another transfer function, another mode: some kilobytes of tables, and no brick.
+/// Another camera, transfer function or mode uploads some kilobytes of tables, and no brick.
 #[test]
 fn another_look_or_view_uploads_no_brick() {
     let Some(gpu) = gpu() else { return };
@@ -255,7 +256,7 @@ fn another_look_or_view_uploads_no_brick() {
     assert!(!renderer.set_scene(&volume.gpu_volume(), &larger, FINEST, true).unwrap(), "there is no room for its rays");
 }
 
-/// What goes to the device and comes back is counted, to the byte.
+/// All bytes written to the device and read back are counted exactly.
 #[test]
 fn traffic_is_counted() {
     let Some(gpu) = gpu() else { return };
@@ -271,7 +272,8 @@ fn traffic_is_counted() {
     );
     renderer.cast_pass().unwrap();
     let cast = renderer.stats().counters.since(&loaded);
-    // Feedback is cleared, and cells are classified; a shader that is new is run on no ray. Misses are gathered with the last run.
+    // Three further submits: feedback is cleared, cells are classified, and a new shader runs without rays. Misses are
+    // gathered with the last run.
     assert!(cast.dispatches > 0 && cast.submits == cast.dispatches + 3, "{cast:?}");
     assert!(cast.upload_bytes == 0 && cast.read_bytes > 0, "{cast:?}");
     let before = renderer.stats().counters;
@@ -282,18 +284,18 @@ fn traffic_is_counted() {
         (32 * 24 * 16, 16, 1),
         "16 bytes a ray, and which they are"
     );
-    // Another view alone is some kilobytes.
+    // Another view alone uploads some kilobytes.
     let view = volume.scene(&SCENE.replace("[75, 55, 95]", "[-60, 70, 40]"));
     let before = renderer.stats().counters;
     assert!(renderer.set_scene(&volume.gpu_volume(), &view, FINEST, true).unwrap());
     let view = renderer.stats().counters.since(&before);
     assert!(view.written_bytes < 32 << 10, "{view:?}");
-    // A renderer begins at nothing, whatever the device has done.
+    // The counters of a new renderer begin at zero, whatever the device has done.
     let next = GpuRenderer::new(&gpu, &volume.gpu_volume(), &scene, FINEST, options, None).unwrap().stats().counters;
     assert_eq!((next.read_bytes, next.submits), (0, 1), "{next:?}");
 }
 
-/// Rays that were not cast when it was time to stop are not finished, and go on.
+/// Rays that were not cast because the pass was stopped are unfinished, and continue.
 #[test]
 fn a_pass_that_is_stopped_goes_on() {
     let Some(gpu) = gpu() else { return };
@@ -304,7 +306,7 @@ fn a_pass_that_is_stopped_goes_on() {
     let mut renderer = GpuRenderer::new(&gpu, &volume.gpu_volume(), &scene, FINEST, options, None).unwrap();
     volume.bricks.values().for_each(|brick| assert!(matches!(renderer.insert(brick), Ok(Insertion::Placed { .. }))));
     let stopped = renderer.cast_pass_until(&Stop::at(Some(Instant::now()))).unwrap();
-    // A fast adapter has cast all of them at once.
+    // A fast adapter casts all of them at once.
     assert!(stopped.is_stopped || !gpu.is_software());
     assert!(!renderer.cast_pass().unwrap().is_stopped);
     let (fresh, _) = volume.gpu_image(&gpu, &scene, FINEST, 64, Skipping::On);
@@ -331,15 +333,15 @@ fn bands_are_rows_of_the_picture() {
     assert_eq!(banded, whole.pixels);
 }
 
-/// Bytes of memory that this process has resident; `None` where the system does not tell.
+/// Resident memory of this process, bytes; `None` if the system does not tell.
 fn resident_bytes() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|l| l.strip_prefix("VmRSS:"))?;
     Some(line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? * 1024)
 }
 
-/// Draws pictures from ever other sides and looks, with this many passes each, and returns by how much memory grew after the
-/// first tenth of them, and how many dispatches there were.
+/// Draws pictures from changing sides and looks, with this many passes each. Returns the growth of memory after the
+/// first tenth of them, and the number of dispatches.
 fn memory_growth(gpu: &GpuDevice, frames: u64, passes: u64) -> Option<(u64, u64)> {
     let volume = volume();
     let options = GpuOptions { memory_bytes: 16 << 20, ..GpuOptions::default() };
@@ -363,7 +365,7 @@ fn memory_growth(gpu: &GpuDevice, frames: u64, passes: u64) -> Option<(u64, u64)
     Some((resident_bytes()?.saturating_sub(before), renderer.stats().counters.dispatches))
 }
 
-/// Memory that grows by more than this, whatever is drawn, is lost. A shader that is compiled at every dispatch takes 4 MiB.
+/// Limit of memory growth: more is a leak. A shader that is compiled at every dispatch takes 4 MiB.
 const GROWTH_LIMIT: u64 = 16 << 20;
 
 #[test]

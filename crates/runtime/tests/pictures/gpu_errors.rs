@@ -1,5 +1,5 @@
-//! What the shader sums up of coarser bricks against `lod::deviation`, on random bricks, transfer functions and rays with a fixed seed: as
-//! much, but for rounding, and never less.
+//! Sums of the shader over coarser bricks against `lod::deviation`, on random bricks, transfer functions and rays with
+//! a fixed seed. They are equal up to rounding, and never less.
 
 #![allow(
     clippy::print_stdout,
@@ -27,7 +27,7 @@ use gpu_support::gpu;
 const VALUES: ValueRange = ValueRange { min: 0.0, max: 100.0 };
 const DEVIATIONS: usize = 500;
 const CASES: usize = 4096;
-/// What values are counted from.
+/// Subtracted from all values.
 const SHIFT: f64 = 40.0;
 
 #[repr(C)]
@@ -50,7 +50,7 @@ struct Found {
     mean: RayErrors,
 }
 
-/// What random transfer functions make of random bricks; exact ones and unknown ones among them.
+/// Deviations of random bricks under random transfer functions; exact and unknown ones among them.
 fn deviations(random: &mut Random) -> Vec<Deviation> {
     let pyramid = Pyramid::new(Dims([32; 3]), BrickLayout::new(16).unwrap(), &[[2, 2, 2]]).unwrap();
     let facts = VolumeFacts::plain(Dims([32; 3]), Geometry::IDENTITY, VALUES);
@@ -110,7 +110,7 @@ fn case(random: &mut Random) -> Case {
         lengths,
         transmittance,
         values,
-        // Nothing in front; from some brick on there is a value.
+        // Nothing in front; values are present from some brick on.
         there: [0b1110, 0b1100, 0b1000, 0][random.below(4) as usize],
         padding: [0; 3],
     }
@@ -167,7 +167,7 @@ fn bricks_are_off_by_what_rust_says() {
                 continue;
             }
             assert!(found.is_finite(), "{i}: {found} of {exact}, {case:?}");
-            // Rounding of `f32`: of what is 1 at most, and of values of a hundred.
+            // Rounding of `f32`: for numbers of at most 1, and for values of about a hundred.
             let allowed = 2e-6 + 2e-6 * exact.abs() + if i > 1 { 3e-5 } else { 0.0 };
             assert!((found - exact).abs() <= allowed.max(1e-4 * exact), "{i}: {found} of {exact}, {case:?}");
             assert!(found >= exact - allowed, "{i}: {found} of {exact}, {case:?}");

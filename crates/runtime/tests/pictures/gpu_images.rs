@@ -67,7 +67,7 @@ fn every_mode_equals_the_reference() {
     }
 }
 
-/// Distance from the CPU's picture of the same bricks; both backends do the same, so that only rounding may differ.
+/// Compares with the CPU's picture of the same bricks; both backends use the same rules, so only rounding may differ.
 fn check(gpu: &GpuDevice, name: &str, volume: &TestVolume, scene: &str, lod: LodChoice, slots: u64) {
     let scene = volume.scene(scene);
     let expected = volume.cpu_image(&scene, lod);
@@ -84,7 +84,7 @@ fn check(gpu: &GpuDevice, name: &str, volume: &TestVolume, scene: &str, lod: Lod
     }
 }
 
-/// S21, S44: slots, order of arrival and skipping leave the picture alone.
+/// S21, S44: slots, order of arrival and skipping do not change the picture.
 #[test]
 fn few_slots_draw_the_same_picture() {
     let Some(gpu) = gpu() else { return };
@@ -109,7 +109,7 @@ fn noise_of_every_storage_and_brick_size() {
     }
 }
 
-/// Sheets two voxels thick, one in each macro cell: all of these show something, and half of their blocks.
+/// Sheets two voxels thick, one in each macro cell: all macro cells are visible, and half of their blocks.
 #[test]
 fn rays_leap_over_blocks_that_show_nothing() {
     let Some(gpu) = gpu() else { return };
@@ -138,7 +138,7 @@ fn rays_leap_over_blocks_that_show_nothing() {
     }
 }
 
-/// Software adapters read storage textures, others sampled ones: texel by texel the same.
+/// Software adapters read storage textures, others sampled ones: the texels are the same.
 #[test]
 fn textures_are_read_alike_either_way() {
     let Some(gpu) = gpu() else { return };
@@ -156,14 +156,14 @@ fn textures_are_read_alike_either_way() {
     }
 }
 
-/// A card gets all rays at once and has no scouts, and its shaders read other textures: the picture is the same.
+/// A card casts all rays at once, has no scouts, and its shaders read other textures: the picture is the same.
 #[test]
 fn work_for_a_card_makes_the_same_picture() {
     let Some(gpu) = gpu() else { return };
     let card = gpu.clone().dealt_as_card();
     let volume = ml(16, U8);
     for (mode, rest) in MODES {
-        // High enough that some rows of tiles go ahead on software adapters.
+        // High enough that some rows of tiles are scouts on software adapters.
         let json = scene(CAMERA, rest).replace(r#""height": 48"#, r#""height": 136"#);
         let [own, as_card] = [&gpu, &card].map(|gpu| {
             let (image, stats) = volume.gpu_image(gpu, &volume.scene(&json), FINEST, 20, Skipping::On);
@@ -218,7 +218,8 @@ fn holes_uniform_absent_and_failed_bricks() {
     }
 }
 
-/// Clipped on a plane of voxels behind which all is absent: what rounding leaves of the cells before it is not seen.
+/// Clipped on a plane of voxels behind which all is absent: cells in front of it that exist only by rounding are not
+/// visible.
 #[test]
 fn nothing_is_seen_of_what_is_cut_off_beside_holes() {
     let Some(gpu) = gpu() else { return };
@@ -240,7 +241,8 @@ fn nothing_is_seen_of_what_is_cut_off_beside_holes() {
     }
 }
 
-/// Where a surface lies on a plane of voxels, it is met there and nowhere else on the chords on either side, whichever way they round.
+/// A surface on a plane of voxels is met there, and nowhere else on the chords on either side, whichever way they
+/// round.
 #[test]
 fn surfaces_in_planes_of_voxels_are_lit_where_they_are() {
     let Some(gpu) = gpu() else { return };
@@ -290,7 +292,7 @@ fn levels_of_detail_geometry_clipping_and_subgrid() {
     }
 }
 
-/// The error that is asked for decides how finely cells are cut, and is kept; also by a renderer that goes on.
+/// The requested error decides how finely cells are cut, and is kept; also in a renderer that continues.
 #[test]
 fn the_error_asked_for_steers_the_shader() {
     let Some(gpu) = gpu() else { return };
@@ -301,7 +303,7 @@ fn the_error_asked_for_steers_the_shader() {
     }
 }
 
-/// Places at which the transfer function was looked up for 16, 2, 0.5 and 0.1 grey levels, each of which is kept.
+/// Number of look-ups of the transfer function for 16, 2, 0.5 and 0.1 grey levels; each error is kept.
 fn samples_by_error(gpu: &GpuDevice, scene: &str) -> Vec<u64> {
     let volume = TestVolume::new([37, 35, 33], 16, Geometry::IDENTITY, F32, noise);
     let scene = volume.scene(scene);
@@ -323,7 +325,7 @@ fn samples_by_error(gpu: &GpuDevice, scene: &str) -> Vec<u64> {
     samples
 }
 
-/// Steps and narrow peaks: where a ray grazes one, an error e of the value moves the crossing by the square root of e.
+/// Steps and narrow peaks: if a ray grazes one, an error e of the value moves the crossing by the square root of e.
 #[test]
 fn steep_transfer_functions() {
     let Some(gpu) = gpu() else { return };

@@ -1,8 +1,9 @@
 #![allow(clippy::print_stdout, reason = "measured errors are printed")]
-//! Where rays are, which bricks that is, and what is drawn there: `camera.wgsl` and `page_table.wgsl` against `f64`.
+//! Positions on rays, the bricks that hold them, and the pages drawn there: `camera.wgsl` and `page_table.wgsl` against
+//! `f64`.
 //!
-//! The twins of `ray_from`, `ray_at_level` and `point_from` are lines of `f64`. Those of `region_at` and `page_of` are the
-//! CPU ray caster itself: a ray that finds nothing resident waits for the brick that holds its place.
+//! The twins of `ray_from`, `ray_at_level` and `point_from` are lines of `f64`. The twin of `region_at` and `page_of`
+//! is the CPU ray caster itself: a ray that finds nothing resident waits for the brick that holds its position.
 
 use std::collections::HashSet;
 
@@ -39,11 +40,12 @@ use supervol_runtime::engines::cells::rays::CellRays;
 use supervol_runtime::engines::ray_scene::{BrickChoice, DrawnVolume};
 
 const SEED: u64 = 20_261_121;
-/// Voxels. What places may be off by, 2^26 voxels from the origin too.
+/// Largest error of positions, voxels; also 2^26 voxels from the origin.
 const PLACE_TOLERANCE: f64 = 5e-7;
-/// Voxels. How far from a face a ray may leave a brick, whose t is an `f32` of some ten voxels.
+/// Largest distance, voxels, between a face and the position at which a ray leaves a brick: t is an `f32` of some ten
+/// voxels.
 const FACE_TOLERANCE: f64 = 1e-4;
-/// Differences of values between 0 and 1.
+/// Largest error of differences of values between 0 and 1.
 const GRADIENT_TOLERANCE: f64 = 2e-6;
 const RANGE: ValueRange = ValueRange { min: 0.0, max: 1.0 };
 
@@ -76,9 +78,9 @@ struct Found {
     page: [i32; 4],
     /// Number and state.
     entry: [u32; 4],
-    /// At three places of the chord; w: whether there is one.
+    /// Gradients at three positions of the chord; w: whether there is one.
     gradients: [[f32; 4]; 3],
-    /// Parameters at which the segment begins and ends, from base points so many strides away.
+    /// Parameters at which the segment begins and ends, relative to base points `segment_strides` away.
     segment: [f32; 2],
     segment_strides: [u32; 2],
     length: f32,
@@ -97,7 +99,7 @@ struct Setting {
 }
 
 impl Setting {
-    /// Levels are chosen so that voxels cover at most `voxel_pixels`: bricks of several levels are met.
+    /// Levels are chosen so that voxels cover at most `voxel_pixels`: rays meet bricks of several levels.
     fn new(dims: [usize; 3], core: u32, geometry: Geometry, camera: &str, voxel_pixels: f64) -> Self {
         let facts = VolumeFacts::plain(Dims(dims.map(|n| n as u64)), geometry, RANGE);
         let json = format!(
@@ -115,7 +117,7 @@ impl Setting {
         GpuVolume { pyramid, geometry, value_map, value_range: RANGE, storage: VoxelStorage::F32 }
     }
 
-    /// State and payload of every brick; those of `failed` have failed.
+    /// State and payload of every brick; bricks of `failed` have failed.
     fn page_table(&self, failed: &HashSet<BrickKey>, random: &mut Random) -> Vec<[u32; 2]> {
         let rule = LodRule::new(self.lod, &self.scene.camera, &self.geometry);
         let page = |entry: u64| {
@@ -128,13 +130,13 @@ impl Setting {
         (0..self.pyramid.brick_count()).map(page).collect()
     }
 
-    /// Where a level-0 index point lies in the index space of a level: `(p + 1/2) / scale - 1/2`.
+    /// A level-0 index point in the index space of a level: `(p + 1/2) / scale - 1/2`.
     fn at_level(&self, p: [f64; 3], level: Lod) -> [f64; 3] {
         let scale = self.pyramid.level_at(level).scale;
         std::array::from_fn(|a| (p[a] + 0.5) / scale[a] as f64 - 0.5)
     }
 
-    /// How far a level-0 index point lies outside a brick, voxels of level 0; 0 inside.
+    /// Distance of a level-0 index point from a brick, voxels of level 0; 0 inside.
     fn outside(&self, p: [f64; 3], key: BrickKey) -> f64 {
         let (level, core) = (self.pyramid.level_at(key.lod()), self.pyramid.layout().core() as f64);
         greatest((0..3).map(|a| {
@@ -163,12 +165,12 @@ impl Setting {
     }
 }
 
-/// One ray, one place on it.
+/// A ray, and a position on it.
 struct Place {
     pixel: usize,
     ray: IndexRay,
     segment: Segment,
-    /// World length of the ray's origin, of one unit of its parameter, of the base point, and of the place.
+    /// World lengths: the ray's origin, one unit of its parameter, the base point, and the position.
     origin: f64,
     unit: f64,
     base: f64,
@@ -177,7 +179,7 @@ struct Place {
     case: Case,
 }
 
-/// A place on every ray of the picture that meets the volume.
+/// A position on every ray of the picture that meets the volume.
 fn places(setting: &Setting, random: &mut Random) -> Vec<Place> {
     let camera = &setting.scene.camera;
     let core = setting.pyramid.layout().core() as f64;
@@ -194,13 +196,13 @@ fn places(setting: &Setting, random: &mut Random) -> Vec<Place> {
         let first = strides_to(segment.t0);
         let strides = first + random.next_u64() % (strides_to(segment.t1) - first + 1);
         let base = origin + strides as f64 * stride;
-        // A ray goes through a whole brick from one base point. Some places lie in a face, as nearly as f32 can say.
+        // A ray crosses a whole brick from one base point. Some positions lie in a face, as exactly as `f32` allows.
         let reach = stride * [1.0, 8.0][(random.next_u64() % 2) as usize];
         let least = (segment.t0 - base).max(0.0);
         let t = random.between(least, reach.min(segment.t1 - base).max(least));
         let is_at_face = random.next_u64().is_multiple_of(4);
         let t = if is_at_face { setting.leave(&index_ray, setting.brick_at(index_ray.at(base + t))) - base } else { t };
-        // Exactly what the shader gets.
+        // The value that the shader receives.
         let t = f64::from((t / unit) as f32) * unit;
         // At the end of the volume there is no next brick.
         if base + t > segment.t1 - 0.01 || base + t < segment.t0 {
@@ -241,7 +243,7 @@ impl BrickView for Nothing<'_> {
     }
 }
 
-/// The bricks that the CPU's rays wait for at these places.
+/// The bricks that the CPU's rays wait for at these positions.
 fn wanted(setting: &Setting, places: &[Place], failed: &HashSet<BrickKey>) -> Vec<BrickKey> {
     // The shader's twin, whose rays can be put anywhere.
     let Setting { pyramid, geometry, map, .. } = setting;
@@ -257,7 +259,7 @@ fn key([x, y, z, level]: [i32; 4]) -> BrickKey {
     BrickKey::new(Lod(level as u8), BrickIndex([x, y, z].map(|i| i as u32)))
 }
 
-/// The voxels of a brick with holes, bits and values.
+/// The voxels of a brick with holes: values, and the bits of the absent one.
 fn voxels(setting: &Setting) -> (Vec<f32>, u32) {
     let key = BrickKey::new(Lod::FINEST, BrickIndex([1, 0, 0]));
     let field = |p: [usize; 3]| {
@@ -325,7 +327,7 @@ fn check_points(setting: &Setting, places: &[Place], found: &[Found]) {
     assert!(off.iter().all(|&off| off < PLACE_TOLERANCE), "{off:?} voxels");
 }
 
-/// `begin_ray`: where segments begin and end, voxels of level 0; and the length of one unit of t.
+/// `begin_ray`: begin and end of segments, voxels of level 0; and the length of one unit of t.
 fn check_segments(setting: &Setting, places: &[Place], found: &[Found]) {
     let mut off = 0.0f64;
     let stride = {
@@ -348,7 +350,7 @@ fn check_segments(setting: &Setting, places: &[Place], found: &[Found]) {
     assert!(off < FACE_TOLERANCE, "{off}");
 }
 
-/// `region_at`, `region_leave`, `page_of`. At a face rounding may decide for either brick.
+/// `region_at`, `region_leave`, `page_of`. At a face, rounding may decide for either brick.
 fn check_bricks(setting: &Setting, places: &[Place], found: &[Found], failed: &HashSet<BrickKey>, pages: &[[u32; 2]]) {
     let regions = wanted(setting, places, &HashSet::new());
     let drawn = wanted(setting, places, failed);

@@ -1,8 +1,8 @@
-//! Every function of the shaders is held against Rust, or stands here with the reason why not.
+//! Every function of the shaders is compared with Rust, or listed here with the reason why not.
 //!
-//! What the test shaders call is compared with numbers computed in Rust (`gpu_twins`, `gpu_walk_twins`, `gpu_places`); what those functions
-//! call in turn is compared as a part of them. All calls are read from the parsed shaders, so that a new function fails here until
-//! somebody has decided.
+//! Functions that the test shaders call are compared with numbers computed in Rust (`gpu_twins`, `gpu_walk_twins`,
+//! `gpu_places`). Functions called by those are compared as a part of them. All calls are read from the parsed shaders,
+//! so a new function fails here until it is compared or listed.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -10,7 +10,7 @@ use std::path::Path;
 use naga::{Block, Function, Module, Statement};
 use supervol_runtime::engines::gpu::shaders::{DRAWING, ShaderModule, TESTING, TexelAccess};
 
-/// Functions that nothing but pictures tests, by reason.
+/// Functions that only pictures test, by reason.
 const WITHOUT_TWIN: [(&str, &[&str]); 6] = [
     ("tells the pipeline's constants", &["mode"]),
     (
@@ -81,7 +81,7 @@ const WITHOUT_TWIN: [(&str, &[&str]); 6] = [
     ),
 ];
 
-/// Compared functions whose numbers have another name in Rust, and where they are compared.
+/// Compared functions whose twins have another name in Rust, and the place of the comparison.
 const OTHER_NAMES: [(&str, &[&str]); 3] = [
     (
         "gpu_places: rays, bricks and pages from the camera and the pyramid, in `f64`",
@@ -100,7 +100,7 @@ const OTHER_NAMES: [(&str, &[&str]); 3] = [
     ("gpu_walk_twins: `cubic_of_cell` and `monotone_intervals`, put together", &["cell_view"]),
 ];
 
-/// The functions of a module, by name, with the names of those that they call; `""` is its entry point.
+/// The functions of a module, by name, with the names of their callees; `""` is its entry point.
 fn calls(module: &ShaderModule) -> BTreeMap<String, BTreeSet<String>> {
     let parsed = naga::front::wgsl::parse_str(&module.source(TexelAccess::Sampled)).expect("the shader is valid");
     let named = parsed.functions.iter().map(|(_, function)| (name_of(function), called_by(&parsed, function)));
@@ -159,7 +159,7 @@ fn names_in_rust() -> BTreeSet<String> {
     names
 }
 
-/// All that these functions call, and what those call, and so on.
+/// All functions that these call, directly or indirectly.
 fn reached(from: &BTreeSet<String>, calls: &BTreeMap<String, BTreeSet<String>>) -> BTreeSet<String> {
     let mut reached = BTreeSet::new();
     let mut next: Vec<&String> = from.iter().collect();
@@ -178,7 +178,7 @@ fn every_shader_function_is_compared_or_excused() {
     let (mut compared, mut as_parts) = (BTreeSet::new(), BTreeSet::new());
     for module in &TESTING {
         let calls = calls(module);
-        // What the test's own file defines is no function of the shaders, but calls them.
+        // Functions of the test's own file are not functions of the shaders, but call them.
         let own = |name: &&String| !drawn.contains(*name);
         let by_helpers = calls[""].iter().filter(own).flat_map(|name| &calls[name]);
         let direct = calls[""].iter().chain(by_helpers).filter(|name| drawn.contains(*name)).cloned().collect();

@@ -33,7 +33,7 @@ use gpu_support::{F32, TestVolume, gpu, marschner_lobb};
 const SEED: u64 = 20_261_120;
 const CASES: usize = 4096;
 const EXACTNESS: Exactness = Exactness { skipping: Skipping::On, max_error: 0.5 / 255.0, sums_errors: false };
-/// What stands for a root that is not there; in [0, 1] all roots are.
+/// Value of a missing root; all roots lie in [0, 1].
 const NO_ROOT: f32 = 2.0;
 
 #[repr(C)]
@@ -123,7 +123,7 @@ fn bins_of(case: &Case) -> [f32; 4] {
     case.low.map(|v| LIGHT_BINS as f32 * (1.2 * v - 0.1))
 }
 
-/// A chord of a bin, or of many.
+/// A chord within one bin, or across many.
 fn chord_of(case: &Case) -> LightChord {
     let (bins, spread) = (bins_of(case), case.high[3].powi(4));
     LightChord {
@@ -133,7 +133,7 @@ fn chord_of(case: &Case) -> LightChord {
     }
 }
 
-/// Parts of rays and their light through the Rust functions.
+/// Parts of rays with their light, computed by the Rust functions.
 fn light_outcome(case: &Case, light: &LightTable, lighting: &Lighting) -> LightOutcome {
     let part = integrate_chord(light, &chord_of(case));
     let [_, line] = lines(case);
@@ -158,12 +158,12 @@ fn corners(case: &Case) -> [f32; 8] {
     std::array::from_fn(|i| if i < 4 { case.low[i] } else { case.high[i - 4] })
 }
 
-/// A line of sight.
+/// A direction to the eye.
 fn to_eye(case: &Case) -> Vec3 {
     Vec3::from_array(std::array::from_fn(|i| case.a_value[i] - case.b_u[i])).normalize()
 }
 
-/// Normals of all directions, some of which turn little, and some gradients too short for any.
+/// Normals of all directions, some of which turn little, and some gradients too short for a normal.
 fn gradients(case: &Case) -> [Vec3; 3] {
     let [low, high, near] = [case.low, case.high, case.near].map(|v| Vec3::new(v[0], v[1], v[2]) - 0.5);
     let turn = case.far[0] * case.far[0];
@@ -171,7 +171,7 @@ fn gradients(case: &Case) -> [Vec3; 3] {
     [low, low + turn * high, size * (low + turn * near)]
 }
 
-/// Numbers of Gauss pairs: where what is wanted is next to a whole number, rounding may decide for either.
+/// Numbers of Gauss pairs: if the unrounded number is next to an integer, either neighbour is right.
 fn check_counts(cases: &[Case], found: &[Outcome], tf: &RenderTransferFunction) {
     const ROUNDING: f32 = 1e-5;
     let between = |found: f32, count: &dyn Fn(f32) -> u32, what: &str| {
@@ -181,11 +181,11 @@ fn check_counts(cases: &[Case], found: &[Outcome], tf: &RenderTransferFunction) 
     };
     let (mut undecided, mut other_pairs) = (0, 0);
     for (case, found) in cases.iter().zip(found) {
-        // From next to nothing to more than the limit of pairs lets through.
+        // From nearly nothing to more than the limit of pairs.
         let (change, tau) = (case.near[0] * case.near[0], 8.0 * case.near[1]);
         undecided += between(found.counts[0], &|f| pair_count(f * change, f * tau), "pair_count");
         let (turn, tau) = (2.0 * case.far[0], 8.0 * case.far[1]);
-        // Of a part of a chord, the variation is rounded as well.
+        // For a part of a chord, the variation is rounded as well.
         let u = f64::from(case.b_u[3]);
         let [a, b] = [case.a_value, case.b_u].map(|v| [v[0], v[1], v[2]].map(f64::from));
         let cubic = cubic_of_cell(&corners(case), a, b);
@@ -227,7 +227,7 @@ fn cases() -> Vec<Case> {
 #[test]
 fn shader_functions_equal_their_twins() {
     let Some(gpu) = gpu() else { return };
-    // Narrow highlights, and such as have a kink.
+    // Narrow highlights, and highlights with a kink.
     [32, 1].into_iter().for_each(|shininess| compare_with_twins(&gpu, shininess));
 }
 
@@ -290,7 +290,7 @@ fn compare_with_twins(gpu: &GpuDevice, shininess: u32) {
     );
 }
 
-/// Bounds on errors jump from bin to bin: where a line ends within rounding of one, either bound is right.
+/// Bounds on errors jump from bin to bin: if a line ends within rounding of an edge, either bound is right.
 fn leave_out_next_to_bins(cases: &[Case], found: &mut [LightOutcome], expected: &[LightOutcome]) {
     const ROUNDING: f32 = 2e-3;
     let is_near = |line: &LightLine| line.range.iter().any(|bin| (bin - bin.round()).abs() < ROUNDING);
@@ -311,7 +311,7 @@ fn leave_out_next_to_bins(cases: &[Case], found: &mut [LightOutcome], expected: 
     assert!(left_out * 25 < cases.len(), "{left_out} of {} next to a bin", 3 * cases.len());
 }
 
-/// Holds the numbers of each case, by name and tolerance, against the expected ones.
+/// Compares the numbers of each case, by name and tolerance, with the expected ones.
 fn compare<const N: usize>(names: [(&str, f64); N], found: &[[[f32; 4]; N]], expected: &[[[f32; 4]; N]]) {
     for (i, (name, tolerance)) in names.into_iter().enumerate() {
         let pairs = found.iter().zip(expected).flat_map(|(f, e)| (0..4).map(move |c| [f[i][c], e[i][c]]));

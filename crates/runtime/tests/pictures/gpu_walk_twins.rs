@@ -1,5 +1,5 @@
 #![allow(clippy::print_stdout, reason = "measured errors are printed")]
-//! The arithmetic of rays on their way through bricks against its Rust twins, on random numbers with a fixed seed.
+//! The arithmetic of rays walking through bricks against its Rust twins, on random numbers with a fixed seed.
 
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat3, Vec3};
@@ -32,7 +32,7 @@ const SEED: u64 = 20_261_124;
 const CASES: usize = 4096;
 const CORE: u32 = 32;
 const ISOS: [f32; 3] = [0.3, 0.5, 0.7];
-/// The stored number that stands for none.
+/// The stored number that means absent.
 const ABSENT: u32 = 7;
 /// A power of two.
 const STRIDE: f32 = 8.0;
@@ -67,7 +67,7 @@ struct Case {
     strides: u32,
 }
 
-/// Of `test_slots.wgsl`.
+/// Output of `test_slots.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 struct Marks {
@@ -79,7 +79,7 @@ struct Marks {
     along: [f32; 4],
 }
 
-/// Of `test_walk.wgsl`.
+/// Output of `test_walk.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 struct Found {
@@ -126,13 +126,13 @@ fn cases() -> Vec<Case> {
     (0..CASES).map(|_| case()).collect()
 }
 
-/// What the shader is given beside the cases.
+/// Input of the shader beside the cases.
 struct Setting {
     scene: GpuScene,
     lighting: Lighting,
 }
 
-/// Places and marks through the Rust functions: whole numbers, or exact ones.
+/// Places and marks by the Rust functions: integers, or exact numbers.
 fn marks(case: &Case) -> Marks {
     let texels = VoxelStorage::U8.texels([slot_edge_of_core(); 3]);
     let (texture, [x, y, z]) = slot_at(&GRIDS, texels, case.slot);
@@ -153,11 +153,11 @@ fn marks(case: &Case) -> Marks {
     }
 }
 
-/// What the ray meets on its way, through the Rust functions.
+/// Cells and values along the ray, by the Rust functions.
 fn expected(case: &Case, setting: &Setting) -> Found {
     let Setting { scene: GpuScene { config, .. }, lighting } = setting;
     let (value, u) = (case.a_value[3], case.b_u[3]);
-    // A power of two: whether products are rounded before something is added is up to the adapter.
+    // A power of two, because the adapter decides whether products are rounded before an addition.
     let (origin, along) = ([0, 1, 2].map(|a| 32.0 * case.a_value[a] - 1.0), [0, 1, 2].map(|a| case.b_u[a] - 0.5));
     let direction = [0, 1, 2].map(|a| if a as u32 == case.ray % 4 { 0.0 } else { along[a] });
     let (inverse, offset, margin) = light_ray(origin, direction);
@@ -185,13 +185,13 @@ fn expected(case: &Case, setting: &Setting) -> Found {
     }
 }
 
-/// The greatest of the bins that the corners of a cell of stored numbers are in, at least 1.
+/// The greatest bin of the corners of a cell of stored numbers, at least 1.
 fn greatest_bin(case: &Case, Setting { scene: GpuScene { config, .. }, .. }: &Setting) -> f32 {
     let bins = [0, 8].map(|shift| bins_of(config, case.texel.map(|word| word >> shift & 0xff)));
     bins.into_iter().flatten().fold(1.0, |most, bin| most.max(bin.abs()))
 }
 
-/// The field along the chord through the cell, and the range of its corners.
+/// The field along the chord in the cell, and the range of its corners.
 fn field_of(case: &Case) -> ([f64; 4], [f32; 2]) {
     let corners: [f32; 8] = std::array::from_fn(|i| if i < 4 { case.low[i] } else { case.high[i - 4] });
     let [a, b] = [case.a_value, case.b_u].map(|v| [v[0], v[1], v[2]].map(f64::from));
@@ -257,7 +257,8 @@ fn rays_on_their_way_equal_their_twins() {
     for (case, found) in cases.iter().zip(&found) {
         let expected = expected(case, &setting);
         check_counts(case, found, &setting);
-        // Rounding may place what lies on a face on either side of it, and find or lose a root where the field only touches a value.
+        // Rounding may move a position on a face to either side of it, and find or lose a root where the field only
+        // touches a value.
         let is_elsewhere = found.cell[..3] != expected.cell[..3] || found.macro_cell != expected.macro_cell;
         at_a_face += usize::from(is_elsewhere);
         at_a_root += usize::from((found.field[3] - expected.field[3]).abs() > 2e-3);
@@ -274,7 +275,7 @@ fn rays_on_their_way_equal_their_twins() {
             (found.direction, expected.direction, 1e-6),
         ];
         for (i, (f, e, tolerance)) in pairs.into_iter().enumerate() {
-            // What is interpolated is as exact as the greatest of what it is made of.
+            // Interpolated numbers are as exact as the greatest of their inputs.
             let least = if i == 5 { greatest_bin(case, &setting) } else { 1.0 };
             let off = f.iter().zip(e).map(|(f, e)| f64::from((f - e).abs() / e.abs().max(least)) / tolerance);
             let off = greatest(off);
@@ -289,7 +290,7 @@ fn rays_on_their_way_equal_their_twins() {
     assert!(at_a_face * 500 < CASES && at_a_root * 200 < CASES, "{at_a_face} at a face, {at_a_root} at a root");
 }
 
-/// Sides and numbers of pairs, but for rounding.
+/// Sides and numbers of pairs, up to rounding.
 fn check_counts(case: &Case, found: &Found, setting: &Setting) {
     let u = case.b_u[3];
     let (cubic, range) = field_of(case);

@@ -1,5 +1,5 @@
-//! Iso surfaces inside the semi-transparent volume (mode `dvr` with `iso`): against closed forms, against the reference, and
-//! whatever bricks, levels, cuts and caches rays meet.
+//! Iso surfaces inside the semi-transparent volume (mode `dvr` with `iso`): against closed forms and the reference, for
+//! any bricks, levels, cuts and caches.
 
 #![allow(
     clippy::print_stderr,
@@ -24,14 +24,14 @@ use support::{Bricked, Volume, difference, marschner_lobb, noise, points, refere
 const SEED: u64 = 25;
 /// Grey levels off silhouettes.
 const BOUND: f64 = 0.5;
-/// Pixels of all random pictures that may lie on silhouettes, one in so many.
+/// Divisor: largest share of the pixels of all random pictures that may lie on silhouettes.
 const JUDGED: usize = 4;
 
 fn options(level: LevelChoice) -> RenderOptions {
     RenderOptions { backend: Backend::Cpu, level, threads: Some(2), ..RenderOptions::default() }
 }
 
-/// Greatest difference off silhouettes, grey levels, and how many pixels were judged.
+/// Greatest difference off silhouettes, grey levels, and the number of pixels judged.
 fn judged(volume: &Volume, scene: &ResolvedScene, found: &Image) -> (f64, usize) {
     let exact = reference(volume, scene);
     assert!(found.is_finite() && exact.is_finite());
@@ -205,8 +205,8 @@ fn cuts_and_slices_go_with_surfaces() {
     }
 }
 
-/// The size of bricks, skipping, what is in the cache and what comes when change nothing that could be seen; coarser levels are
-/// the picture of the coarser volume.
+/// The size of bricks, skipping, the cache and the order of arrival change nothing visible; coarser levels give the
+/// picture of the coarser volume.
 #[test]
 fn bricks_caches_and_levels() {
     let volume = smooth();
@@ -230,7 +230,7 @@ fn bricks_caches_and_levels() {
     assert!(difference(&wide, &picture) < 0.01);
 }
 
-/// In fog that shows nothing, bricks are read for their surfaces' sake.
+/// In fog that shows nothing, bricks are read for their surfaces alone.
 #[test]
 fn bricks_are_read_for_surfaces_alone() {
     let volume = smooth();
@@ -243,7 +243,7 @@ fn bricks_are_read_for_surfaces_alone() {
     assert!(found.pixels.iter().any(|pixel| pixel[3] > 0.9));
 }
 
-/// What is stated is not less than what is off, off silhouettes; from coarser levels nothing is known of surfaces.
+/// The stated error is at least the true one, off silhouettes; on coarser levels nothing is known of surfaces.
 #[test]
 fn errors_are_stated_truthfully() {
     let volume = smooth();
@@ -266,7 +266,7 @@ fn errors_are_stated_truthfully() {
     }
 }
 
-/// A surface that takes the ray to half of its opacity is what is picked; fog in front of it that does so is picked instead.
+/// Picking returns the surface that takes the ray to half of its opacity, or the fog in front of it that does so.
 #[test]
 fn the_surface_that_hides_the_rest_is_picked() {
     let volume = ramp();
@@ -283,7 +283,7 @@ fn the_surface_that_hides_the_rest_is_picked() {
     assert!((on.index[0] - 1.5).abs() < 1e-6 && (on.value - 1.5).abs() < 1e-6, "{on:?}");
     let behind = picked(0.1);
     assert_eq!(behind.on, PickedOn::Volume);
-    // Half of all that the ray gathers, of which the surface is a tenth of what is left behind two voxels.
+    // Half of the ray's whole opacity; the surface adds a tenth of the light left behind two voxels.
     let all = 1.0 - 0.9 * 0.9f64.powf(24.0);
     let x = (((1.0 - 0.5 * all) / 0.9).ln() / 0.9f64.ln()) - 0.5;
     assert!((behind.index[0] - x).abs() < 1e-4, "{behind:?}, expected {x}");
@@ -301,7 +301,7 @@ fn on_device(level: LevelChoice) -> RenderOptions {
     RenderOptions { backend: Backend::Gpu, ..options(level) }
 }
 
-/// The bound in random scenes, noise and holes among them, from outside, inside, whatever the brick.
+/// The bound in random scenes with noise and holes, from outside and inside, for any brick size.
 #[test]
 fn graphics_devices_draw_random_scenes_as_the_reference_does() {
     if gpu_support::gpu().is_none() {
@@ -323,7 +323,8 @@ fn graphics_devices_draw_random_scenes_as_the_reference_does() {
     assert!(JUDGED * (all - pixels) < all, "{pixels} of {all} pixels judged");
 }
 
-/// Steps of the transfer function are drawn by another loop than what is continuous; cuts, levels and small caches change nothing.
+/// Steps of the transfer function are drawn by another loop than continuous ones; cuts, levels and small caches change
+/// nothing.
 #[test]
 fn graphics_devices_meet_surfaces_between_steps_cuts_and_levels() {
     if gpu_support::gpu().is_none() {

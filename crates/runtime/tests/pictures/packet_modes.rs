@@ -1,5 +1,5 @@
-//! Packets in the modes `mip`, `minip`, `mean` and `iso`: against the reference, against the scalar caster, and whatever
-//! instructions, levels, holes and failures rays meet, which `dvr` meets here, too.
+//! Packets in the modes `mip`, `minip`, `mean` and `iso`: against the reference and the scalar caster, for all
+//! instruction sets, levels, holes and failures. `dvr` is tested with these, too.
 
 #![allow(clippy::print_stderr, reason = "tests show the errors they measure")]
 
@@ -18,22 +18,22 @@ use crate::support;
 use support::{Bricked, Volume, difference, marschner_lobb, noise, points, reference, scene, stable};
 
 const SEED: u64 = 20_261_123;
-/// Grey levels between packets and the scalar caster, for values; surfaces are found in `f64` by either.
+/// Grey levels between packets and the scalar caster, for values; both find surfaces in `f64`.
 const VALUE_BOUND: f64 = 0.01;
-/// The same where a surface is shaded: chords are cut elsewhere, so that roots round otherwise.
+/// The same for shaded surfaces: chords are cut elsewhere, so that roots round otherwise.
 const SHADED_BOUND: f64 = 0.001;
-/// The same where light is gathered: what packets aim at.
+/// The same for gathered light: the requested error.
 const LIGHT_BOUND: f64 = PacketRule::DEFAULT.max_error * 255.0;
 const FINEST: LodChoice = LodChoice::Fixed(Lod(0));
 
 const TYPES: [VoxelType; 4] = [VoxelType::F32, VoxelType::U8, VoxelType::U16, VoxelType::I16];
 
-/// Greatest value of a volume of this type; integers have some hundred values.
+/// Greatest value of a volume of this type; integers have about a hundred values.
 fn greatest_of(voxel_type: VoxelType) -> f64 {
     if voxel_type == VoxelType::F32 { 1.0 } else { 120.0 }
 }
 
-/// Waves, white noise, plateaus, or Marschner and Lobb's signal; every other one with holes, every third one oblique.
+/// Waves, white noise, plateaus, or Marschner and Lobb's signal; every second one with holes, every third one oblique.
 fn random_volume(random: &mut Random, index: usize) -> Volume {
     let dims = [0; 3].map(|_| 18 + random.index(34));
     let voxel_type = TYPES[index % TYPES.len()];
@@ -61,7 +61,7 @@ fn random_volume(random: &mut Random, index: usize) -> Volume {
     }
 }
 
-/// A ramp of opacity and colour over the values, so that every value can be told from its neighbours; surfaces on whole
+/// A ramp of opacity and colour over the values, so that every value differs from its neighbours; surfaces on integer
 /// values and between them.
 fn members(random: &mut Random, volume: &Volume, mode: &str) -> String {
     let size = greatest_of(volume.voxel_type);
@@ -123,7 +123,7 @@ fn cells(lod: LodChoice) -> CpuQuality {
     CpuQuality { lod, skipping: Skipping::On, caster: Caster::Cells(CellRule::DEFAULT), ..CpuQuality::default() }
 }
 
-/// Grey levels that packets may be off the scalar caster.
+/// Grey levels by which packets may differ from the scalar caster.
 fn bound(scene: &ResolvedScene) -> f64 {
     match (scene.mode, &scene.shading) {
         (Mode::Iso, None) => 0.0,
@@ -181,7 +181,7 @@ fn instruction_sets_agree() {
     }
 }
 
-/// Values that fall where stored numbers rise, and lie between whole numbers.
+/// Values that fall where stored numbers rise, and lie between integers.
 #[test]
 fn scaled_values_agree_with_the_scalar_caster() {
     let mut random = Random::new(SEED + 3);
@@ -203,7 +203,7 @@ fn scaled_values_agree_with_the_scalar_caster() {
     }
 }
 
-/// Bricks of all levels beside each other, of which some have failed, hold one value or nothing: sides of surfaces jump.
+/// Bricks of all levels beside each other; some have failed, are uniform or empty: sides of surfaces jump.
 struct Patchwork<'a> {
     all: &'a Bricked,
     seed: u64,
@@ -261,8 +261,8 @@ fn levels_failures_and_uniform_bricks_agree_with_the_scalar_caster() {
     assert!(pictures_with_something > 210, "{pictures_with_something} of 280 pictures show something");
 }
 
-/// Below the first surface, then nothing for so long that macro cells are empty, then above it: no ray crosses it, though
-/// whole stretches are leapt over, end with a brick, or are bricks of one value. Behind, a second surface.
+/// Below the first surface, then absent over several empty macro cells, then above it. No ray crosses the surface,
+/// although the absent part is leapt over, ends with a brick, or holds uniform bricks. A second surface lies behind.
 #[test]
 fn no_surface_is_seen_across_what_is_absent() {
     for voxel_type in [VoxelType::F32, VoxelType::U8] {
@@ -290,7 +290,7 @@ fn no_surface_is_seen_across_what_is_absent() {
             assert!(found.pixels.iter().any(|p| p[3] == 1.0), "{voxel_type:?}, bricks of {core}: nothing is seen");
             assert_eq!(found, bricked.render_of(&behind, cells(FINEST)).0, "{voxel_type:?}, bricks of {core}");
         }
-        // From the first brick's absent end into a brick of one value.
+        // From the first brick's absent end into a uniform brick.
         let bricked = Bricked::new(&volume, 64);
         let value = bricked.map.from_data(0.8 * size);
         let frame = bricked.frame(&scene(&volume, &json(0.99)), FINEST, Skipping::On);
@@ -300,8 +300,8 @@ fn no_surface_is_seen_across_what_is_absent() {
     }
 }
 
-/// A value on the surface is above it: rays that only come down to it do not cross it, rays that only come up to it do. On
-/// whole planes of voxels the field has the iso value but for rounding.
+/// A value on the surface counts as above it: rays that only come down to it do not cross it, rays that only come up to
+/// it do. On whole planes of voxels the field has the iso value up to rounding.
 #[test]
 fn planes_that_have_the_iso_value_are_above_it() {
     let camera = r#""camera": {"eye": [-40, 31, 33], "target": [16, 10, 10], "up": [0, 0, 1], "fov_y": 9}"#;
@@ -333,7 +333,8 @@ fn planes_that_have_the_iso_value_are_above_it() {
     }
 }
 
-/// Where a surface lies on a plane of voxels, it is met there and nowhere else on the chords on either side, whichever way they round.
+/// A surface on a plane of voxels is met there, and nowhere else on the chords on either side, whichever way they
+/// round.
 #[test]
 fn surfaces_in_planes_of_voxels_are_lit_where_they_are() {
     let tf = points(1.0, &[(0.0, [1.0; 3], 1.0)]);
@@ -359,7 +360,7 @@ fn surfaces_in_planes_of_voxels_are_lit_where_they_are() {
     }
 }
 
-/// The second brick along x has one value.
+/// The second brick along x is uniform.
 struct SecondIsUniform<'a> {
     all: &'a Bricked,
     value: f32,
@@ -371,7 +372,8 @@ impl BrickView for SecondIsUniform<'_> {
     }
 }
 
-/// Clipped on a plane of voxels behind which all is absent: what rounding leaves of the cells before it is not seen.
+/// Clipped on a plane of voxels behind which all is absent: cells in front of it that exist only by rounding are not
+/// visible.
 #[test]
 fn nothing_is_seen_of_what_is_cut_off_beside_holes() {
     for axis in 0..3 {
@@ -446,8 +448,8 @@ fn holes_beside_rays_in_planes_of_voxels() {
     }
 }
 
-/// Rays along an axis through the voxels of a column see the greatest and the least of them to the last bit, where a
-/// transfer function may step.
+/// Rays along an axis through the voxels of a column see the greatest and the least of them, bit for bit, even if a
+/// transfer function steps there.
 #[test]
 fn extremes_on_voxels_are_exact() {
     for voxel_type in [VoxelType::F32, VoxelType::U8, VoxelType::U16, VoxelType::I16, VoxelType::F64] {
@@ -471,7 +473,7 @@ fn extremes_on_voxels_are_exact() {
             let volume = volume.clone().with_geometry(spacing, [0.0; 3], [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
             let bricked = Bricked::new(&volume, 16);
             let (middle, height) = (7.5 * spacing[0], 16.0 * spacing[0]);
-            // As the voxel has it, not as it was computed.
+            // The value as stored in the voxel, not as computed.
             let value = if voxel_type == VoxelType::F32 { f64::from((value * unit) as f32) } else { value * unit };
             let tf = points(1.0, &[(-1e3, [1.0; 3], 0.0), (value, [1.0; 3], 0.0), (value, [1.0; 3], 1.0)]);
             for z in [-9.0, 50.0] {
@@ -485,7 +487,7 @@ fn extremes_on_voxels_are_exact() {
                 let (picture, _) = bricked.render_of(&scene, packets(FINEST, Skipping::On, None));
                 assert!(picture.is_finite());
                 for (i, pixel) in picture.pixels.iter().enumerate() {
-                    // Mirrored left to right or not, a row's columns alternate: 16 is even.
+                    // The columns of a row alternate, mirrored left to right or not: 16 is even.
                     let (x, y) = (i % 16, 15 - i / 16);
                     let x = if z < 0.0 { 15 - x } else { x };
                     let expected = ((x + y) % 2) as f32;

@@ -1,4 +1,4 @@
-//! What is under a pixel, against closed forms; and with what the picture shows there.
+//! Picking: the point under a pixel, against closed forms and against the picture there.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests are tests")]
 
@@ -42,7 +42,7 @@ fn found(volume: &Volume, more: &str, pixel: [u32; 2]) -> Option<Picked> {
     picked(volume, &along_x(more), pixel, options()).unwrap()
 }
 
-/// Whether a point lies at this world x under [`PIXEL`], with everything that follows from it.
+/// Checks that a point lies at this world x under [`PIXEL`], with all its other fields.
 fn assert_at(picked: Option<Picked>, on: PickedOn, x: f64) {
     let picked = picked.expect("something is to be seen");
     assert_eq!((picked.on, picked.level), (on, 0));
@@ -59,7 +59,7 @@ const PIXEL: [u32; 2] = [7, 4];
 
 #[test]
 fn in_fog_it_is_where_half_of_the_opacity_is_reached() {
-    // Clear below 8, and a tenth opaque over a world length from there on: 2 * (31.5 - 8) of it.
+    // Transparent below 8, and an opacity of a tenth per world length from there on: over 2 * (31.5 - 8).
     let tf = |alpha: f64| points(1.0, &[(0.0, [1.0; 3], 0.0), (8.0, [1.0; 3], 0.0), (8.0, [1.0; 3], alpha)]);
     let length = 2.0 * (31.5 - 8.0);
     for alpha in [0.1, 0.01, 0.001] {
@@ -68,7 +68,7 @@ fn in_fog_it_is_where_half_of_the_opacity_is_reached() {
         let picked = found(&ramp(), &format!(r#", "transfer_function": {}"#, tf(alpha)), PIXEL);
         assert_at(picked, PickedOn::Volume, 26.0 + depth);
     }
-    // So thin that nothing of it is to be seen; and beside the volume.
+    // So thin that nothing is visible; and beside the volume.
     assert_eq!(found(&ramp(), &format!(r#", "transfer_function": {}"#, tf(1e-5)), PIXEL), None);
     let wide =
         along_x(&format!(r#", "transfer_function": {}"#, tf(0.1))).replace("\"height\": 20}", "\"height\": 200}");
@@ -80,7 +80,7 @@ fn it_is_the_first_surface_that_can_be_seen() {
     let iso = r#", "mode": "iso", "iso": [{"value": 12.25, "color": [1, 0, 0]}, {"value": 5, "color": [1, 0, 0], "alpha": 0},
         {"value": 7.5, "color": [0, 1, 0], "alpha": 0.2}]"#;
     assert_at(found(&ramp(), iso, PIXEL), PickedOn::Surface(2), 10.0 + 2.0 * 7.5);
-    // Cut away, the next one is the first.
+    // With this surface clipped, the next one is the first.
     let clip = r#", "clip": {"solids": [{"keep": "outside", "sphere": {"center": [25, 18, 15], "radius": 3}}]}"#;
     assert_at(found(&ramp(), &format!("{iso}{clip}"), PIXEL), PickedOn::Surface(0), 10.0 + 2.0 * 12.25);
     let none = r#", "mode": "iso", "iso": [{"value": 99, "color": [1, 0, 0]}]"#;
@@ -89,7 +89,7 @@ fn it_is_the_first_surface_that_can_be_seen() {
 
 #[test]
 fn it_is_the_extreme_of_a_projection() {
-    // A parabola along x, between voxels greatest at 13 (a voxel), in cells of lines.
+    // A parabola along x between voxels, greatest at voxel 13, in linear cells.
     let hill = Volume::new([32, 24, 20], VoxelType::F32, |p| 100.0 - (p[0] - 13.0).powi(2));
     let hill = hill.with_geometry([2.0, 1.0, 1.0], [10.0, 5.0, 0.0], [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
     let grey = |low: f64, high: f64| points(1.0, &[(low, [0.0; 3], 1.0), (high, [1.0; 3], 1.0)]);
@@ -116,7 +116,7 @@ fn it_is_a_slice_where_that_takes_the_opacity_beyond_half() {
         )
     };
     assert_at(found(&ramp(), &slice(1.0), PIXEL), PickedOn::Slice(0), 20.0);
-    // A clear slice leaves its half to the fog behind it.
+    // A semi-transparent slice leaves half of the light to the fog behind it.
     let all = 1.0 - 0.8 * 0.9f64.powf(2.0 * 23.5);
     let depth = ((1.0 - 0.5 * all) / 0.8).ln() / 0.9f64.ln();
     assert_at(found(&ramp(), &slice(0.2), PIXEL), PickedOn::Volume, 26.0 + depth);
@@ -132,7 +132,7 @@ fn pixels_of_supersampled_pictures_are_those_of_the_picture() {
     assert!(matches!(beyond, Err(RenderError::NoSuchPixel { pixel: [20, 4], size: [20, 20] })), "{beyond:?}");
 }
 
-/// Means of two voxels along x: the ramp of level 1 is the same field, but at its ends.
+/// Means of two voxels along x: the ramp of level 1 is the same field, except at its ends.
 #[test]
 fn the_level_that_is_asked_for_is_the_one_that_is_read() {
     let iso = r#", "mode": "iso", "iso": [{"value": 12.25, "color": [1, 0, 0]}]"#;
@@ -142,7 +142,7 @@ fn the_level_that_is_asked_for_is_the_one_that_is_read() {
     assert!((coarse.world[0] - 34.5).abs() < 1e-4 && (coarse.index[0] - 12.25).abs() < 1e-4, "{coarse:?}");
 }
 
-/// Nothing but bricks on the ray is read, and a picture that is drawn afterwards is the same.
+/// Only bricks on the ray are read, and a picture drawn afterwards is the same.
 #[test]
 fn picking_reads_the_ray_and_changes_no_picture() {
     let volume = ramp();

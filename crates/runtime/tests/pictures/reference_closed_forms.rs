@@ -51,7 +51,7 @@ fn constant_fields() {
     assert_close(1.0 - 0.9f64.powi(20), 0.8784, 1e-4);
 }
 
-/// S07, S05: the opacity is that of the world length, whatever the spacing and wherever the ray is cut.
+/// S07, S05: the opacity depends on the world length, for any spacing and any cut of the ray.
 #[test]
 fn lengths_are_world_lengths() {
     for spacing in [[1.0, 1.0, 1.0], [0.25, 0.25, 4.0], [25.0, 12.5, 4.0]] {
@@ -151,7 +151,7 @@ fn iso_sphere() {
     assert_close(pixel[0], 0.5 * (0.5 * (0.3 + 0.7 * cosine) + 0.2 * cosine.powi(32)), 5e-3);
 }
 
-/// Pixels asked for one by one are those of the whole picture, also where a pixel has several rays.
+/// Pixels requested one by one equal those of the whole picture, also with several rays per pixel.
 #[test]
 fn single_pixels_are_those_of_the_picture() {
     let volume = Volume::new([9, 8, 7], VoxelType::F32, support::noise);

@@ -1,4 +1,4 @@
-//! A renderer that lives: pictures one after the other, of whatever is set, are those that new renderers make.
+//! A renderer of successive pictures: for any settings, each equals the picture of a new renderer.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests are tests")]
 
@@ -27,7 +27,7 @@ fn volume() -> Volume {
     Volume::new([64, 60, 50], VoxelType::U8, move |p| 255.0 * signal(p))
 }
 
-/// What may change from picture to picture.
+/// Settings that may change from picture to picture.
 #[derive(Clone, Copy)]
 struct Wanted {
     mode: &'static str,
@@ -64,7 +64,7 @@ fn renderer(container: &Arc<Container>, options: RenderOptions) -> Renderer {
     Renderer::new(supervol_runtime::render::volume::PlacedVolume::of(container.clone()), options).unwrap()
 }
 
-/// Steps until the picture has converged; how many there were.
+/// Advances until the picture has converged; returns the number of steps.
 fn converge(renderer: &mut Renderer, step: Duration) -> u32 {
     for steps in 1..10_000 {
         let done = renderer.advance(Some(Instant::now() + step)).unwrap();
@@ -82,7 +82,8 @@ fn expected(container: &Arc<Container>, scene: &ResolvedScene, level: LevelChoic
     render(container, scene, &options(level)).unwrap().0
 }
 
-/// Whatever changes, and however often the picture is interrupted, it becomes the one that a new renderer makes at once.
+/// Whatever changes, and however often the picture is interrupted, it becomes the one that a new renderer draws at
+/// once.
 #[test]
 fn every_picture_becomes_that_of_a_new_renderer() {
     let volume = volume();
@@ -100,7 +101,7 @@ fn every_picture_becomes_that_of_a_new_renderer() {
         Wanted { mode: SURFACES_INSIDE, eye: [33.0, 20.0, 20.0], ..FIRST },
     ];
     for level in [LevelChoice::Auto, LevelChoice::Fixed(Lod::FINEST), LevelChoice::Fixed(Lod(1))] {
-        // A cache that holds all, and one of some bricks.
+        // A cache that holds all bricks, and one that holds a few.
         for cache_bytes in [None, Some(60_000)] {
             let mut renderer = renderer(&container, RenderOptions { cache_bytes, ..options(level) });
             for (i, wanted) in changes.into_iter().enumerate() {
@@ -108,7 +109,7 @@ fn every_picture_becomes_that_of_a_new_renderer() {
                 renderer.set_scene(scene.clone());
                 let is_in_steps = i % 3 != 2;
                 if is_in_steps {
-                    // Also steps for which there is no time at all come some way.
+                    // Even steps without any time make progress.
                     converge(&mut renderer, Duration::from_millis(i as u64 % 3 * 2));
                 } else {
                     assert!(renderer.advance(None).unwrap().is_finished);
@@ -123,7 +124,7 @@ fn every_picture_becomes_that_of_a_new_renderer() {
     }
 }
 
-/// On a machine that is busy each pass may take longer than a step: what was read meanwhile is taken by the next step all the same.
+/// On a busy machine each pass may take longer than a step: bricks read in the meantime are taken by the next step.
 #[test]
 fn steps_that_are_over_before_anything_is_fetched_come_some_way() {
     let volume = volume();
@@ -139,7 +140,7 @@ fn steps_that_are_over_before_anything_is_fetched_come_some_way() {
     assert!(*renderer.picture().unwrap() == expected(&container, &scene, level));
 }
 
-/// What is loaded serves every later picture: from another side, through another transfer function, or again.
+/// Loaded bricks serve every later picture: from another side, through another transfer function, or repeated.
 #[test]
 fn nothing_that_is_loaded_is_read_again() {
     let volume = volume();
@@ -159,19 +160,19 @@ fn nothing_that_is_loaded_is_read_again() {
             "{stats:#?}"
         );
     }
-    // A picture that has converged is not drawn again.
+    // A converged picture is not drawn again.
     renderer.set_scene(scene_of(&volume, Wanted { opacity: 0.8, ..FIRST }));
     let passes = renderer.stats().passes;
     assert!(renderer.advance(None).unwrap().is_finished);
     assert_eq!(renderer.stats().passes, passes);
 }
 
-/// A picture that is cancelled goes on where it was; what it has finished stands.
+/// A cancelled picture continues; its finished parts stay.
 #[test]
 fn a_cancelled_picture_goes_on() {
     let volume = volume();
     let container = open(&container_bytes(&volume, 16));
-    // From afar voxels are smaller than pixels: a sketch takes coarser bricks than the error that is asked for allows.
+    // From far away voxels are smaller than pixels: a sketch takes coarser bricks than the requested error allows.
     let from_afar = Wanted { eye: [590.0, -450.0, 400.0], ..FIRST };
     let cases = [(LevelChoice::Fixed(Lod::FINEST), FIRST), (LevelChoice::Auto, from_afar)];
     for ((level, wanted), cancel_after) in cases.into_iter().flat_map(|case| [0, 1, 2, 4].map(|passes| (case, passes)))
@@ -195,7 +196,7 @@ fn a_cancelled_picture_goes_on() {
         }
         let step = renderer.advance(None).unwrap();
         assert!(step.is_cancelled && !step.is_finished && renderer.picture().is_none(), "{cancel_after}: {step:?}");
-        // Whoever looks now gets a whole picture, and then the one that is wanted.
+        // The next step gives a whole picture; later ones reach the final picture.
         let step = renderer.advance(Some(Instant::now())).unwrap();
         assert!(!step.is_cancelled && step.coarsest_pixel > 1, "{cancel_after}: {step:?}");
         assert!(renderer.picture().unwrap().is_finite());
@@ -205,7 +206,7 @@ fn a_cancelled_picture_goes_on() {
     }
 }
 
-/// Layers that average to nothing are there in the sketch, and the camera shows all of them; the picture that is wanted is exact.
+/// Layers that average to nothing appear in the sketch, and the camera shows all of them; the final picture is exact.
 #[test]
 fn a_sketch_shows_what_averages_lose() {
     let volume = Volume::new([64, 64, 64], VoxelType::U8, |[_, _, k]| if k % 2.0 == 0.0 { 20.0 } else { 220.0 });
@@ -234,11 +235,11 @@ fn a_sketch_shows_what_averages_lose() {
     renderer.advance(None).unwrap();
     let exact = expected(&container, &scene, LevelChoice::Fixed(Lod::FINEST)).pixels;
     assert_eq!(middle(&renderer), exact[80 * 200 + 100]);
-    // As much of either colour: half of the voxels lie above the mean, half below it.
+    // Both colours have equal shares: half of the voxels lie above the mean, half below it.
     assert!(sketched[3] > 0.5 && (sketched[0] - sketched[2]).abs() < 1e-3 && sketched[1] == 0.0, "{sketched:?}");
 }
 
-/// Reads go on while nobody casts: what comes meanwhile is there for the next step.
+/// Reads continue between steps: bricks that arrive in the meantime serve the next step.
 #[test]
 fn reading_goes_on_between_two_steps() {
     let volume = volume();
@@ -248,7 +249,7 @@ fn reading_goes_on_between_two_steps() {
     let level = LevelChoice::Fixed(Lod::FINEST);
     let mut renderer = renderer(&container, options(level));
     renderer.set_scene(scene.clone());
-    // The first step waits for the coarsest level, whatever it takes. Later ones are too short for any read that they begin.
+    // The first step waits for the coarsest level in any case. Later ones are too short for any read that they begin.
     renderer.advance(Some(Instant::now())).unwrap();
     let coarse = renderer.stats().streaming.page_ins;
     let mut stats = renderer.stats();
@@ -262,12 +263,12 @@ fn reading_goes_on_between_two_steps() {
     assert_eq!(stats.streaming.repeated_page_ins, 0);
 }
 
-/// A source of which one record comes only when two passes have ended since somebody began to read it.
+/// A source that holds one record back until two passes have ended since its read began.
 struct HeldBack {
     bytes: Vec<u8>,
     record: u64,
     passes: Arc<(Mutex<u64>, Condvar)>,
-    /// Whether they have.
+    /// Whether two passes have ended during the read.
     is_overlapped: AtomicBool,
 }
 
@@ -294,7 +295,7 @@ impl ByteSource for HeldBack {
     }
 }
 
-/// One call without a deadline casts the rays that can go on while the record of another brick is being read.
+/// One call without a deadline casts the rays that can continue while the record of another brick is being read.
 #[test]
 fn rays_are_cast_while_bricks_are_read() {
     let volume = volume();
@@ -318,7 +319,7 @@ fn rays_are_cast_while_bricks_are_read() {
     assert!(*renderer.picture().unwrap() == expected(&container, &scene, level));
 }
 
-/// A budget that is too small for one picture is an error of that picture, and of no other.
+/// A budget that is too small for one picture is an error of that picture alone.
 #[test]
 fn a_renderer_survives_an_error() {
     let volume = volume();
@@ -343,7 +344,7 @@ fn rays_are_counted_while_they_are_cast() {
     let scene = scene_of(&volume, FIRST);
     for threads in [1, 3] {
         let finished = Arc::new(std::sync::atomic::AtomicU64::new(0));
-        // Many passes, of which each finishes some.
+        // Many passes; each finishes some rays.
         let options = RenderOptions {
             rays_finished: Some(finished.clone()),
             cache_bytes: Some(30_000),
@@ -358,7 +359,7 @@ fn rays_are_counted_while_they_are_cast() {
     }
 }
 
-/// Rays that end before the volume does are counted once, however often the picture is interrupted.
+/// Rays that end inside the volume are counted once, however often the picture is interrupted.
 #[test]
 fn rays_that_end_early_are_counted_once() {
     let volume = volume();
@@ -377,12 +378,13 @@ fn rays_that_end_early_are_counted_once() {
     assert_eq!(found, cold.casting.rays_terminated_early);
 }
 
-/// What was read ahead is not read by the picture that wants it; the picture is the same, and no brick of the last one has left.
+/// Prefetched bricks are not read again by the picture that wants them. The picture is the same, and no brick of the
+/// last one has left the cache.
 #[test]
 fn looking_ahead_reads_what_the_next_picture_wants() {
     let volume = volume();
     let container = open(&container_bytes(&volume, 16));
-    // From within, looking across the middle.
+    // From inside, looking across the middle.
     let station = |i: u32| {
         let (sin, cos) = (0.4 * f64::from(i)).sin_cos();
         scene_of(&volume, Wanted { eye: [31.0 + 20.0 * cos, 29.0 + 20.0 * sin, 24.0], ..FIRST })
@@ -404,7 +406,7 @@ fn looking_ahead_reads_what_the_next_picture_wants() {
                     assert!(i > 0 || ahead.page_ins == 0, "the camera has not moved");
                     assert!(cache_bytes.is_some() || i == 0 || ahead.is_complete, "{i}: {ahead:?}");
                     of_ahead += ahead.page_ins;
-                    // The picture stands, and costs nothing more.
+                    // The picture stays, without further cost.
                     assert!(renderer.advance(None).unwrap().is_finished);
                     renderer.begin_anew();
                     renderer.advance(None).unwrap();

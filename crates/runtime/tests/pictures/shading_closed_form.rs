@@ -1,9 +1,9 @@
 #![allow(clippy::print_stdout, reason = "measured errors are printed")]
 //! Shading on grids that are stretched, rotated, mirrored and sheared, against a closed form of its own.
 //!
-//! The field is a linear ramp in *world* space. Trilinear interpolation and central differences reproduce it, so that its
-//! gradient is the ramp's direction everywhere, whatever the grid: no matrix is needed to say what is right. The reference
-//! and the ray casters turn index gradients into world gradients by one function; here a mistake in it shows.
+//! The field is a linear ramp in *world* space. Trilinear interpolation and central differences reproduce it, so its
+//! gradient is the ramp's direction on any grid. The right answer needs no matrix. The reference and the ray casters
+//! share the function that turns index gradients into world gradients: a mistake in it shows here.
 
 use glam::DVec3;
 use supervol_format::{Geometry, Lod};
@@ -23,7 +23,7 @@ const AMBIENT: f64 = 0.25;
 const DIFFUSE: f64 = 0.6;
 const SPECULAR: f64 = 0.3;
 const SHININESS: f64 = 12.0;
-/// Of the ramp, world; of no special direction in any of the grids.
+/// Gradient of the ramp, world space; in no special direction of any grid.
 const GRADIENT: [f64; 3] = [0.31, -0.17, 0.42];
 
 /// Grids by name: spacing, and the rows of D.
@@ -35,7 +35,7 @@ const GRIDS: [(&str, [f64; 3], [f64; 9]); 5] = [
     ("sheared and oblique", [2.5, 1.25, 0.4], [0.8, -0.6, 0.1, 0.6, 0.8, 0.3, -0.2, 0.2, 1.0]),
 ];
 
-/// Place of an index point: `origin + D (spacing .* p)`, written out.
+/// World position of an index point: `origin + D (spacing .* p)`, written out.
 fn world(geometry: &Geometry, p: [f64; 3]) -> DVec3 {
     let s = geometry.spacing;
     let row = |r: usize| (0..3).map(|c| geometry.direction[3 * r + c] * s[c] * p[c]).sum::<f64>();
@@ -49,7 +49,7 @@ fn ramp(geometry: Geometry) -> TestVolume {
     TestVolume::new(DIMS, 16, geometry, F32, |voxel| gradient.dot(world(&geometry, voxel.map(|i| i as f64)) - middle))
 }
 
-/// The colour that a ray of this direction (world, unit) sees wherever the ramp is: Blinn-Phong of RENDERING-MODEL.
+/// The colour that a ray of this direction (world, unit) sees on the ramp: Blinn-Phong of RENDERING-MODEL.
 fn shaded(direction: DVec3) -> [f64; 3] {
     let normal = -DVec3::from_array(GRADIENT).normalize();
     let to_eye = -direction;
@@ -82,11 +82,12 @@ fn scene(volume: &TestVolume, lens: &str, mode: &str) -> ResolvedScene {
     volume.scene(&json)
 }
 
-/// Greatest distance of a shown colour, freed of opacity, from the closed form, grey levels; and the pixels judged.
+/// Greatest distance of a shown colour, divided by its opacity, from the closed form, grey levels; and the number of
+/// pixels judged.
 fn off(scene: &ResolvedScene, image: &Image) -> (f64, usize) {
     let shown = (0..image.height).flat_map(|y| (0..image.width).map(move |x| [x, y])).filter_map(|[x, y]| {
         let [r, g, b, alpha] = image.pixels[(y * image.width + x) as usize].map(f64::from);
-        // A colour divided by next to nothing is noise.
+        // A colour divided by nearly nothing is noise.
         (alpha.is_nan() || alpha > 0.1).then(|| {
             let exact = shaded(scene.camera.ray(x, y).direction);
             greatest([r, g, b].into_iter().zip(exact).map(|(c, exact)| GREY_LEVELS * (c / alpha - exact)))
@@ -114,7 +115,7 @@ fn a_ramp_in_the_world_is_lit_the_same_on_every_grid() {
                 };
                 check("reference", &volume.reference_image(&scene), REFERENCE_BOUND);
                 check("cpu", &volume.cpu_image(&scene, FINEST), CASTER_BOUND);
-                // A pipeline takes seconds to compile on a processor: the grid that has everything.
+                // A pipeline takes seconds to compile on a CPU: only the grid with all properties is tested.
                 if let Some(gpu) = gpu.as_ref().filter(|_| grid == "sheared and oblique") {
                     check("gpu", &volume.gpu_image(gpu, &scene, FINEST, 64, Skipping::On).0, CASTER_BOUND);
                 }

@@ -1,5 +1,5 @@
-//! Slices within pictures: the CPU backend against the reference integrator, whatever the modes, cameras and interpolations; in steps;
-//! and against closed forms.
+//! Slices within pictures: the CPU backend against the reference integrator, for all modes, cameras and interpolations;
+//! in steps; and against closed forms.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests are tests")]
 
@@ -52,7 +52,7 @@ fn drawn(container: &Arc<Container>, scene: &ResolvedScene) -> Image {
     render(container, scene, &options(LevelChoice::Auto)).unwrap().0
 }
 
-/// Three oblique and aligned slices, opaque and clear.
+/// Three slices, oblique and aligned, opaque and semi-transparent.
 fn three(more: &str) -> String {
     [
         plane([1.0, 0.3, 0.2], 32.0, more),
@@ -62,7 +62,7 @@ fn three(more: &str) -> String {
     .join(",")
 }
 
-/// Slices, and what more there is in the scene.
+/// Slices, and further keys of the scene.
 fn cases() -> Vec<(String, &'static str)> {
     let lit = r#", "shading": {}"#;
     let iso = r#", "mode": "iso", "iso": [{"value": 130, "color": [1, 0.5, 0.2], "alpha": 0.5}]"#;
@@ -93,7 +93,7 @@ fn cases() -> Vec<(String, &'static str)> {
 }
 
 fn assert_agree(exact: &Image, picture: &Image, slices: &str, more: &str) {
-    // The nearest voxel changes at once: a ray may fall to either side of the face between two.
+    // The nearest voxel changes abruptly: a ray may fall on either side of the face between two.
     let off = exact
         .pixels
         .iter()
@@ -111,7 +111,7 @@ fn pictures_with_slices_are_those_of_the_reference() {
         let scene = scene(&volume, &wanted(&slices, more));
         let (exact, picture) = (reference(&volume, &scene), drawn(&container, &scene));
         assert_agree(&exact, &picture, &slices, more);
-        // Along its plane, a slice has no width.
+        // A slice seen along its plane has no width.
         if more.contains("[20, -70, 18]") {
             continue;
         }
@@ -120,7 +120,7 @@ fn pictures_with_slices_are_those_of_the_reference() {
     }
 }
 
-/// The volume between slices by a device, their colours by the processor; at once and in steps.
+/// A device draws the volume between slices, the CPU their colours; at once and in steps.
 #[test]
 fn graphics_devices_draw_the_volume_between_slices() {
     if gpu_support::gpu().is_none() {
@@ -164,7 +164,7 @@ fn filtered_slices_are_those_of_the_reference() {
     }
 }
 
-/// A clear slice through fog: the fog before it, the slice, the fog behind it.
+/// A semi-transparent slice in fog: the fog in front of it, the slice, the fog behind it.
 #[test]
 fn a_slice_lies_at_its_exact_depth() {
     let volume = Volume::new([20, 20, 20], VoxelType::F32, |_| 1.0);
@@ -197,7 +197,7 @@ fn in_steps_it_becomes_the_picture_that_is_drawn_at_once_and_states_its_error() 
         let (expected, errors, stats) = render_with_errors(&container, &scene, &options).unwrap();
         let mut renderer = Renderer::new(PlacedVolume::of(container.clone()), options).unwrap();
         renderer.set_scene(scene.clone());
-        // However short the steps are, each comes some way.
+        // Each step makes progress, however short it is.
         let converged = (0..10_000).any(|n| {
             let step = renderer.advance(Some(Instant::now() + Duration::from_millis(n % 3))).unwrap();
             assert!(renderer.picture().unwrap().is_finite());
@@ -207,7 +207,7 @@ fn in_steps_it_becomes_the_picture_that_is_drawn_at_once_and_states_its_error() 
         let stated = stats.error_stated.expect("the error is stated");
         let exact = difference(&reference(&volume, &scene), &expected);
         assert!(exact <= stated.largest_grey_levels, "{level:?}: {exact} off, {stated:?}");
-        // Of exact slices nothing is doubtful; of coarser ones, everything.
+        // Exact slices have no error; that of coarser ones is unknown.
         let is_coarse = matches!(level, LevelChoice::Fixed(_));
         assert_eq!(stated.largest_grey_levels > 100.0, is_coarse, "{stated:?}");
         assert!(errors.is_some_and(|map| map.pixels.len() == expected.pixels.len()));
@@ -233,7 +233,7 @@ fn slices_that_cannot_be_drawn_are_refused_by_name() {
     }
     let scene = scene(&volume, &wanted(&three(""), r#", "mode": "slice""#));
     let gpu = RenderOptions { backend: Backend::Gpu, ..options(LevelChoice::Auto) };
-    // A machine without any graphics device says that instead.
+    // A machine without a graphics device reports that instead.
     let refused = render(&container, &scene, &gpu);
     assert!(matches!(refused, Err(RenderError::SlicesOnGpu | RenderError::Engine(_))));
 }

@@ -1,5 +1,5 @@
-//! Volumes clipped by solids: the CPU backend against the reference integrator, whatever the modes and solids; in steps, within
-//! small caches, from coarser levels; against closed forms.
+//! Volumes clipped by solids: the CPU backend against the reference integrator, for all modes and solids; in steps,
+//! with small caches, from coarser levels; against closed forms.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests are tests")]
 
@@ -53,7 +53,7 @@ fn drawn(container: &Arc<Container>, scene: &ResolvedScene) -> Image {
     render(container, scene, &options(LevelChoice::Auto)).unwrap().0
 }
 
-/// A ball that is cut out of the middle, and a turned box that is left.
+/// A ball that is removed from the middle, and a rotated box that is kept.
 const BALL_AND_BOX: &str = r#"{"keep": "outside", "sphere": {"center": [24, 18, 17], "radius": 9}},
     {"box": {"center": [22, 19, 18], "edges": [30, 34, 22], "axes": [[0.8, 0.6, 0], [-0.6, 0.8, 0], [0, 0, 1]]}}"#;
 
@@ -114,7 +114,7 @@ fn pictures_clipped_by_solids_are_those_of_the_reference() {
     assert_agree(&reference(&volume, &scene), &drawn(&container, &scene), 0, slice);
 }
 
-/// Twelve slices are cut out across the way: more parts of a ray than are found at once.
+/// Twelve slabs are removed across the rays: more parts of a ray than are found at once.
 #[test]
 fn rays_in_many_parts_are_drawn_whole() {
     let volume = volume();
@@ -130,13 +130,13 @@ fn rays_in_many_parts_are_drawn_whole() {
         let scene = scene(&volume, &wanted(&slabs.join(","), &more));
         let exact = reference(&volume, &scene);
         assert_agree(&exact, &drawn(&container, &scene), 0, mode);
-        // Rays that wait for a brick are waited for in each of their parts.
+        // In each of their parts, rays may wait for bricks.
         let memory = RenderOptions { host_memory_bytes: 4 << 20, ..options(LevelChoice::Auto) };
         assert_agree(&exact, &render(&container, &scene, &memory).unwrap().0, 0, mode);
     }
 }
 
-/// Ray by ray in `f64`, as packets are compared with.
+/// Ray by ray in `f64`: the caster that packets are compared with.
 #[test]
 fn the_scalar_caster_cuts_as_packets_do() {
     let volume = volume();
@@ -148,7 +148,7 @@ fn the_scalar_caster_cuts_as_packets_do() {
     assert_agree(&reference(&volume, &scene), &picture, 0, "cells");
 }
 
-/// Of fog that is cut by a ball, what is seen is the length of the rays in it.
+/// Fog clipped by a ball: the picture shows the length of the rays in it.
 #[test]
 fn fog_in_a_ball_is_as_thick_as_the_ball() {
     let volume = Volume::new([20, 20, 20], VoxelType::F32, |_| 1.0);
@@ -192,7 +192,7 @@ fn a_box_of_triangles_cuts_like_a_box() {
     assert!(refused.contains("clip.solids[0].mesh") && refused.contains("open edge"), "{refused}");
 }
 
-/// Neither the order in which bricks come, nor the size of the cache, nor interruptions change a bit.
+/// The order of bricks, the size of the cache and interruptions do not change a bit.
 #[test]
 fn pictures_in_steps_are_those_in_one_go() {
     let volume = volume();
@@ -239,7 +239,7 @@ fn the_stated_error_holds() {
     }
 }
 
-/// By the host's list of parts, mode by mode; rays wait for bricks in each part where there are few slots.
+/// The host computes the list of parts, mode by mode. With few slots, rays wait for bricks in each part.
 #[test]
 fn graphics_devices_cut_by_solids_as_the_reference_does() {
     if gpu_support::gpu().is_none() {

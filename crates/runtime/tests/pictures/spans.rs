@@ -1,4 +1,4 @@
-//! Cells that are integrated together: where the field is smooth, and nowhere else; the picture stays what it is.
+//! Cells that are integrated together: only where the field is smooth, and with the same picture.
 
 use supervol_format::{Lod, VoxelType};
 use supervol_runtime::lod::LodChoice;
@@ -22,7 +22,7 @@ fn everywhere() -> String {
     points(1.0, &[(0.0, [0.2, 0.3, 0.9], 0.002), (255.0, [1.0, 0.8, 0.3], 0.06)])
 }
 
-/// Values classified per cell: two where cells are taken one by one.
+/// Values classified per cell: two if cells are integrated one by one.
 fn samples_per_cell(counters: &RayCounters) -> f64 {
     counters.samples as f64 / counters.cells as f64
 }
@@ -50,7 +50,7 @@ fn noise_is_taken_cell_by_cell() {
     assert!(samples_per_cell(&counters) > 1.9, "{counters:?}");
 }
 
-/// A step that few cells of a brick meet: those of their spans wait, and are right.
+/// A step that few cells of a brick meet: the cells of their spans wait, and are right.
 #[test]
 fn what_a_span_does_not_settle_is_settled_cell_by_cell() {
     let volume = Volume::new([64; 3], VoxelType::U8, slow_waves);
@@ -64,7 +64,7 @@ fn what_a_span_does_not_settle_is_settled_cell_by_cell() {
     assert!(error < 0.5, "{error} grey levels");
 }
 
-/// Bricked whose rays leap are taken cell by cell, whether they leap or not: so leaps change nothing.
+/// In bricks whose rays leap, cells are integrated one by one, whether rays leap or not: so leaps change nothing.
 #[test]
 fn leaps_and_spans_do_not_meet() {
     let volume = Volume::new([64; 3], VoxelType::U8, |p| 250.0 * marschner_lobb(64)(p));
@@ -78,12 +78,12 @@ fn leaps_and_spans_do_not_meet() {
     assert_eq!(leaping.pixels, walking.pixels);
 }
 
-/// A span that runs beside a hole is taken apart: what lies before the hole and behind it is there.
+/// A span beside a hole is split: the parts in front of the hole and behind it are drawn.
 #[test]
 fn holes_take_spans_apart() {
     let is_hole = |[x, y, z]: [usize; 3]| (x * 7 + y * 13 + z * 29).is_multiple_of(997);
     let volume = Volume::new([64; 3], VoxelType::F32, slow_waves).with_holes(is_hole);
-    // Clear below the middle of the values: what shows must not be left out for what is unknown.
+    // Transparent below the middle of the values: visible parts must not be dropped because of unknown ones.
     let half = points(1.0, &[(100.0, [0.2, 0.3, 0.9], 0.0), (255.0, [1.0, 0.8, 0.3], 0.06)]);
     for tf in [everywhere(), half] {
         let scene = scene_of(&volume, &tf);

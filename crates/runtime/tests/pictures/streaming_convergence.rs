@@ -110,11 +110,12 @@ fn levels_chosen_by_distance_converge_too() {
     }
 }
 
-/// S16, S18: seen from so far that eight voxels are a pixel, averages of a checkerboard are clear, and no level but the finest shows it.
+/// S16, S18: from so far that eight voxels are a pixel, averages of a checkerboard are transparent, and only the finest
+/// level shows it.
 #[test]
 fn what_vanishes_in_coarser_levels_is_drawn_from_finer_ones() {
     let check = |p: [f64; 3]| if p.iter().sum::<f64>() as i64 % 2 == 0 { 1.0 } else { -1.0 };
-    // A ball that coarser levels do show, in the middle of clear space; the checkerboard in one corner.
+    // A ball that coarser levels show, in the middle of clear space; the checkerboard in one corner.
     let ball = |p: [f64; 3]| if p.iter().map(|x| (x - 44.0) * (x - 44.0)).sum::<f64>() < 150.0 { 1.0 } else { 0.0 };
     let volume =
         Volume::new([64, 64, 64], VoxelType::F32, move |p| if p[0] < 16.0 && p[1] < 32.0 { check(p) } else { ball(p) });
@@ -142,7 +143,7 @@ fn what_vanishes_in_coarser_levels_is_drawn_from_finer_ones() {
     assert!(!render(&container, &scene, &late).unwrap().1.converged);
     let twin = RenderOptions { caster: Caster::Cells(CellRule::DEFAULT), ..automatic.clone() };
     let twin = render(&container, &scene, &twin).unwrap().0;
-    // By another rule than the twin's: each keeps the error that it is asked for.
+    // By another rule than the twin's: each keeps its requested error.
     let asked = 0.1;
     let on_gpu = RenderOptions {
         backend: Backend::Gpu,
@@ -186,7 +187,7 @@ fn skipping_bands_and_slow_sources_change_nothing() {
     assert!(image == expected && stats.streaming.read_ms >= 2.0 * stats.streaming.reads as f64);
 }
 
-/// Page-ins over distinct bricks, for a cache with this share of the working set.
+/// Page-ins per distinct brick, for a cache with this share of the working set.
 fn repeats(
     container: &Arc<Container>,
     scene_json: &str,
@@ -284,7 +285,8 @@ fn the_plan_counts_what_packets_hold() {
     let difference = (9 * packets.0.tile + thread_bytes) - rays * cells.0.tile;
     assert_eq!(packets.1.fixed_bytes - cells.1.fixed_bytes, difference);
     assert!(packets.0.tile >= 256 * 80 && packets.0.thread > packets.0.tile, "{:?}", packets.0);
-    // 4^3 blocks of a cloud and where a third of them lie, 24 bytes each, 16 side by side; or 2^3 ranges of macro cells and 32 iso values.
+    // 4^3 blocks of a cloud, and boxes for a third of them: 24 bytes each, 16 side by side. Or 2^3 ranges of macro
+    // cells and 32 iso values.
     assert!((64 + 32 * 24..1024 + 32 * 24).contains(&packets.0.made_of_brick), "{:?}", packets.0);
     assert_eq!((packets.1.made_bytes, cells.1.made_bytes), (MADE_LIMIT, 0));
 }

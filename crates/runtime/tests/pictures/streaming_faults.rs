@@ -1,4 +1,4 @@
-//! Sources that fail: a bad brick costs itself only, a picture always comes, nothing panics, everything is counted.
+//! Failing sources: a bad brick costs only itself, there is always a picture, nothing panics, everything is counted.
 
 #![allow(clippy::unwrap_used, clippy::print_stderr, reason = "helpers of tests are tests")]
 
@@ -47,7 +47,7 @@ fn overlaps(a: &Range<u64>, b: &Range<u64>) -> bool {
     a.start < b.end && b.start < a.end
 }
 
-/// Where the record of a brick lies.
+/// Range of the record of a brick, bytes.
 fn record(bytes: &[u8], key: BrickKey) -> Range<u64> {
     let entry = open(bytes).entry(key).unwrap();
     assert!(entry.record_bytes() > 0, "{key} has a record");
@@ -97,8 +97,7 @@ fn a_brick_that_always_fails_is_drawn_from_its_parent_and_costs_no_other() {
     }
 }
 
-/// A brick that is too coarse to be drawn is still better than nothing: it stands in for a child that has failed, or that
-/// there is no time for.
+/// A brick that is too coarse to be drawn stands in for a child that has failed, or for which there is no time.
 #[test]
 fn bricks_that_are_too_coarse_stand_in_for_their_children() {
     let volume = volume();
@@ -114,7 +113,7 @@ fn bricks_that_are_too_coarse_stand_in_for_their_children() {
         let options = RenderOptions { level, time_budget_ms, ..options() };
         render_planned(&container, &scene, &options, plan(&container, &scene, bricks), 2).unwrap()
     };
-    // Seen from here a pixel is larger than a voxel of level 1, but any error can be seen.
+    // From here a pixel is larger than a voxel of level 1, but any error is visible.
     let (_, stats) = draw(LevelChoice::Auto, None, None, CACHE_BRICKS);
     let too_coarse: u64 = stats.bricks_by_level.iter().map(|level| level.too_coarse).sum();
     assert!(too_coarse > 0 && stats.error_bound == 0.0 && stats.bricks_without_bound == 0, "{stats:#?}");
@@ -131,7 +130,7 @@ fn bricks_that_are_too_coarse_stand_in_for_their_children() {
     let (expected, _) = draw(LevelChoice::Fixed(Lod(0)), Some(0), None, CACHE_BRICKS);
     let (image, stats) = draw(LevelChoice::Auto, Some(0), None, CACHE_BRICKS);
     assert!(!stats.converged && stats.error_bound > 0.0, "{stats:#?}");
-    // The same brick, entered and left where the bricks end that it stands in for.
+    // The same brick, entered and left at the faces of the bricks that it stands in for.
     assert!(difference(&image, &expected) < 0.5, "{}/255", difference(&image, &expected));
 }
 
@@ -202,7 +201,7 @@ fn any_single_read_may_fail() {
     let all = source.reads();
     assert!(all > opening + 5);
     for bad in 0..opening {
-        // What was to be read at once is read piece by piece then, the first and the last page before all.
+        // After a failed merged read, its parts are read one by one, the first and the last page before all others.
         let opened = |worst| {
             let rule = move |n, _| if (bad..=worst).contains(&n) { Fault::Error } else { Fault::None };
             Container::from_source(Faulty::new(bytes.clone(), rule))
@@ -212,7 +211,8 @@ fn any_single_read_may_fail() {
     for fault in [Fault::Error, Fault::Short] {
         for bad in opening..all {
             let (image, stats) = render_faulty(&volume, &bytes, move |n, _| if n == bad { fault } else { Fault::None });
-            // A read of records that fails once is tried again; the TOC's page fails the bricks that were wanted then.
+            // A read of records that fails once is retried; a failed page of the TOC fails the bricks wanted at that
+            // time.
             if stats.bricks_failed == 0 {
                 assert!(image == expected && stats.streaming.failed_reads == 1, "read {bad}");
             } else {
@@ -223,7 +223,7 @@ fn any_single_read_may_fail() {
     }
 }
 
-/// A network that stumbles twice at every place costs time, and no brick: neither records nor the table of contents.
+/// A network that fails twice at every place costs time, but no brick: neither records nor the table of contents.
 #[test]
 fn reads_that_time_out_twice_leave_no_trace_in_the_picture() {
     let volume = volume();
@@ -248,8 +248,8 @@ fn reads_that_time_out_twice_leave_no_trace_in_the_picture() {
     assert!(retried >= RETRY_AFTER.len() as u64 && retried == stats.streaming.failed_reads, "{stats:#?}");
 }
 
-/// A file that another program cuts short, or writes over, while a picture is made of it: bricks fail and are named, those in memory are
-/// drawn, and nothing stops.
+/// Another program truncates or overwrites the file while a picture is drawn: affected bricks fail and are named,
+/// bricks in memory are drawn, and nothing stops.
 #[cfg(unix)]
 #[test]
 fn a_file_may_shrink_or_change_under_an_open_renderer() {
@@ -270,7 +270,7 @@ fn a_file_may_shrink_or_change_under_an_open_renderer() {
         let path = folder.path().join("changing.svol");
         std::fs::write(&path, container_bytes(&volume, 16)).unwrap();
         let container = Arc::new(Container::open(&path).unwrap());
-        // Room for some bricks: the picture after the harm must read.
+        // Room for a few bricks: the picture after the damage must read.
         let options = RenderOptions { threads: Some(2), cache_bytes: Some(60_000), ..options() };
         let mut renderer = Renderer::new(volume::PlacedVolume::of(container.clone()), options).unwrap();
         renderer.set_scene(near.clone());
@@ -305,7 +305,7 @@ fn every_truncation_is_refused_or_drawn_with_failures() {
     for cut in (0..bytes.len()).step_by(997) {
         assert!(Container::from_source(Arc::new(bytes[..cut].to_vec())).is_err(), "a container cut at {cut}");
     }
-    // A file that loses its records after it was opened: a share that went away.
+    // A file that loses its records after it was opened, like a network share that went away.
     for cut in [4096u64, 10_000, 30_000, 60_000] {
         let footer = bytes.len() as u64 - 4096;
         let toc = open(&bytes).sections().toc_offset;

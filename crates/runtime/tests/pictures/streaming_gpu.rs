@@ -1,4 +1,5 @@
-//! The frame loop with the GPU ray caster: the CPU's picture, for every budget. Skipped with a message without adapter.
+//! The frame loop with the GPU ray caster draws the CPU's picture, for every budget. Skipped with a message without an
+//! adapter.
 
 #![allow(clippy::unwrap_used, clippy::print_stderr, reason = "helpers of tests are tests")]
 
@@ -22,10 +23,10 @@ use support::{Volume, difference, marschner_lobb, points, scene};
 /// Greatest difference between the backends, in grey levels of 255.
 const TOLERANCE: f64 = 0.5;
 
-/// The same between pictures of the GPU, whose rays stopped elsewhere and went on.
+/// The same between pictures of the GPU whose rays stopped at different places.
 const ROUNDING: f64 = 1e-3;
 
-/// Whether there is a GPU; with `SUPERVOL_REQUIRE_GPU=1` it is a failure if there is none.
+/// Whether there is a GPU; with `SUPERVOL_REQUIRE_GPU=1` its absence is a failure.
 fn has_adapter() -> bool {
     let Err(error) = GpuDevice::open() else { return true };
     assert!(std::env::var_os("SUPERVOL_REQUIRE_GPU").is_none_or(|v| v != "1"), "SUPERVOL_REQUIRE_GPU=1, but {error}");
@@ -54,7 +55,7 @@ fn options(backend: Backend) -> RenderOptions {
     RenderOptions { backend, level: LevelChoice::Fixed(Lod(0)), ..RenderOptions::default() }
 }
 
-/// The least GPU memory with which this renders.
+/// The least GPU memory that suffices for this picture.
 fn least_gpu_memory(container: &Arc<Container>, scene: &ResolvedScene) -> u64 {
     match render(container, scene, &RenderOptions { gpu_memory_bytes: Some(1), ..options(Backend::Gpu) }) {
         Err(RenderError::Engine(EngineError::Gpu(GpuError::Budget { needed, .. }))) => needed,
@@ -132,7 +133,7 @@ fn a_host_cache_of_about_one_brick_feeds_the_gpu_too() {
     }
 }
 
-/// Bricks, pipelines and answers stay from picture to picture; each picture is what a new renderer makes.
+/// Bricks, pipelines and answers stay from picture to picture; each picture equals that of a new renderer.
 #[test]
 fn the_next_picture_reads_and_uploads_nothing() {
     if !has_adapter() {
@@ -152,7 +153,7 @@ fn the_next_picture_reads_and_uploads_nothing() {
         let stats = renderer.stats();
         assert_eq!((stats.device.page_ins > 0, stats.streaming.page_ins > 0), (side == 0, side == 0), "{stats:#?}");
     }
-    // Another look: what is asked for anew is in the host's cache or on the device.
+    // Another look: newly wanted bricks are in the host's cache or on the device.
     let other = the_scene(&volume, r#""mip""#);
     renderer.set_scene(other.clone());
     renderer.advance(None).unwrap();
@@ -160,7 +161,7 @@ fn the_next_picture_reads_and_uploads_nothing() {
     assert!(difference(&renderer.picture().unwrap(), &expected) < ROUNDING);
 }
 
-/// Which levels are fine enough is no answer of the table of contents: it changes with what is asked for.
+/// Whether a level is fine enough is not decided by the table of contents: it changes with the requested level.
 #[test]
 fn a_level_that_is_asked_for_is_drawn_from_then_on() {
     if !has_adapter() {
@@ -182,7 +183,7 @@ fn a_level_that_is_asked_for_is_drawn_from_then_on() {
     assert_eq!(stats.device.page_ins, 0, "level 0 was there: {stats:#?}");
 }
 
-/// A sketch leaves its bricks to the picture that follows it, which is larger.
+/// A sketch leaves its bricks for the larger picture after it.
 #[test]
 fn what_a_sketch_has_uploaded_stays() {
     if !has_adapter() {
@@ -205,7 +206,7 @@ fn what_a_sketch_has_uploaded_stays() {
     assert_eq!(stats.error_stated.unwrap().pixels_unknown, 0);
 }
 
-/// A deadline leaves a whole picture behind, and nothing that is wrong: with more time it becomes the picture that is wanted.
+/// After a deadline there is a whole and correct picture; with more time it becomes the final one.
 #[test]
 fn what_a_deadline_left_out_is_drawn_with_more_time() {
     if !has_adapter() {
@@ -221,7 +222,7 @@ fn what_a_deadline_left_out_is_drawn_with_more_time() {
     let step = renderer.advance(Some(Instant::now())).unwrap();
     assert!(!step.is_finished);
     assert!(difference(&renderer.picture().unwrap(), &expected) > TOLERANCE, "coarse bricks are the picture");
-    // Rays stop where they are, in whichever pass, and go on.
+    // Rays pause in any pass, and continue.
     for ms in [1, 5, 20] {
         renderer.advance(Some(Instant::now() + Duration::from_millis(ms))).unwrap();
         assert_eq!(renderer.picture().unwrap().pixels.len(), 40 * 36);
@@ -230,8 +231,8 @@ fn what_a_deadline_left_out_is_drawn_with_more_time() {
     assert!(difference(&renderer.picture().unwrap(), &expected) < ROUNDING);
 }
 
-/// Bands that are finished when it is time to stop are kept, and rays of the band in progress go on: however short the steps
-/// are, a picture of several bands is finished at some time.
+/// Bands that are finished at the stop are kept, and rays of the band in progress continue. However short the steps
+/// are, a picture of several bands gets finished.
 #[test]
 fn bands_are_kept_when_it_is_time_to_stop() {
     if !has_adapter() {
@@ -257,7 +258,8 @@ fn bands_are_kept_when_it_is_time_to_stop() {
     assert!(difference(&renderer.picture().unwrap(), &expected) < ROUNDING);
 }
 
-/// A pass may take longer than there is time, as on slow adapters: what its rays wait for is fetched all the same, and they go on.
+/// A pass may take longer than the step, as on slow adapters: the bricks that its rays wait for are fetched, and they
+/// continue.
 #[test]
 fn steps_that_are_over_before_a_pass_is_come_some_way() {
     if !has_adapter() {
@@ -304,7 +306,7 @@ fn time_budgets_and_failed_bricks_work_the_same_way() {
             },
         );
     let container = Arc::new(Container::from_source(faulty).unwrap());
-    // Where levels are chosen by brick, the parent that stands in is too coarse to be drawn otherwise.
+    // If levels are chosen by brick, the parent that stands in is too coarse to be drawn otherwise.
     for level in [LevelChoice::Fixed(Lod(0)), LevelChoice::Auto] {
         let at_level = |backend| RenderOptions { level, ..options(backend) };
         let (expected, _) = render(&container, &scene, &at_level(Backend::Cpu)).unwrap();

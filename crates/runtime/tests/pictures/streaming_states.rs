@@ -1,4 +1,4 @@
-//! The streamer under long random sequences of wishes, frames and faults: states and cache always agree.
+//! The streamer under long random sequences of requests, frames and faults: states and cache always agree.
 
 #![allow(clippy::unwrap_used, clippy::print_stderr, reason = "helpers of tests are tests")]
 
@@ -39,7 +39,7 @@ fn volume() -> Volume {
     volume
 }
 
-/// A scene that sees values from `visible` on.
+/// A scene in which values from `visible` on are visible.
 fn scene_from(volume: &Volume, visible: f64) -> ResolvedScene {
     scene_with(volume, visible, "")
 }
@@ -70,7 +70,7 @@ fn check(streamer: &Streamer, keys: &[FieldBrick]) {
             _ => matches!(resident, Resident::Missing),
         };
         assert!(as_promised, "{key} is {kind:?} but seen as {resident:?}");
-        // Rays see the same, unless they are to go on in the children.
+        // Rays get the same answer, unless they are to continue in the children.
         let drawn = view.lookup(key.brick);
         let is_too_coarse = matches!(drawn, Resident::TooCoarse);
         assert!(is_too_coarse || kind != StateKind::TooCoarse, "{key} is {kind:?} but drawn as {drawn:?}");
@@ -93,12 +93,12 @@ fn check_answers(streamer: &Streamer, wanted: &[FieldBrick], fetched: &Fetched) 
     assert!(fetched.answered.iter().chain(&fetched.neighbours).all(|key| answers.contains(&kind(key))));
 }
 
-/// Fetches without waiting, until something is there, or until all is that there is room for.
+/// Fetches without waiting, until a brick has arrived, or until all that fit have.
 fn fetch_somehow(streamer: &mut Streamer, wanted: &[FieldBrick], bricks: usize, random: &mut Random) -> Fetched {
     let room = |stop, patience| Room { bricks, stop, patience };
     let how = random.below(4);
     let fetched = match how {
-        // What has been asked for comes, or is taken back, later.
+        // Requested bricks arrive or are cancelled later.
         0 => streamer.fetch(wanted, room(Stop::at(Some(Instant::now())), None)),
         1 => streamer.fetch(wanted, room(Stop::NEVER, Some(Duration::ZERO))),
         _ => streamer.fetch(wanted, room(Stop::NEVER, None)),
@@ -113,8 +113,8 @@ fn fetch_somehow(streamer: &mut Streamer, wanted: &[FieldBrick], bricks: usize, 
 fn states_and_cache_agree_under_random_wishes_and_faults() {
     let volume = volume();
     let mut bytes = container_bytes(&volume, 16);
-    // One record is damaged for good; two of five reads fail. In every other run the tail is not read at once, so that the
-    // table of contents is not in memory from the start.
+    // One record is damaged permanently; two of five reads fail. In every second run the tail is not read at once, so
+    // the table of contents is not in memory from the start.
     let container = open(&bytes);
     let pyramid = container.pyramid();
     let keys = Field::FIRST.bricks((0..pyramid.brick_count()).filter_map(|e| pyramid.key(e)));
@@ -171,20 +171,21 @@ fn states_and_cache_agree_under_random_wishes_and_faults() {
             }
         }
     }
-    // A page of the TOC that was read once stays in memory: the entry of a brick that it was read for cannot fail here.
+    // A TOC page stays in memory once read: the entry of a brick that it was read for cannot fail here.
     let rare = [StateKind::Evicted, StateKind::TooCoarse].map(|from| (from, StateKind::Failed));
     for (from, to) in ALLOWED.into_iter().filter(|t| !rare.contains(t)) {
         assert!(seen.contains(&(from as usize, to as usize)), "{from:?} to {to:?} never happened");
     }
 }
 
-/// What the table of contents answers is answered again under another look or camera, without a read; what is to be drawn is left to rays.
+/// Answers of the table of contents are given again under another look or camera, without a read; bricks to be drawn
+/// are left to rays.
 #[test]
 fn what_was_answered_is_answered_again() {
     let volume = volume();
     let container = open(&container_bytes(&volume, 16));
     let options = RenderOptions { level: LevelChoice::Fixed(Lod(0)), ..RenderOptions::default() };
-    // Under the second look the constant part shows nothing.
+    // Under the second look the constant part is invisible.
     let scenes = [30.0, 75.0].map(|visible| scene_from(&volume, visible));
     let mut streamer = streamer_for(&container, &scenes[0], &options, plan(&container, &scenes[0], 100));
     let keys: Vec<FieldBrick> = Field::FIRST.bricks(container.pyramid().keys_of(Lod(0)));
@@ -206,7 +207,7 @@ fn what_was_answered_is_answered_again() {
     }
 }
 
-/// Passes that begin when the time is up ask for a brick all the same, and take it when it has come.
+/// Passes that begin after the deadline still request a brick, and take it when it has arrived.
 #[test]
 fn a_pass_that_begins_late_comes_some_way() {
     let volume = volume();
@@ -243,7 +244,7 @@ fn a_pass_that_begins_late_comes_some_way() {
     assert!(pixels == expected.pixels);
 }
 
-/// A second field is not read from the first one's place.
+/// A second field is not read from the first one's record.
 #[test]
 #[should_panic(expected = "brick (0, 0, 0) of LOD 0 of field 1 is wanted of a container of one field")]
 fn a_field_that_the_container_does_not_have_is_refused() {

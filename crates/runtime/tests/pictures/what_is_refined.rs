@@ -1,4 +1,4 @@
-//! Cells are refined by what can be seen of them.
+//! Cells are refined only as far as they are visible.
 
 use supervol_format::{Lod, VoxelType};
 use supervol_runtime::lod::LodChoice;
@@ -7,7 +7,8 @@ use supervol_runtime::stream::classify::Skipping;
 use crate::support;
 use support::{Bricked, Volume, difference, noise, points, reference, scene};
 
-/// Noise in one brick, behind a wall on the sides that the camera sees, or behind the same wall of glass.
+/// Noise in one brick, behind an opaque wall on the sides that the camera sees, or behind the same wall made
+/// transparent.
 #[test]
 fn what_a_wall_hides_in_its_own_brick_is_not_refined() {
     const WALL: f64 = 250.0;
@@ -38,7 +39,7 @@ fn what_a_wall_hides_in_its_own_brick_is_not_refined() {
         assert!(error < 0.5, "opacity {opacity}: {error} grey levels");
         counters.cells_refined
     };
-    // A hundredth or so gets through the wall, more than what ends a ray.
+    // About a hundredth of the light passes the wall, more than the limit that ends a ray.
     let [glass, wall] = [0.0, 0.55].map(refined);
     assert!(glass > 10_000 && wall < glass / 5, "{wall} cells behind the wall, {glass} behind glass");
 }

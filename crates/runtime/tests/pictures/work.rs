@@ -1,4 +1,4 @@
-//! What rays cost, ray by ray: the picture stays what it is, the sums are those of the statistics, and neither order nor interruptions
+//! Work of each ray: the picture does not change, the sums equal the statistics, and neither order nor interruptions
 //! change a count.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests are tests")]
@@ -20,7 +20,7 @@ const SIZE: [u32; 2] = [60, 44];
 
 fn volume() -> Volume {
     let signal = marschner_lobb(40);
-    // Nothing shows in the upper half.
+    // Nothing is visible in the upper half.
     Volume::new([40, 36, 48], VoxelType::U8, move |p| if p[2] > 24.0 { 0.0 } else { 255.0 * signal(p) })
 }
 
@@ -76,15 +76,15 @@ fn pictures_stay_and_sums_are_those_of_the_statistics() {
             (stats.casting.cells as f64, stats.casting.macro_cells_skipped as f64),
             "{mode}{more}"
         );
-        // In company rays learn at other times that they have ended.
+        // In a shared packet, rays learn at other times that they have ended.
         let share = cells / packets.casting.cells as f64;
         assert!((0.98..=1.02).contains(&share), "{mode}{more}: {cells} cells, {} in packets", packets.casting.cells);
         assert!(map.pixels.iter().all(|pixel| pixel[2..] == [0.0, 1.0]), "{mode}{more}");
     }
 }
 
-/// A ray beside the volume costs nothing, nor does one through bricks without anything to show; one through what shows crosses cells,
-/// and leaps where something shows here and there.
+/// A ray beside the volume costs nothing, nor does one through invisible bricks. A ray through visible parts crosses
+/// cells, and leaps between separate visible parts.
 #[test]
 fn work_lies_where_something_shows() {
     let volume = volume();
@@ -99,7 +99,7 @@ fn work_lies_where_something_shows() {
     };
     let map = counted(&container, &from(&volume, 1.0));
     let at = |x: usize, y: usize| map.pixels[y * 60 + x];
-    // Rows of two voxels: the volume reaches from row 10 to 34, its lower half shows.
+    // Rows of two voxels: the volume reaches from row 10 to 34, its lower half is visible.
     assert_eq!(at(30, 4)[..2], [0.0, 0.0], "beside the volume");
     assert_eq!(at(30, 14)[0], 0.0, "through what shows nothing");
     assert!((39.0..=45.0).contains(&at(30, 28)[0]), "{} cells straight through 40 voxels", at(30, 28)[0]);
@@ -129,7 +129,7 @@ fn counts_depend_on_no_order_and_no_interruption() {
         }
     }
     assert!(renderer.work_map().expect("it has converged") == expected);
-    // Nobody asked: there is none.
+    // Not requested, so there is none.
     renderer.set_options(options()).expect("options are right");
     renderer.advance(None).unwrap();
     assert!(renderer.work_map().is_none());

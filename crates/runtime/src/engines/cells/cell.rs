@@ -1,11 +1,11 @@
-//! The trilinear cell: the cube between eight voxels, and the cubic that a ray sees in it.
+//! The trilinear cell: the cube between eight voxels, and the cubic along a ray in it.
 //!
 //! Corner c of a cell has the offsets `(c & 1, c >> 1 & 1, c >> 2)` along x, y, z. Positions in a cell are fractions in
 //! [0, 1]; a *chord* runs from fraction `a` to fraction `b`, its parameter u from 0 to 1. Values are render values.
 //! All interpolation is written with differences, so that equal corners interpolate to themselves exactly.
 
-/// What cubics are computed in. Where a ray grazes a step of the transfer function, an error e of s moves the crossings
-/// by the square root of e: `f32` is then wrong by half a grey level, which is what the shader twins settle for.
+/// Number type of cubics. If a ray grazes a step of the transfer function, an error e of s moves the crossings by the
+/// square root of e. `f32` is then wrong by half a grey level, which the shader twins accept.
 pub type Real = f64;
 
 /// Newton steps in a bracket; bisection alone would take 30.
@@ -13,7 +13,7 @@ const ROOT_STEPS: usize = 40;
 /// Width of a bracket, in u, at which a root is found.
 const ROOT_TOLERANCE: Real = 1e-9;
 
-/// The eight corner values of a cell, and what bounds everything between them.
+/// The eight corner values of a cell, and their bounds.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Cell {
     /// Render values; finite.
@@ -25,8 +25,8 @@ pub struct Cell {
 }
 
 impl Cell {
-    /// The cell over corners of which NaN ones are absent; `None` where the chord from `a` to `b` gives an absent
-    /// corner a weight other than zero.
+    /// The cell with these corners; NaN corners are absent. `None` if an absent corner has a weight other than zero on
+    /// the chord from `a` to `b`.
     #[inline]
     #[must_use]
     pub fn new(mut corners: [f32; 8], a: [Real; 3], b: [Real; 3]) -> Option<Self> {
@@ -42,9 +42,9 @@ impl Cell {
     }
 }
 
-/// Gives corners whose weight is zero all along the chord the values of their mirror images, which changes no value.
+/// Replaces corners whose weight is zero along the whole chord by their mirror images, which changes no value.
 ///
-/// A ray that runs exactly in a plane of voxels is not disturbed by holes in the next plane.
+/// So a ray exactly in a plane of voxels is not affected by holes in the next plane.
 #[cold]
 pub fn replace_unreached(corners: &mut [f32; 8], a: [Real; 3], b: [Real; 3]) {
     for axis in 0..3 {
@@ -129,7 +129,7 @@ impl<const N: usize> Parameters<N> {
     /// Inserts in ascending order.
     ///
     /// # Panics
-    /// If the list is full: its size is chosen for the most there can be.
+    /// If the list is full: its size is the largest possible number.
     #[inline]
     pub fn insert(&mut self, u: Real) {
         assert!(self.length < N, "a list of {N} parameters is full");
@@ -168,7 +168,7 @@ pub fn monotone_intervals(c: &[Real; 4]) -> Parameters<4> {
     if discriminant > 0.0 {
         let q = -(half_b + discriminant.sqrt().copysign(half_b));
         for u in [q / a, constant / q] {
-            // Not in (0, 1): also infinities and NaN, from a quadratic that is a line or a constant.
+            // Not in (0, 1): this includes infinities and NaN, from a quadratic that is a line or a constant.
             if u > 0.0 && u < 1.0 {
                 ends.insert(u);
             }
@@ -203,7 +203,7 @@ pub fn cubic_roots<const N: usize>(c: &[Real; 4], intervals: &[Real], value: Rea
 
 /// The u in the monotone interval `[low, high]` at which the side of `value` changes; values equal to it are above.
 ///
-/// Newton's method inside a shrinking bracket, bisection where Newton leaves it.
+/// Newton's method inside a shrinking bracket, with bisection where Newton leaves it.
 #[inline]
 #[must_use]
 pub fn monotone_root(c: &[Real; 4], mut low: Real, mut high: Real, value: Real) -> Option<Real> {

@@ -24,7 +24,7 @@ pub struct CellRule {
 }
 
 impl CellRule {
-    /// What users get.
+    /// The default.
     pub const DEFAULT: Self =
         Self { pairs: Pairs::Adaptive { density: 1.0 }, termination_opacity: TERMINATION_OPACITY };
 }
@@ -38,9 +38,9 @@ impl Default for CellRule {
 /// Number of Gauss pairs between two splits of a chord.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Pairs {
-    /// As many as the transfer function's variation and the shading want, times `density`.
+    /// As many as the transfer function's variation and the shading require, times `density`.
     Adaptive {
-        /// 1 is what users get.
+        /// 1 is the default.
         density: f32,
     },
     /// Always this many.
@@ -86,8 +86,8 @@ impl Integrator for CellByCell {
     }
 }
 
-/// Colour and transmittance of the part of a ray in one trilinear cell of a brick, whose first corner lies `base` voxels
-/// from the brick's first; `t` is the ray's way through the brick.
+/// Colour and transmittance of the part of a ray in one trilinear cell of a brick. The cell's first corner lies `base`
+/// voxels from the brick's first; `t` is the ray's interval in the brick.
 pub(crate) fn exact_cell(
     level: LevelVisit<'_>,
     brick: &DecodedBrick,
@@ -101,7 +101,7 @@ pub(crate) fn exact_cell(
     [r, g, b, state.transmittance].map(|v| v as f32)
 }
 
-/// Gathers over the part of a ray that [`exact_cell`] is about; leaves its begin in `state.t`.
+/// Gathers over the part of a ray in the cell of [`exact_cell`]; leaves its begin in `state.t`.
 pub(crate) fn gather_exact_cell(
     level: LevelVisit<'_>,
     brick: &DecodedBrick,
@@ -197,7 +197,7 @@ impl CellByCell {
     }
 }
 
-/// Whether what a chord holds shows however short it is.
+/// Whether the content of a chord counts however short it is.
 fn counts_by_value(mode: Mode) -> bool {
     matches!(mode, Mode::Mip | Mode::Minip | Mode::Mean)
 }

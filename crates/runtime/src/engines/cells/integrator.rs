@@ -1,7 +1,7 @@
-//! What plugs into the scalar caster: what a ray does where a macro cell may show something.
+//! Interface of the scalar caster for integrators: the operation of a ray in a macro cell that may be visible.
 //!
-//! [`Integration`] is a choice that is made before a scene is known; for each frame it makes one [`Integrator`], which
-//! all rays of the frame share and which holds whatever tables it needs. Only mode `dvr` asks for another integrator than
+//! An [`Integration`] is chosen before a scene is known. For each frame it makes one [`Integrator`] with the tables it
+//! needs, which all rays of the frame share. Only mode `dvr` uses other integrators than
 //! [`CellByCell`](super::CellByCell).
 
 use std::fmt::Debug;
@@ -14,22 +14,22 @@ use super::visit::{BrickVisit, LevelVisit};
 use crate::engines::ray::RayState;
 use crate::stream::counters::RayCounters;
 
-/// How frames integrate along rays.
+/// Method of integration along rays.
 pub trait Integration: Debug + Send + Sync {
-    /// What the rays of a frame over a volume with this geometry share.
+    /// The integrator of a frame, for a volume with this geometry.
     fn integrator(&self, scene: &ResolvedScene, geometry: &Geometry) -> Arc<dyn Integrator>;
 
     /// Opacity at which a ray ends; above 1, never.
     fn termination_opacity(&self) -> f64;
 }
 
-/// What rays do with the parts of bricks that may show something.
+/// Gathers over the parts of bricks that may be visible.
 ///
 /// Protocol, for each ray:
-/// 1. Calls come in the order of growing t, each with an interval `t` (world lengths along the ray) that begins where the
-///    last one ended or later: between them lies what cannot show anything.
-/// 2. Each call gathers over its whole interval, unless [`LevelVisit::is_done`] becomes true on the way.
-/// 3. Nothing is kept between calls but the ray's state: a ray may go on in another pass, on another thread.
+/// 1. Calls come in the order of growing t, each with an interval `t` (world lengths along the ray). It begins at the
+///    end of the last one or later: the gap in between is invisible.
+/// 2. Each call gathers over its whole interval, unless [`LevelVisit::is_done`] becomes true.
+/// 3. Nothing is kept between calls but the ray's state: a ray may continue in another pass, on another thread.
 pub trait Integrator: Debug + Send + Sync {
     /// Gathers over `t`, which lies in the macro cell `index` (level's grid of macro cells) of the visited brick.
     fn gather_macro_cell(
@@ -41,7 +41,7 @@ pub trait Integrator: Debug + Send + Sync {
         counters: &mut RayCounters,
     );
 
-    /// Gathers over `t`, where every voxel has the render value `value`.
+    /// Gathers over `t`, in which every voxel has the render value `value`.
     fn gather_uniform(
         &self,
         visit: &LevelVisit<'_>,

@@ -11,7 +11,7 @@ use crate::engines::ray::RayState;
 use crate::stream::counters::RayCounters;
 use crate::stream::residency::{BrickView, Resident};
 
-/// Casts one ray by the frame's integrator until it is finished or waits; `pixel` counts rays, not pixels of a
+/// Casts one ray with the frame's integrator until it is finished or waits. `pixel` counts rays, not pixels of a
 /// supersampled picture.
 ///
 /// # Panics
@@ -28,12 +28,12 @@ pub(crate) fn cast_ray<V: BrickView + ?Sized>(
     let axis_ray = AxisRay::new(&index_ray);
     let to_eye = -ray.direction.as_vec3();
     state.waiting = None;
-    // The part that the ray is in, and those behind it.
+    // The current part of the ray, and those behind it.
     let present = state.t_end;
     for segment in frame.scene.parts_of(&ray, &index_ray).into_iter().filter(|part| part.t1 >= present) {
         if segment.t1 > state.t_end {
             (state.t, state.t_end) = (segment.t0, segment.t1);
-            // What lies in front of a gap has no side behind it.
+            // The side in front of a gap is not the side behind it.
             state.iso.known = 0;
         }
         cast_part(view, frame, &CastRay { axis_ray, to_eye, segment, pixel }, state, feedback);
@@ -88,7 +88,7 @@ fn cast_part<V: BrickView + ?Sized>(
     }
 }
 
-/// What is resident at t, at the level that is fine enough there; and the t at which the ray leaves it.
+/// The resident data at t, at the level that is fine enough there; and the t at which the ray leaves it.
 fn resident_at<'v, V: BrickView + ?Sized>(
     view: &'v V,
     frame: &CellFrame,
@@ -123,7 +123,7 @@ fn brick_at(frame: &CellFrame, ray: &AxisRay, t: f64, mut lod: Lod) -> (BrickKey
     }
 }
 
-/// What is resident under a key; where a brick has failed, what is under its nearest ancestor that has not.
+/// The resident data of a brick; for a failed brick, that of its nearest ancestor that has not failed.
 fn resident_or_parent<'v, V: BrickView + ?Sized>(
     view: &'v V,
     frame: &CellFrame,

@@ -2,13 +2,13 @@
 //!
 //! It has three duties:
 //! - its small functions ([`cell`], [`quadrature`], [`shade`]) are the twins of the shader functions of the same names;
-//! - it is written to be read and checked, so that faster casters on the CPU are compared with it;
-//! - it hands every macro cell that may show something to an [`Integrator`], so that methods of comparison plug in and
-//!   share all else: the walk, levels of detail, skipping, and what rays wait for.
+//! - it is written to be read and checked, so that faster CPU casters are compared with it;
+//! - it passes every macro cell that may be visible to an [`Integrator`], so that other methods can be plugged in for
+//!   comparison. They share the walk, levels of detail, skipping and waiting.
 //!
-//! In the order of a ray's way:
+//! In the order along a ray:
 //! - `march`: brick by brick, until the ray is finished or waits;
-//! - [`walk`]: where it crosses the faces of bricks, macro cells and cells;
+//! - [`walk`]: crossings with the faces of bricks, macro cells and cells;
 //! - [`visit`]: one brick, macro cell by macro cell, and access to its voxels;
 //! - [`integrator`]: the interface; [`cell_by_cell`]: the integrator of this caster;
 //! - [`frame`], [`rays`]: a picture by this caster, and its rays between passes;

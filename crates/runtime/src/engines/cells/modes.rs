@@ -1,6 +1,7 @@
-//! What a ray gathers on one chord, mode by mode.
+//! Contribution of one chord to a ray, mode by mode.
 //!
-//! A chord lies in one trilinear cell, at constant presence. `u` runs from 0 to 1 along it, `h` is its world length.
+//! A chord lies in one trilinear cell and is present everywhere or nowhere. `u` runs from 0 to 1 along it, `h` is its
+//! world length.
 
 use glam::Vec3;
 use supervol_scene::scene::ISO_LIMIT;
@@ -20,7 +21,7 @@ use crate::stream::counters::RayCounters;
 /// Most halvings of a part.
 const HALVINGS: u32 = 12;
 
-/// One chord: the field along it, and the gradient where the frame is shaded and the gradient is known.
+/// One chord: the field along it, and the gradient if the frame is shaded and the gradient is known.
 pub struct Chord {
     /// Least and greatest corner of its cell.
     pub low: f32,
@@ -34,7 +35,7 @@ pub struct Chord {
     pub h: f64,
 }
 
-/// Shading at a point: what does not depend on the chord.
+/// Shading at a point: the part that does not depend on the chord.
 pub struct ShadeSetup<'a> {
     /// Lighting of the frame; `None`: unshaded.
     pub lighting: Option<&'a Lighting>,
@@ -58,7 +59,7 @@ impl Chord {
         Self { low: value, high: value, cubic: [Real::from(value), 0.0, 0.0, 0.0], gradient: None, h }
     }
 
-    /// s(u), never outside the corners' range: rounding must not reach what the range says is not there.
+    /// s(u), clamped to the corners' range: rounding must not leave it.
     #[inline]
     fn value(&self, u: Real) -> f32 {
         (cubic_at(&self.cubic, u) as f32).clamp(self.low, self.high)
@@ -75,7 +76,7 @@ impl Chord {
     }
 }
 
-/// Adds an interval's premultiplied colour and opacity behind what the ray has gathered.
+/// Adds an interval's premultiplied colour and opacity behind those of the ray so far.
 #[inline]
 pub fn composite(state: &mut RayState, color: [f32; 3], opacity: f32) {
     for (gathered, c) in state.color.iter_mut().zip(color) {
@@ -113,7 +114,8 @@ pub fn gather_dvr(
     }
 }
 
-/// One part of a chord, between two splits, by Gauss pairs, in halves where the normal turns far; returns the number of samples.
+/// Gathers over one part of a chord, between two splits, by Gauss pairs; in halves if the normal turns far. Returns the
+/// number of samples.
 fn gather_part(
     scene: &RayScene,
     setup: &ShadeSetup<'_>,
@@ -154,7 +156,8 @@ fn gather_part(
     u64::from(2 * wanted)
 }
 
-/// Gauss pairs that the transfer function, and the normal's change where the chord is shaded, want between two splits.
+/// Gauss pairs required between two splits, by the transfer function, and by the normal's change if the chord is
+/// shaded.
 #[inline]
 fn wanted_pairs(tf: &RenderTransferFunction, chord: &Chord, u: [Real; 2], change: Option<f32>) -> u32 {
     let plain = pairs_between(tf, &chord.cubic, u, chord.h);
@@ -164,7 +167,7 @@ fn wanted_pairs(tf: &RenderTransferFunction, chord: &Chord, u: [Real; 2], change
     plain.max(shaded_pair_count(change, tau))
 }
 
-/// How far the normal turns from a part's beginning over its middle to its end, as a length; `None` where there is none.
+/// Turn of the normal from a part's beginning over its middle to its end, as a length; `None` if there is no normal.
 #[inline]
 fn normal_change(setup: &ShadeSetup<'_>, chord: &Chord, [begin, end]: [Real; 2]) -> Option<f32> {
     let (Some(_), Some(gradient)) = (setup.lighting, &chord.gradient) else { return None };
@@ -173,7 +176,7 @@ fn normal_change(setup: &ShadeSetup<'_>, chord: &Chord, [begin, end]: [Real; 2])
     Some(a.distance(m) + m.distance(b))
 }
 
-/// That many pairs times the density; not touched where the density is 1.
+/// Number of pairs times the density; unchanged if the density is 1.
 #[inline]
 fn denser(pairs: u32, density: f32) -> u32 {
     if density == 1.0 {
@@ -279,7 +282,7 @@ pub fn gather_crossings(scene: &RayScene, setup: &ShadeSetup<'_>, chord: &Chord,
     }
 }
 
-/// Where the cubic begins or ends just short of a value, its `f32` may have reached it: which of two ends that is.
+/// The end of the interval at which the cubic comes just short of a value that its `f32` may have reached.
 fn end_near(chord: &Chord, [begin, end]: [Real; 2], value: f32) -> Real {
     let distance = |u: Real| (cubic_at(&chord.cubic, u) - Real::from(value)).abs();
     if distance(begin) < distance(end) { begin } else { end }

@@ -1,7 +1,7 @@
-//! Emission and absorption along a chord: how many Gauss pairs, and what one pair contributes.
+//! Emission and absorption along a chord: the number of Gauss pairs, and the contribution of one pair.
 //!
-//! Between the values at which the transfer function bends or steps, kappa and colour are smooth in u, so that a
-//! two-point Gauss rule is of fourth order. `h` is a world length, `kappa` extinction per world length.
+//! Between the values at which the transfer function bends or steps, kappa and colour are smooth in u. A two-point
+//! Gauss rule is then of fourth order. `h` is a world length, `kappa` extinction per world length.
 
 use supervol_scene::transfer_function::RenderTransferFunction;
 
@@ -12,7 +12,7 @@ use crate::engines::rules::{
 
 /// Position of the first Gauss point in [0, 1]: `(1 - 1/sqrt(3)) / 2`; the second lies symmetric.
 pub const GAUSS_OFFSET: Real = 0.211_324_865_405_187_1;
-/// Distance between the two Gauss points, in parts of the interval: `1/sqrt(3)`.
+/// Distance between the two Gauss points, as a share of the interval: `1/sqrt(3)`.
 pub const GAUSS_DISTANCE: f32 = 0.577_350_3;
 /// A chord is split at the transfer function's knots if at most this many lie in its cell's range.
 pub const KNOT_LIMIT: usize = 8;
@@ -27,7 +27,7 @@ pub type Splits = Parameters<{ 2 + 3 * KNOT_LIMIT }>;
 #[must_use]
 pub fn opacity_of(tau: f32) -> f32 {
     if tau < 0.0625 {
-        // Taylor's series; the first term left out is below 2^-24 of the sum.
+        // Taylor series; the first omitted term is below 2^-24 of the sum.
         tau - tau * tau * (1.0 / 2.0 - tau * (1.0 / 6.0 - tau * (1.0 / 24.0 - tau * (1.0 / 120.0))))
     } else {
         1.0 - (-tau).exp()
@@ -37,9 +37,10 @@ pub fn opacity_of(tau: f32) -> f32 {
 /// Premultiplied colour and opacity of an interval of length `h` from its two Gauss points, nearer one first.
 ///
 /// The opacity is `1 - exp(-tau)` with Gauss's `tau = (kappa_1 + kappa_2) h / 2`. The colour is the mean of the two
-/// colours with Gauss's weights for the emission that gets out, `kappa_i T_i`; for extinction linear in between,
-/// `T_2 / T_1 = exp(-tau / sqrt(3))` exactly. So a constant colour is exact, and the error is of fourth order in both.
-/// It loses where tau is large and the colour changes: there the pairs must be short ([`pair_count`]).
+/// colours, with Gauss's weights for the emission that gets out, `kappa_i T_i`. For extinction that is linear in
+/// between, `T_2 / T_1 = exp(-tau / sqrt(3))` exactly. So a constant colour is exact, and the error is of fourth order
+/// in both. The rule is inaccurate if tau is large and the colour changes: there the pairs must be short
+/// ([`pair_count`]).
 #[inline]
 #[must_use]
 pub fn integrate_pair(kappa: [f32; 2], color: [[f32; 3]; 2], h: f32) -> ([f32; 3], f32) {
@@ -54,7 +55,7 @@ pub fn integrate_pair(kappa: [f32; 2], color: [[f32; 3]; 2], h: f32) -> ([f32; 3
     (std::array::from_fn(|c| share * (near * color[0][c] + far * color[1][c])), opacity)
 }
 
-/// Number of Gauss pairs for an interval over which the transfer function varies this much, of optical depth `tau`.
+/// Number of Gauss pairs for an interval with this variation of the transfer function, and of optical depth `tau`.
 #[inline]
 #[must_use]
 pub fn pair_count(variation: f32, tau: f32) -> u32 {
@@ -72,8 +73,8 @@ pub fn shaded_pair_count(turn: f32, tau: f32) -> u32 {
     (wanted.ceil() as u32).clamp(1, PAIR_LIMIT)
 }
 
-/// Where the chord is split: at its ends, and where its cubic crosses one of the knots, of which there are at most
-/// [`KNOT_LIMIT`].
+/// Positions at which the chord is split: its ends, and the crossings of its cubic with the knots. There are at most
+/// [`KNOT_LIMIT`] knots.
 #[inline]
 #[must_use]
 pub fn splits_of_chord(cubic: &[Real; 4], knots: &[f32]) -> Splits {

@@ -1,14 +1,14 @@
 //! Shading: gradients of a cell, and two-sided Blinn-Phong (RENDERING-MODEL, section 5).
 //!
-//! The gradient is taken by central differences at the eight corners, from the 32 voxels around the cell, and
-//! interpolated: the same number as differences of the interpolant one voxel apart. Vectors are in world space.
+//! The gradient is interpolated from central differences at the eight corners, of the 32 voxels around the cell. It
+//! equals the differences of the interpolant over one voxel to each side. Vectors are in world space.
 
 use glam::{DMat3, Mat3, Vec3};
 use supervol_scene::scene::Shading;
 
 use super::cell::{Real, cubic_at, cubic_of_cell, replace_unreached};
 
-/// Gradients below this share of the data range per smallest spacing are noise: no shading.
+/// Gradients below this share of the data range per smallest spacing are noise and not shaded.
 const GRADIENT_FLOOR: f64 = 1e-6;
 
 /// The lighting of a frame.
@@ -60,8 +60,8 @@ pub struct ChordGradient {
 }
 
 impl ChordGradient {
-    /// From the gradient's components at the eight corners (`[axis][corner]`, NaN where a tap is absent); `None` where
-    /// an absent tap has a weight other than zero on the chord from `a` to `b`.
+    /// The gradient from its components at the eight corners (`[axis][corner]`, NaN if a tap is absent). `None` if an
+    /// absent tap has a weight other than zero on the chord from `a` to `b`.
     #[inline]
     #[must_use]
     pub fn new(mut corners: [[f32; 8]; 3], a: [Real; 3], b: [Real; 3]) -> Option<Self> {

@@ -1,7 +1,7 @@
 //! One ray's visit to one brick: macro cell by macro cell, and access to its voxels.
 //!
-//! Indices of macro cells and of trilinear cells count in the grids of the brick's level. A place in a voxel array is
-//! found once for a cell ([`BrickVisit::base`]); neighbours are offsets from it.
+//! Indices of macro cells and trilinear cells count in the grids of the brick's level. The offset in the voxel array is
+//! computed once for a cell ([`BrickVisit::base`]); neighbours are relative to it.
 
 use glam::Vec3;
 use supervol_format::BrickKey;
@@ -20,7 +20,7 @@ use crate::stream::classify::Skipping;
 use crate::stream::counters::RayCounters;
 use crate::stream::residency::{DecodedBrick, Voxels};
 
-/// A voxel as it lies in a brick.
+/// A voxel in its stored form.
 pub trait StoredVoxel: Copy {
     /// Render value; NaN where absent.
     fn render_value(self, map: &ValueMap) -> f32;
@@ -47,8 +47,8 @@ impl StoredVoxel for f32 {
     }
 }
 
-/// The trilinear cells that a macro cell meets: cell c lies between voxels c and c + 1, so that they go from one voxel
-/// before its own first to its own last.
+/// The trilinear cells that a macro cell meets. Cell c lies between voxels c and c + 1, so they run from one voxel
+/// before the macro cell's first to its last.
 #[inline]
 #[must_use]
 pub fn cells_of_macro_cell(index: [i64; 3]) -> CellBox {
@@ -56,7 +56,7 @@ pub fn cells_of_macro_cell(index: [i64; 3]) -> CellBox {
     CellBox { low, high: low.map(|v| v + MACRO_CELL as i64) }
 }
 
-/// A ray as the scalar caster takes it.
+/// A ray in the form for the scalar caster.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct CastRay {
     pub(crate) axis_ray: AxisRay,
@@ -66,7 +66,7 @@ pub(crate) struct CastRay {
     pub(crate) pixel: [u32; 2],
 }
 
-/// One ray at one level: what holds for all its bricks there.
+/// One ray at one level: data shared by all its bricks there.
 pub struct LevelVisit<'a> {
     pub(crate) scene: &'a RayScene,
     pub(crate) axis_ray: &'a AxisRay,
@@ -93,7 +93,7 @@ impl<'a> LevelVisit<'a> {
         &self.scene.transfer_function
     }
 
-    /// Stored numbers to render values, and these to data values.
+    /// Map from stored numbers to render values, and from these to data values.
     #[inline]
     #[must_use]
     pub fn map(&self) -> &'a ValueMap {
@@ -107,14 +107,14 @@ impl<'a> LevelVisit<'a> {
         &self.setup
     }
 
-    /// The part of the ray that is drawn, world lengths from its origin.
+    /// The drawn part of the ray, world lengths from its origin.
     #[inline]
     #[must_use]
     pub fn segment(&self) -> Segment {
         self.segment
     }
 
-    /// Column and row of the ray, from the top left; of rays, not of pixels of a supersampled picture.
+    /// Column and row of the ray, from the top left; in rays, not in pixels of a supersampled picture.
     #[inline]
     #[must_use]
     pub fn pixel(&self) -> [u32; 2] {
@@ -145,7 +145,7 @@ pub struct BrickVisit<'a> {
 
 impl<'a> BrickVisit<'a> {
     /// # Panics
-    /// If the brick's size is not what the pyramid says.
+    /// If the brick's size does not match the pyramid.
     pub(crate) fn new(level: LevelVisit<'a>, brick: &'a DecodedBrick, key: BrickKey) -> Self {
         let pyramid = &level.scene.pyramid;
         let core = pyramid.core_box(key);
@@ -166,7 +166,7 @@ impl<'a> BrickVisit<'a> {
         }
     }
 
-    /// Gathers from `state.t` to `exit`; leaves `state.t` alone.
+    /// Gathers from `state.t` to `exit`; does not change `state.t`.
     pub(crate) fn march(
         &self,
         exit: f64,
@@ -202,7 +202,7 @@ impl<'a> BrickVisit<'a> {
         self.brick.macro_ranges[x + nx * (y + ny * z)]
     }
 
-    /// Whether a macro cell with this range cannot change what the ray gathers; keeps the sides for `iso`.
+    /// Whether a macro cell with this range cannot change the ray; updates the sides for `iso`.
     #[inline]
     fn skips(&self, [low, high]: [f32; 2], state: &mut RayState) -> bool {
         let scene = self.level.scene;
@@ -226,21 +226,21 @@ impl<'a> BrickVisit<'a> {
         &self.level
     }
 
-    /// The brick's voxels. Integrators find out their type once for a macro cell, and read through a [`StoredVoxel`].
+    /// The brick's voxels. Integrators match their type once for a macro cell, and read through a [`StoredVoxel`].
     #[inline]
     #[must_use]
     pub fn voxels(&self) -> &'a Voxels {
         &self.brick.voxels
     }
 
-    /// The trilinear cell of these that t lies in, and the fractions there, in [0, 1].
+    /// The cell in `cells` that t lies in, and the fractions there, in [0, 1].
     #[inline]
     #[must_use]
     pub fn cell_at(&self, cells: &CellBox, t: f64) -> ([i64; 3], [f64; 3]) {
         self.cell_planes.cell_at(self.level.axis_ray, t, cells)
     }
 
-    /// Place of the first corner of a trilinear cell in the voxel array.
+    /// Offset of the first corner of a trilinear cell in the voxel array.
     #[inline]
     #[must_use]
     pub fn base(&self, cell: [i64; 3]) -> usize {
@@ -248,16 +248,16 @@ impl<'a> BrickVisit<'a> {
         x + self.strides[0] * y + self.strides[1] * z
     }
 
-    /// The trilinear cell whose first corner lies at this place in the voxel array.
+    /// The trilinear cell whose first corner has this offset in the voxel array.
     pub(crate) fn cell_at_base(&self, base: usize) -> [i64; 3] {
         let inside = [base % self.strides[0], base % self.strides[1] / self.strides[0], base / self.strides[1]];
         std::array::from_fn(|axis| self.start[axis] + inside[axis] as i64 - APRON as i64)
     }
 
-    /// Render value of the voxel at an offset from `base`; NaN where absent.
+    /// Render value of the voxel at an offset from `base`; NaN if absent.
     ///
     /// # Panics
-    /// If `voxels` are not the brick's. Offsets go to -1 and 2 for cells that a macro cell meets.
+    /// If `voxels` are not the brick's. Offsets reach from -1 to 2 for cells that a macro cell meets.
     #[inline]
     #[must_use]
     pub fn value<T: StoredVoxel>(&self, voxels: &[T], base: usize, offset: [i32; 3]) -> f32 {
@@ -266,7 +266,7 @@ impl<'a> BrickVisit<'a> {
         voxels[at as usize].render_value(&self.level.scene.map)
     }
 
-    /// Render values at the eight corners of the cell at `base`, x fastest; NaN where absent.
+    /// Render values at the eight corners of the cell at `base`, x fastest; NaN if absent.
     ///
     /// # Panics
     /// If `voxels` are not the brick's.
@@ -289,7 +289,7 @@ impl<'a> BrickVisit<'a> {
         ]
     }
 
-    /// Central differences at the eight corners, index space of the level, `[axis][corner]`; NaN where a tap is absent.
+    /// Central differences at the eight corners, index space of the level, `[axis][corner]`; NaN if a tap is absent.
     ///
     /// # Panics
     /// If `voxels` are not the brick's.

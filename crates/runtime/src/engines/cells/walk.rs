@@ -1,17 +1,16 @@
 //! The walk of a ray through bricks, macro cells and trilinear cells.
 //!
-//! All three are families of parallel planes in the index space of level 0, and every crossing is computed by one
-//! expression, `AxisRay::crossing`, from the plane's coordinate. The same plane has the same coordinate in every
-//! family and for every brick size, so it has the same t to the last bit: intervals join without gap or overlap, and a
-//! picture does not depend on how a volume is bricked. Cells are half-open in t: the cell of t is the one with
-//! `entry <= t < exit`.
+//! All three are families of parallel planes in the index space of level 0. Every crossing is computed from the plane's
+//! coordinate by one expression, `AxisRay::crossing`. The same plane has the same coordinate in every family and for
+//! every brick size, and so the same t, bit for bit. Intervals join without gap or overlap, and a picture does not
+//! depend on the brick size. Cells are half-open in t: the cell of t is the one with `entry <= t < exit`.
 
 use supervol_format::Level;
 use supervol_format::brick::MACRO_CELL;
 use supervol_format::space::HALF_VOXEL;
 use supervol_scene::clip::{IndexRay, ROUNDED_LENGTH};
 
-/// Index offsets per world length below this count as parallel: their crossings would overflow.
+/// Directions below this, index offset per world length, count as parallel: their crossings would overflow.
 pub(crate) const PARALLEL: f64 = 1e-200;
 
 /// A ray in the index space of level 0, ready for crossings.
@@ -37,7 +36,7 @@ impl AxisRay {
         self.origin[axis] + t * self.direction[axis]
     }
 
-    /// Whether a part of the ray may be the rounding of its ends.
+    /// Whether a part of the ray may only be the rounding of its ends.
     #[inline]
     #[must_use]
     pub fn is_rounding(&self, [t0, t1]: [f64; 2]) -> bool {
@@ -103,7 +102,7 @@ impl Planes {
         [t0, t1]
     }
 
-    /// The cell of a box that the level's index point lies in, by position, and the fractions there, clamped to [0, 1].
+    /// The cell of a box at the ray's position at t, and the fractions there, clamped to [0, 1].
     #[inline]
     #[must_use]
     pub fn cell_at(&self, ray: &AxisRay, t: f64, cells: &CellBox) -> ([i64; 3], [f64; 3]) {
@@ -146,7 +145,7 @@ pub struct GridWalk {
 }
 
 impl GridWalk {
-    /// At the cell of t, or at the box's nearest cell.
+    /// Starts at the cell of t, or at the box's nearest cell.
     #[inline]
     #[must_use]
     pub fn new(ray: &AxisRay, planes: Planes, cells: CellBox, t: f64) -> Self {
@@ -188,7 +187,7 @@ impl GridWalk {
     }
 }
 
-/// The cell of t on one axis: by position first, then by crossings, which alone decide.
+/// The cell of t on one axis: estimated by position, decided by crossings.
 #[inline]
 fn locate(ray: &AxisRay, planes: &Planes, cells: &CellBox, axis: usize, t: f64) -> i64 {
     let (low, high) = (cells.low[axis], cells.high[axis]);
@@ -221,7 +220,7 @@ mod tests {
 
     use super::*;
 
-    /// S26: walked intervals tile the chord, whatever the ray.
+    /// S26: walked intervals tile the chord, for any ray.
     #[test]
     fn cells_tile_every_chord() {
         let layout = BrickLayout::new(16).unwrap();

@@ -1,4 +1,4 @@
-//! What of a decoded brick goes into a slot: its voxels as texels, the ranges of its macro cells and of their blocks.
+//! Slot contents of a decoded brick: its voxels as texels, the ranges of its macro cells, and those of their blocks.
 
 use supervol_format::brick::{APRON, MACRO_CELL};
 
@@ -9,17 +9,17 @@ use crate::engines::gpu::error::GpuError;
 use crate::engines::gpu::texels::VoxelStorage;
 use crate::stream::residency::{DecodedBrick, Voxels};
 
-/// Width of a macro cell's range, as a share of its values, below which `f32` does not tell parts of it apart: its blocks have the
-/// whole of it.
+/// Width of a macro cell's range, relative to its values, below which `f32` cannot divide it: its blocks get the whole
+/// range.
 const LEAST_WIDTH: f32 = 1.0 / 1024.0;
-/// How far from a part's end rounding may be, in parts.
+/// Margin for rounding at the end of a part, in parts.
 const PART_MARGIN: f32 = 1.0 / 16.0;
 
 impl GpuRenderer {
-    /// What a brick's slot is to hold.
+    /// The slot contents of a brick.
     ///
     /// # Errors
-    /// [`GpuError::Brick`] where the brick is not what the pyramid says.
+    /// [`GpuError::Brick`] if the brick does not match the pyramid.
     pub(super) fn contents_of(&self, brick: &DecodedBrick) -> Result<SlotContents, GpuError> {
         let voxels = self.checked_voxels(brick)?;
         let (ranges, blocks) = self.slot_ranges(brick);
@@ -81,7 +81,7 @@ impl GpuRenderer {
     }
 }
 
-/// Where a block's range begins and ends in that of its macro cell, in parts of it, rounded outwards.
+/// Begin and end of a block's range within that of its macro cell, in parts of it, rounded outwards.
 fn share_of([low, high]: [f32; 2], block: [f32; 2]) -> [u8; 2] {
     if block[0] > block[1] {
         return EMPTY_BLOCK;
@@ -98,7 +98,7 @@ mod tests {
 
     #[test]
     fn shares_hold_their_blocks() {
-        // As classify_cells.wgsl does.
+        // As in classify_cells.wgsl.
         let end = |[low, high]: [f32; 2], part: u8| match part {
             u8::MAX => high,
             part => low + (high - low) * (f32::from(part) / f32::from(u8::MAX)),

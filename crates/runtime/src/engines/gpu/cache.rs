@@ -1,4 +1,4 @@
-//! Resident bricks on the GPU: cache textures, macro ranges, page table, and what of the bricks shows under a look.
+//! Resident bricks on the GPU: cache textures, macro ranges, page table, and the visibility of bricks under a look.
 //!
 //! Voxels are stored as unsigned integers, or as the bits of floats, and read by `textureLoad`: exact, without optional
 //! features, and filtered by the shader in `f32` rather than with 8-bit fractions. Texels are packed as [`super::texels`] says.
@@ -14,25 +14,25 @@ use crate::engines::gpu::error::GpuError;
 use crate::engines::gpu::limits::TEXTURE_LIMIT;
 use crate::engines::gpu::texels::{Texels, VoxelStorage};
 
-/// Macro cell without any value: least value above greatest.
+/// Range of a macro cell without values: the least is above the greatest.
 pub const EMPTY_RANGE: [f32; 2] = [1.0, -1.0];
 
-/// Where the ranges of a macro cell's eight blocks, x fastest, begin and end in its own, which has 255 parts.
+/// Ranges of a macro cell's eight blocks, x fastest: begin and end in units of 1/255 of the macro cell's range.
 pub type BlockRanges = [[u8; 2]; 8];
 
-/// Block without any value.
+/// Range of a block without values.
 pub const EMPTY_BLOCK: [u8; 2] = [u8::MAX, 0];
 
-/// Block that may have any value that its macro cell has.
+/// Range of a block that may have any value of its macro cell.
 pub const WHOLE_BLOCK: [u8; 2] = [0, u8::MAX];
 
-/// What a slot is to hold of a brick.
+/// Contents of a slot.
 pub struct SlotContents {
     /// The voxels.
     pub texels: Texels,
     /// Ranges of all macro cells of a full slot.
     pub ranges: Vec<[f32; 2]>,
-    /// Those of their blocks.
+    /// Ranges of their blocks.
     pub blocks: Vec<BlockRanges>,
 }
 
@@ -45,17 +45,17 @@ pub struct GpuCache {
     pub views: Vec<wgpu::TextureView>,
     /// Page table.
     pub page_table: wgpu::Buffer,
-    /// Whose its entries are, and what is not written yet.
+    /// Host side of the page table, with entries that are not written yet.
     pub pages: PageTable,
-    /// Macro ranges of all slots, whatever the look.
+    /// Macro ranges of all slots; independent of the look.
     pub macro_ranges: wgpu::Buffer,
-    /// Those of their blocks.
+    /// Ranges of their blocks.
     pub block_ranges: wgpu::Buffer,
-    /// How far each of these is from one that shows something under the look.
+    /// Distance of each macro cell from the nearest visible one under the look.
     pub proximity: wgpu::Buffer,
-    /// Slots whose proximity is to be made.
+    /// Slots whose proximity is to be computed.
     pub slot_list: wgpu::Buffer,
-    /// What bricks may be off by.
+    /// Deviations of bricks.
     pub deviations: DeviationTable,
     /// Texels of a slot along x, y and z.
     slot: [u32; 3],
@@ -66,7 +66,7 @@ pub struct GpuCache {
     bytes_in_flight: u64,
 }
 
-/// What the cache is made for.
+/// Parameters of a cache.
 #[derive(Debug, Clone, Copy)]
 pub struct CacheShape<'a> {
     /// Grids of slots.
@@ -77,7 +77,7 @@ pub struct CacheShape<'a> {
     pub edge: u32,
     /// Macro cells of a slot.
     pub cells: usize,
-    /// Whether it will be asked what bricks may be off by.
+    /// Whether deviations of bricks will be needed.
     pub sums_errors: bool,
 }
 
@@ -85,7 +85,7 @@ impl GpuCache {
     /// Allocates everything; all entries of `pages` are missing (zero).
     ///
     /// # Errors
-    /// Out of memory, or a size the device refuses.
+    /// If memory does not suffice, or the device refuses a size.
     pub fn new(gpu: &GpuDevice, shape: &CacheShape<'_>, pages: PageTable) -> Result<Self, GpuError> {
         let CacheShape { plan, storage, edge, cells, sums_errors } = *shape;
         let slot = storage.texels([edge; 3]);
@@ -140,19 +140,19 @@ impl GpuCache {
         self.grids[..self.textures.len()].iter().map(|g| g.slots.iter().map(|&n| u64::from(n)).product::<u64>()).sum()
     }
 
-    /// Where each texture's slots lie, for the shader.
+    /// Position of each texture's slots, for the shader.
     #[must_use]
     pub fn grids(&self) -> [SlotGrid; TEXTURE_LIMIT] {
         self.grids
     }
 
-    /// Writes what a slot is to hold; returns the bytes of texels written.
+    /// Writes a slot's contents; returns the bytes of texels written.
     ///
     /// # Errors
-    /// A lost device.
+    /// If the device is lost.
     ///
     /// # Panics
-    /// If the texels exceed the slot, or there are more or fewer ranges than it has macro cells.
+    /// If the texels exceed the slot, or the number of ranges differs from its macro cells.
     pub fn write(&mut self, slot: SlotIndex, contents: &SlotContents) -> Result<u64, GpuError> {
         let SlotContents { texels: Texels { size: size @ [width, height, depth], bytes }, ranges, blocks } = contents;
         assert!(
@@ -174,10 +174,10 @@ impl GpuCache {
         Ok(bytes.len() as u64)
     }
 
-    /// Writes the noted entries, runs of neighbours at once, and the deviations that they number.
+    /// Writes changed entries, runs of neighbours at once, and the deviations that they refer to.
     ///
     /// # Errors
-    /// A lost device.
+    /// If the device is lost.
     pub fn flush_pages(&mut self) -> Result<(), GpuError> {
         self.deviations.flush();
         for run in self.pages.take_changes().chunk_by(|a, b| a.0 + 1 == b.0) {
@@ -194,7 +194,7 @@ impl GpuCache {
         self.gpu.write_buffer(&self.slot_list, 0, bytemuck::cast_slice(&numbers));
     }
 
-    /// Forgets what all entries of the page table are: all are missing.
+    /// Clears the page table: all entries are missing.
     pub fn clear_pages(&mut self) {
         self.pages.clear();
         self.deviations.clear();
@@ -214,7 +214,7 @@ impl GpuCache {
     }
 }
 
-/// Cache texture of a slot, and its first texel there; `texels`: of a slot.
+/// Cache texture of a slot, and its first texel there; `texels`: size of a slot.
 #[must_use]
 pub fn slot_at(grids: &[SlotGrid], texels: [u32; 3], slot: u32) -> (usize, [u32; 3]) {
     let texture = grids.iter().rposition(|grid| grid.first <= slot).expect("the first grid begins at slot 0");

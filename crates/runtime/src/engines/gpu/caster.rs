@@ -2,16 +2,18 @@
 //!
 //! The protocol between calls:
 //! 1. [`GpuRenderer::new`] plans memory and allocates everything.
-//! 2. [`GpuRenderer::cast_pass`] casts every unfinished ray as far as resident bricks allow, and says which bricks are
-//!    missing.
-//! 3. The caller answers with [`GpuRenderer::insert`] (a brick) or [`GpuRenderer::set_state`] (anything else), as many
-//!    as it likes and as fit; at least one, or the next pass finds the same. Then 2 again, until every ray is finished.
+//! 1. [`GpuRenderer::new`] plans memory and allocates everything.
+//! 2. [`GpuRenderer::cast_pass`] casts every unfinished ray as far as resident bricks allow, and returns the missing
+//!    bricks.
+//! 3. The caller answers with [`GpuRenderer::insert`] (a brick) or [`GpuRenderer::set_state`] (anything else), as often
+//!    as it likes. At least one answer is needed, or the next pass returns the same. Repeat from 2 until every ray is
+//!    finished.
 //! 4. [`GpuRenderer::image`] reads the picture back, at any time.
-//! 5. [`GpuRenderer::set_scene`] begins another picture: bricks stay where they are, and only some kilobytes of tables are
+//! 5. [`GpuRenderer::set_scene`] begins another picture: bricks stay resident, and only some kilobytes of tables are
 //!    written.
 //!
-//! Pictures that are too large to be cast at once are cast in bands of rows ([`GpuRenderer::begin`]).
-//! After [`GpuError::DeviceLost`] the renderer is of no more use: open a new device and make a new one.
+//! Pictures that are too large to be cast at once are cast in bands of rows ([`GpuRenderer::begin`]). After
+//! [`GpuError::DeviceLost`] the renderer is useless: open a new device and make a new renderer.
 
 use std::ops::Range;
 use std::time::Instant;
@@ -58,21 +60,21 @@ pub enum PageEntry {
     Missing,
     /// It contributes nothing (absent, or in mode dvr invisible).
     Nothing,
-    /// It would change the picture too much: from now on rays go on in its children. What stands in for a child that has
-    /// failed is what is said of the brick, or inserted, after this.
+    /// It would change the picture too much: from now on rays go on in its children. A later answer or insertion for
+    /// the same brick applies where it stands in for a failed child.
     TooCoarse,
     /// All voxels, apron included, have this render value.
     Uniform(f32),
-    /// It cannot be had: its parent is drawn.
+    /// It is unavailable: its parent is drawn.
     Failed,
 }
 
-/// What became of a brick that was offered.
+/// Result of inserting a brick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Insertion {
-    /// It is resident; the brick named, if any, is not any more.
+    /// It is resident; the evicted brick, if any, no longer is.
     Placed {
-        /// Who had to leave.
+        /// The brick that was evicted.
         evicted: Option<BrickKey>,
     },
     /// Every slot holds a brick inserted since the last pass: cast first.
@@ -82,7 +84,7 @@ pub enum Insertion {
 /// See the module.
 pub struct GpuRenderer {
     gpu: GpuDevice,
-    /// The field that is drawn. Its bricks go by their keys here, and by the pair in the slots and the page table.
+    /// The field that is drawn. Its bricks go by their keys here; slots and page table use field and key.
     field: Field,
     pub(crate) pyramid: Pyramid,
     pub(crate) storage: VoxelStorage,
@@ -96,12 +98,12 @@ pub struct GpuRenderer {
     parts: PartsInProgress,
     /// The first pass of the band in progress.
     first_pass: u64,
-    /// Slots whose bricks came since the last pass: what of them shows is not known yet.
+    /// Slots filled since the last pass, whose visibility is not computed yet.
     unclassified: Vec<SlotIndex>,
-    /// What bricks may be off by, if that is summed up.
+    /// Deviations of bricks, if errors are summed up.
     deviation_of: Option<DeviationOf>,
     stats: GpuStats,
-    /// What the device had done before the renderer was made.
+    /// Device counters before the renderer was made.
     traffic_before: DeviceCounters,
 }
 
@@ -109,21 +111,21 @@ pub struct GpuRenderer {
 #[derive(Default)]
 struct PartsInProgress {
     first_row: u32,
-    /// Rays that have a part at all.
+    /// Rays that have at least one part.
     rays: u64,
-    /// The part that is cast.
+    /// Number of the current part.
     number: usize,
     /// Places of the rays that have another part behind it.
     more: Vec<u32>,
 }
 
 impl GpuRenderer {
-    /// A renderer of one volume, and of one scene to begin with; nothing is resident. What rays may be off by is summed up where somebody says
-    /// it of bricks, and there is room ([`GpuOptions::sums_errors`]).
+    /// A renderer of one volume, with its first scene; nothing is resident. Errors of rays are summed up if
+    /// `deviation_of` is given and there is memory for it ([`GpuOptions::sums_errors`]).
     ///
     /// # Errors
-    /// [`GpuError::Budget`] where the memory does not suffice, [`GpuError::TableLimit`] where the volume has too many
-    /// bricks for the adapter, [`GpuError::Scene`] for what is not drawn, and whatever the driver says.
+    /// [`GpuError::Budget`] if the memory does not suffice, [`GpuError::TableLimit`] if the volume has too many bricks
+    /// for the adapter, [`GpuError::Scene`] for unsupported scenes, and errors of the driver.
     pub fn new(
         device: &GpuDevice,
         volume: &GpuVolume<'_>,
@@ -178,22 +180,23 @@ impl GpuRenderer {
         Ok(renderer)
     }
 
-    /// The largest error that is aimed at from the next picture on; see [`GpuOptions::max_error`].
+    /// Sets the requested error from the next picture on; see [`GpuOptions::max_error`].
     pub fn set_max_error(&mut self, max_error: f64) {
         self.options.max_error = max_error;
     }
 
-    /// What bricks may be off by from the next picture on, if that is to be summed up: then the answers are the same only if this is.
+    /// Sets the deviations of bricks from the next picture on, if errors are to be summed up. Answers are the same only
+    /// if this is.
     pub fn set_deviations(&mut self, deviation_of: Option<DeviationOf>) {
         self.deviation_of = deviation_of;
     }
 
-    /// Begins another picture of the same volume: whether there is room for one of this size. Bricks stay resident. What was
-    /// said of others is forgotten, as is which are too coarse, unless `keeps_answers` says that the answers would be the
-    /// same; what had failed is asked for again in any case.
+    /// Begins another picture of the same volume; returns false if there is no memory for this size. Bricks stay
+    /// resident. All other answers are forgotten, unless `keeps_answers` says that they would be the same. Failed
+    /// bricks are requested again in any case.
     ///
     /// # Errors
-    /// [`GpuError::Scene`] for what is not drawn.
+    /// [`GpuError::Scene`] for unsupported scenes.
     pub fn set_scene(
         &mut self,
         volume: &GpuVolume<'_>,
@@ -223,7 +226,7 @@ impl GpuRenderer {
         Ok(true)
     }
 
-    /// Hands the tables of the picture over.
+    /// Writes the tables of the picture.
     fn write_tables(&mut self, volume: &GpuVolume<'_>, scene: &ResolvedScene) -> Result<(), GpuError> {
         let places = FeedbackPlaces {
             grids: self.cache.grids(),
@@ -247,7 +250,7 @@ impl GpuRenderer {
         self.caster.set_scene(&self.cache, &Scene { config, tables, view, job: Dispatch::zeroed() }, tf, light)
     }
 
-    /// Coarsest levels all of whose bricks are too coarse.
+    /// Number of coarsest levels whose bricks are all too coarse.
     fn refined_levels(&self) -> u32 {
         let coarsest = self.picture.refine.iter().rposition(|refine| !refine).map_or(0, |i| {
             let entry = self.pyramid.level_at(Lod::FINEST).brick_count() + i as u64;
@@ -256,7 +259,7 @@ impl GpuRenderer {
         (self.pyramid.levels().len() - 1 - coarsest) as u32
     }
 
-    /// Notes what is known of all bricks when a picture begins: which are resident, and which are too coarse.
+    /// Writes the known entries when a picture begins: resident bricks, and bricks that are too coarse.
     fn write_pages(&mut self) {
         let first = self.first_coarse_entry();
         let refined = (first..).zip(&self.picture.refine).filter(|(_, refine)| **refine).map(|(entry, _)| entry);
@@ -274,7 +277,7 @@ impl GpuRenderer {
         pass::band_rows(self.picture.size[0], self.picture.subgrid, self.sums_errors())
     }
 
-    /// Whether it is summed up what rays may be off by.
+    /// Whether errors of rays are summed up.
     pub fn sums_errors(&self) -> bool {
         self.picture.exactness.sums_errors
     }
@@ -285,7 +288,7 @@ impl GpuRenderer {
         self.picture.subgrid
     }
 
-    /// Begins the rays of these rows, numbered from the top; no more than [`Self::band_rows`].
+    /// Begins the rays of these rows, numbered from the top; at most [`Self::band_rows`].
     pub fn begin(&mut self, rows: Range<u32>) {
         let first_row = rows.start;
         self.first_pass = self.slots.coming_pass();
@@ -297,7 +300,7 @@ impl GpuRenderer {
         }
     }
 
-    /// Sets the rays on their way through their next part: whether any ray has one.
+    /// Starts the rays on their next part; returns whether any ray has one.
     fn begin_next_part(&mut self) -> bool {
         let places = std::mem::take(&mut self.parts.more);
         let Some(parts) = self.picture.parts.as_ref().filter(|_| !places.is_empty()) else { return false };
@@ -319,7 +322,7 @@ impl GpuRenderer {
         self.cache.pages.set(entry, [state | deviation | if refine { PAGE_REFINE } else { 0 }, payload]);
     }
 
-    /// Number of what may be off where a page in this state is drawn.
+    /// Number of the deviation of a page in this state.
     fn deviation_number(&mut self, entry: u32, state: u32) -> u32 {
         match (&self.deviation_of, state) {
             (None, _) | (_, PAGE_MISSING) => DEVIATION_NONE,
@@ -331,7 +334,7 @@ impl GpuRenderer {
         }
     }
 
-    /// Bricks that fit the budget.
+    /// Number of bricks that fit the budget.
     #[must_use]
     pub fn slot_capacity(&self) -> usize {
         self.slots.capacity()
@@ -348,7 +351,7 @@ impl GpuRenderer {
         self.slots.iter().map(|(key, _)| key)
     }
 
-    /// Makes bricks resident, as far as there is room ([`Self::insert`]); their texels are made by all threads of the pool.
+    /// Makes bricks resident, as far as there is room ([`Self::insert`]); all threads of the pool make their texels.
     ///
     /// # Errors
     /// As [`Self::insert`].
@@ -359,7 +362,7 @@ impl GpuRenderer {
             let contents = bricks.par_iter().map(|brick| self.contents_of(brick)).collect::<Result<Vec<_>, _>>()?;
             self.stats.counters.upload_ms += milliseconds(begin.elapsed());
             for (brick, contents) in bricks.iter().zip(&contents) {
-                // Bricks for which there is no slot are missed again in the next pass.
+                // Bricks without a slot are missing again in the next pass.
                 if self.insert_contents(brick, contents)? == Insertion::NoRoom {
                     return Ok(());
                 }
@@ -368,10 +371,10 @@ impl GpuRenderer {
         Ok(())
     }
 
-    /// Makes a brick resident; the least recently used brick leaves for it, never one inserted since the last pass.
+    /// Makes a brick resident. The least recently used brick is evicted, never one inserted since the last pass.
     ///
     /// # Errors
-    /// [`GpuError::Brick`] where the brick is not what the pyramid says, or a lost device.
+    /// [`GpuError::Brick`] if the brick does not match the pyramid, or a lost device.
     pub fn insert(&mut self, brick: &DecodedBrick) -> Result<Insertion, GpuError> {
         let contents = self.contents_of(brick)?;
         self.insert_contents(brick, &contents)
@@ -398,10 +401,11 @@ impl GpuRenderer {
         Ok(Insertion::Placed { evicted: evicted.map(|old| old.brick) })
     }
 
-    /// Says what a brick is; if it was resident, its slot is free, unless it is too coarse: it may stand in for its children.
+    /// Answers a brick. If it was resident, its slot becomes free, unless it is too coarse: it may stand in for its
+    /// children.
     ///
     /// # Panics
-    /// If the key names no brick of the pyramid.
+    /// If the pyramid has no such brick.
     pub fn set_state(&mut self, key: BrickKey, state: PageEntry) {
         let key = self.field.brick(key);
         let entry = self.cache.pages.entry(key);
@@ -427,12 +431,12 @@ impl GpuRenderer {
     /// Casts every unfinished ray as far as resident bricks allow.
     ///
     /// # Errors
-    /// A lost device, or what the driver says about a dispatch.
+    /// A lost device, or an error of the driver at a dispatch.
     pub fn cast_pass(&mut self) -> Result<PassFeedback, GpuError> {
         self.cast_pass_until(&Stop::NEVER)
     }
 
-    /// The same, but rays stop where they are when it is time to.
+    /// The same, but rays pause when `stop` is due.
     ///
     /// # Errors
     /// As [`Self::cast_pass`].
@@ -457,7 +461,7 @@ impl GpuRenderer {
         let mut feedback = raw.feedback;
         feedback.is_stopped = raw.is_stopped;
         if self.picture.parts.is_some() {
-            // A ray is finished when its last part is, and all rays go through their last parts at the end.
+            // A ray is finished when its last part is, and all rays finish their last parts at the end.
             feedback.counters.rays_finished = if is_finished { std::mem::take(&mut self.parts.rays) } else { 0 };
         }
         self.slots.end_pass(raw.uses.iter().copied());
@@ -482,8 +486,8 @@ impl GpuRenderer {
         Ok(feedback)
     }
 
-    /// Whether bricks that scouts ask for are still there when the other rays come: of a volume that does not fit, half of the slots are
-    /// kept for what those ask for.
+    /// Whether bricks that scouts ask for will still be resident when the other rays need them. For a volume that does
+    /// not fit, half of the slots are kept for the other rays.
     fn has_room_for_scouts(&self) -> bool {
         let slots = self.slots.capacity();
         slots as u64 >= self.cache.pages.count() || 2 * self.slots.used_since(self.first_pass) < slots
@@ -495,7 +499,7 @@ impl GpuRenderer {
         [width, height].map(|rays| rays / self.picture.subgrid)
     }
 
-    /// The picture of what the rays of the band have gathered, sub-grid averaged.
+    /// The picture of the light gathered by the rays of the band, sub-grid averaged.
     ///
     /// # Errors
     /// A lost device.
@@ -506,13 +510,13 @@ impl GpuRenderer {
         Ok(Image { width, height, pixels })
     }
 
-    /// The same, written over as many pixels, row by row.
+    /// The same, written into `to`, row by row.
     ///
     /// # Errors
     /// A lost device.
     ///
     /// # Panics
-    /// If there are more or fewer.
+    /// If the number of pixels differs.
     pub fn write_image(&mut self, to: &mut [[f32; 4]]) -> Result<(), GpuError> {
         let Picture { mode, tf, .. } = &self.picture;
         let caster = &mut self.caster;
@@ -560,7 +564,7 @@ fn plan_memory(
         budget_bytes: options.memory_bytes,
         fixed_bytes: entries * 8 + capacity.bytes(entries.min(SLOT_LIMIT)),
         slot_texels: volume.storage.texels([scene_tables::slot_edge(volume.pyramid); 3]),
-        // Of each macro cell its range, those of its blocks and its proximity; and the slot's place in a list.
+        // For each macro cell its range, those of its blocks and its proximity; and the slot's place in a list.
         ranges_bytes: macro_edge.pow(3) * (12 + size_of::<BlockRanges>() as u64) + 4,
         useful_slots: entries,
         max_dimension: limits.max_texture_dimension_3d,

@@ -1,4 +1,4 @@
-//! What bricks may be off by, as shaders read it: a table of all that is different, and in each page the number of its own.
+//! Deviations of bricks for shaders: a table of all different ones; each page holds the number of its own.
 
 use std::collections::HashMap;
 
@@ -11,9 +11,9 @@ use crate::engines::gpu::error::GpuError;
 use crate::engines::gpu::limits::FAR;
 use crate::lod::deviation::{Deviation, RayDeviation};
 
-/// Most of them, the two that are always there included; of bricks beyond, nothing is known.
+/// Most deviations, the two fixed ones included; further bricks count as unknown.
 pub const DEVIATION_LIMIT: usize = 1 << 14;
-/// `f32` may round a bound down; by no more than this share.
+/// Factor against rounding: `f32` may round a bound down by this share.
 const ROUNDING: f64 = 1.0 + 2.0 * f32::EPSILON as f64;
 
 /// What a brick may be off by under a look, for pictures that say it.
@@ -22,11 +22,11 @@ pub type DeviationOf = Box<dyn Fn(BrickKey) -> Deviation + Send + Sync>;
 /// See the module.
 pub struct DeviationTable {
     gpu: GpuDevice,
-    /// What shaders bind.
+    /// The buffer that shaders bind.
     pub buffer: wgpu::Buffer,
-    /// By their own words: all that stand in the table, or soon will.
+    /// Numbers of the deviations in the table, by their words.
     numbers: HashMap<[u32; WORDS], u32>,
-    /// Those that are not written yet, one behind the other.
+    /// Deviations that are not written yet, in order.
     pending: Vec<GpuDeviation>,
     room: usize,
 }
@@ -34,16 +34,16 @@ pub struct DeviationTable {
 const WORDS: usize = size_of::<GpuDeviation>() / 4;
 
 impl DeviationTable {
-    /// Bytes of a table, for who sums up errors or does not.
+    /// Bytes of the table, with or without sums of errors.
     #[must_use]
     pub const fn bytes(sums_errors: bool) -> u64 {
         (room(sums_errors) * size_of::<GpuDeviation>()) as u64
     }
 
-    /// A table of what is exact and of what is unknown.
+    /// A table of the two fixed deviations: exact and unknown.
     ///
     /// # Errors
-    /// Out of memory.
+    /// If memory does not suffice.
     pub fn new(gpu: &GpuDevice, sums_errors: bool) -> Result<Self, GpuError> {
         let buffer = gpu.buffer("deviations", Self::bytes(sums_errors), wgpu::BufferUsages::STORAGE)?;
         let room = room(sums_errors);
@@ -52,7 +52,7 @@ impl DeviationTable {
         Ok(table)
     }
 
-    /// Forgets all but what is exact and what is unknown.
+    /// Forgets all but the two fixed deviations.
     pub fn clear(&mut self) {
         self.numbers.clear();
         self.pending.clear();
@@ -62,7 +62,7 @@ impl DeviationTable {
         }
     }
 
-    /// Its number; `shift` is what is taken off every data value.
+    /// Number of a deviation; `shift` is subtracted from every data value.
     pub fn number_of(&mut self, deviation: &Deviation, shift: f64) -> u32 {
         let deviation = on_device(deviation, shift);
         let next = self.numbers.len();
@@ -78,7 +78,7 @@ impl DeviationTable {
         next as u32
     }
 
-    /// Hands over what is new.
+    /// Writes the new deviations.
     pub fn flush(&mut self) {
         let pending = std::mem::take(&mut self.pending);
         if !pending.is_empty() {
@@ -92,7 +92,7 @@ const fn room(sums_errors: bool) -> usize {
     if sums_errors { DEVIATION_LIMIT } else { DEVIATION_UNKNOWN as usize + 1 }
 }
 
-/// In `f32`, never less than it is; `shift` is what is taken off every data value.
+/// The deviation in `f32`, never less; `shift` is subtracted from every data value.
 #[must_use]
 pub fn on_device(deviation: &Deviation, shift: f64) -> GpuDeviation {
     let up = |error: f64| (error * ROUNDING).min(f64::from(FAR)) as f32;
@@ -114,7 +114,7 @@ pub fn on_device(deviation: &Deviation, shift: f64) -> GpuDeviation {
     }
 }
 
-/// What a shader has summed up of a ray.
+/// The sums of a shader for one ray.
 #[must_use]
 pub fn of_ray(mode: Mode, errors: &RayErrors) -> RayDeviation {
     let known = |v: f32| if v >= FAR { f64::INFINITY } else { f64::from(v) };

@@ -1,10 +1,10 @@
-//! The GPU: which adapter, with which limits, and wgpu's errors turned into [`GpuError`].
+//! The GPU device: choice of the adapter, its limits, and wgpu's errors as [`GpuError`].
 //!
-//! Adapters are preferred in the order discrete, integrated, virtual, software; `SUPERVOL_ADAPTER` names another by a
-//! part of its name (any case). Core WebGPU suffices, on software adapters but for one storage texture more, so that no feature is requested;
-//! limits are requested as far as the adapter has them, but never beyond what this backend can use.
-//! Every allocation runs inside error scopes ([`GpuDevice::checked`]); a lost device is remembered and every later call
-//! answers [`GpuError::DeviceLost`], whereupon the caller builds a new device and a new renderer.
+//! Adapters are preferred in the order discrete, integrated, virtual, software; `SUPERVOL_ADAPTER` selects another by a
+//! part of its name (any case). Core WebGPU suffices and no feature is requested; software adapters need one storage
+//! texture more. Limits are requested as far as the adapter has them, but never beyond what this backend can use. Every
+//! allocation runs inside error scopes ([`GpuDevice::checked`]). After a device loss every call returns
+//! [`GpuError::DeviceLost`], and the caller must make a new device and a new renderer.
 
 use std::pin::pin;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
@@ -19,27 +19,27 @@ use crate::stream::counters::DeviceCounters;
 /// Environment variable that names the adapter: any part of its name, in any case.
 pub const ADAPTER_VARIABLE: &str = "SUPERVOL_ADAPTER";
 
-/// Polls of a future before it counts as stuck: natively wgpu's futures are ready at once or after one poll.
+/// Most polls of a future before it counts as stuck: natively wgpu's futures are ready at once or after one poll.
 const FUTURE_POLL_LIMIT: usize = 1 << 20;
 
-/// Bytes that are used of a card where nobody says how many.
+/// Default memory to use on a discrete card, bytes.
 const CARD_MEMORY: u64 = 1 << 30;
 
 /// Most variants of the pipelines that are kept: modes, with and without shading.
 const VARIANT_LIMIT: usize = 10;
 
-/// Textures that a shader reads as storage where it reads them so: the cache's, and the transfer function's light. WebGPU guarantees one less.
+/// Storage textures of a shader: the cache's and the transfer function's light table. WebGPU guarantees one less.
 const STORAGE_TEXTURES: u32 = TEXTURE_LIMIT as u32 + 1;
 
 /// Pipelines, and what they were compiled for.
 type KeptPipelines = (Variant, Arc<Pipelines>);
 
-/// One opened GPU: device, queue, and what they may do. A clone is the same device.
+/// One opened GPU: device, queue and limits. A clone is the same device.
 #[derive(Clone)]
 pub struct GpuDevice {
     /// The logical device.
     pub device: wgpu::Device,
-    /// Its only queue: what goes through it is counted.
+    /// Its only queue; submissions and bytes are counted.
     queue: wgpu::Queue,
     traffic: Arc<Mutex<DeviceCounters>>,
     info: wgpu::AdapterInfo,
@@ -55,8 +55,8 @@ impl GpuDevice {
     /// Opens the preferred adapter, or the one that `SUPERVOL_ADAPTER` names.
     ///
     /// # Errors
-    /// [`GpuError::NoAdapter`] where there is none, or none of that name; [`GpuError::TooSmall`] where it opens but
-    /// cannot run a compute shader on the textures that bricks need.
+    /// [`GpuError::NoAdapter`] if there is none, or none of that name. [`GpuError::TooSmall`] if it opens but cannot
+    /// run a compute shader on the textures that bricks need.
     pub fn open() -> Result<Self, GpuError> {
         Self::open_named(std::env::var(ADAPTER_VARIABLE).ok().as_deref())
     }
@@ -136,50 +136,50 @@ impl GpuDevice {
         format!("{} ({:?}, {:?})", self.info.name, self.info.device_type, self.info.backend)
     }
 
-    /// Whether the adapter is a processor in disguise.
+    /// Whether the adapter is software.
     #[must_use]
     pub fn is_software(&self) -> bool {
         self.info.device_type == wgpu::DeviceType::Cpu
     }
 
-    /// How its shaders read textures.
+    /// The way its shaders read textures.
     #[must_use]
     pub fn texels(&self) -> TexelAccess {
         self.texels
     }
 
-    /// The same device whose shaders read textures so; of storage textures it must have enough.
+    /// The same device with another way of reading textures; it must have enough storage textures.
     #[must_use]
     pub fn with_texels(self, texels: TexelAccess) -> Self {
         Self { texels, pipelines: Arc::default(), ..self }
     }
 
-    /// Bytes that are used of it where nobody says how many: cards have memory of their own, and a survey of 512^3 voxels fits; the
-    /// others' is the processor's.
+    /// Default memory to use, bytes. Cards have their own memory, and a survey of 512^3 voxels fits; other adapters
+    /// share the CPU's.
     #[must_use]
     pub fn default_memory(&self) -> u64 {
         if self.info.device_type == wgpu::DeviceType::DiscreteGpu { CARD_MEMORY } else { SHARED_MEMORY }
     }
 
-    /// The kind of adapter that work is dealt out for: its own.
+    /// The kind of adapter that work is scheduled for: normally its own.
     #[must_use]
     pub fn deals_as(&self) -> wgpu::DeviceType {
         self.deals_as
     }
 
-    /// Whether work is dealt out for a software adapter.
+    /// Whether work is scheduled for a software adapter.
     #[must_use]
     pub fn deals_as_software(&self) -> bool {
         self.deals_as == wgpu::DeviceType::Cpu
     }
 
-    /// The same device to which work is dealt out as to a card: for tests of that where there is none. It takes longer.
+    /// The same device with work scheduled as for a card: for tests without a card. It is slower.
     #[must_use]
     pub fn dealt_as_card(self) -> Self {
         Self { deals_as: wgpu::DeviceType::DiscreteGpu, ..self.with_texels(TexelAccess::Sampled) }
     }
 
-    /// The compute pipelines of a variant: compiled once for each device, the last ten are kept.
+    /// The compute pipelines of a variant: compiled once per device; the last ten are kept.
     ///
     /// # Errors
     /// If the driver refuses one.
@@ -197,7 +197,7 @@ impl GpuDevice {
         Ok(pipelines)
     }
 
-    /// What was requested and granted.
+    /// The granted limits.
     #[must_use]
     pub fn limits(&self) -> &wgpu::Limits {
         &self.limits
@@ -250,7 +250,7 @@ impl GpuDevice {
         })
     }
 
-    /// Submits, bytes written and bytes read back since the device was opened; of all else in it, nothing.
+    /// Counters of submits, bytes written and bytes read back since the device was opened; all other fields are zero.
     #[must_use]
     pub fn traffic(&self) -> DeviceCounters {
         *self.traffic.lock().unwrap_or_else(PoisonError::into_inner)
@@ -264,19 +264,19 @@ impl GpuDevice {
         self.count(&DeviceCounters { written_bytes: bytes.len() as u64, ..DeviceCounters::default() });
     }
 
-    /// Hands over what was encoded, and what was written before it.
+    /// Submits encoded commands, and all earlier writes.
     pub fn submit(&self, encoder: wgpu::CommandEncoder) -> wgpu::SubmissionIndex {
         self.count(&DeviceCounters { submits: 1, ..DeviceCounters::default() });
         self.queue.submit([encoder.finish()])
     }
 
-    /// Writes to a buffer, before all that is submitted after this.
+    /// Writes to a buffer, before everything that is submitted later.
     pub fn write_buffer(&self, buffer: &wgpu::Buffer, offset: u64, bytes: &[u8]) {
         self.count_written(bytes);
         self.queue.write_buffer(buffer, offset, bytes);
     }
 
-    /// The same of a texture; `bytes` are rows without gaps.
+    /// Writes to a texture likewise; `bytes` are rows without gaps.
     pub fn write_texture(&self, place: wgpu::TexelCopyTextureInfo<'_>, bytes: &[u8], size: wgpu::Extent3d) {
         self.count_written(bytes);
         let rows = size.height * size.depth_or_array_layers;
@@ -298,7 +298,7 @@ impl GpuDevice {
         self.wait()
     }
 
-    /// Waits for all work, then hands the first `bytes` of a read-back buffer to `read`.
+    /// Waits for all work, then passes the first `bytes` of a read-back buffer to `read`.
     ///
     /// # Errors
     /// A lost device, or a failed mapping.
@@ -306,7 +306,7 @@ impl GpuDevice {
         self.read_after(None, buffer, bytes, read)
     }
 
-    /// The same once this submission has run, whatever was submitted after it.
+    /// The same after this submission, whatever was submitted later.
     ///
     /// # Errors
     /// As [`Self::read`].
@@ -326,7 +326,7 @@ impl GpuDevice {
         });
         let waited = self.wait_for(submission);
         if !matches!((&waited, outcome.get()), (Ok(()), Some(Ok(())))) {
-            // A lost device is told of where everything is waited for.
+            // Waiting reports a lost device.
             self.wait()?;
         }
         waited?;
@@ -346,7 +346,7 @@ impl GpuDevice {
     /// Waits until everything submitted has run.
     ///
     /// # Errors
-    /// A lost device, or an error that a submission raised outside any scope (each kind once).
+    /// A lost device, or an error of a submission outside any scope (each kind once).
     pub fn wait(&self) -> Result<(), GpuError> {
         self.wait_for(None)
     }
@@ -362,7 +362,7 @@ impl GpuDevice {
     /// Whether the device still exists.
     ///
     /// # Errors
-    /// [`GpuError::DeviceLost`] once it does not.
+    /// [`GpuError::DeviceLost`] if it does not.
     pub fn alive(&self) -> Result<(), GpuError> {
         match self.lost.get() {
             Some(message) => Err(GpuError::DeviceLost { message: message.clone() }),
@@ -382,8 +382,8 @@ fn preference(kind: wgpu::DeviceType) -> u32 {
     }
 }
 
-/// WebGPU's guaranteed limits, raised to the adapter's in the four sizes that decide how much fits, and by the textures that are
-/// read most, as far as it has them.
+/// WebGPU's guaranteed limits, raised as far as the adapter allows: the four sizes that decide how much fits, and the
+/// textures that are read most.
 fn wanted_limits(adapter: &wgpu::Limits) -> wgpu::Limits {
     let mut limits = wgpu::Limits::defaults();
     limits.max_storage_textures_per_shader_stage = adapter

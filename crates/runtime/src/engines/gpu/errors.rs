@@ -1,5 +1,4 @@
-//! What rays may be off by, as the shader has summed it up, made into what each pixel may be off by: see
-//! docs/decisions/013-stated-error.md.
+//! Errors of pixels from the shader's sums of errors of rays: see docs/decisions/013-stated-error.md.
 
 use rayon::prelude::*;
 use supervol_scene::image::Image;
@@ -15,25 +14,26 @@ use crate::engines::rules::{END_SHARE, LEAST_AIMED, fit_error, own_error, roundi
 use crate::engines::totals::ErrorsByReason;
 use crate::lod::deviation::{Deviations, FinishedRay};
 
-/// What the rays of a band may be off by.
+/// Errors of the rays of a band.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BandErrors {
-    /// Of each pixel the mean over its rays: grey, 1 being white.
+    /// Mean over the rays of each pixel: grey, 1 is white.
     pub pixels: Image,
-    /// The greatest of all rays, reason by reason.
+    /// Greatest error of all rays, by reason.
     pub greatest: ErrorsByReason,
     /// Rays in mode `dvr` that ended before they left the volume.
     pub ended_early: u64,
 }
 
 impl GpuRenderer {
-    /// [`GpuRenderer::write_image`], and what the picture may be off by where that is summed up, by the same rule that said it of bricks.
+    /// [`GpuRenderer::write_image`], with errors of the picture if they are summed up; the deviations of bricks use the
+    /// same rules.
     ///
     /// # Errors
     /// A lost device.
     ///
     /// # Panics
-    /// If there are more or fewer pixels.
+    /// If the number of pixels differs.
     pub fn write_image_with_errors(
         &mut self,
         deviations: &Deviations,
@@ -66,13 +66,14 @@ impl GpuRenderer {
         Ok(Some(BandErrors { pixels, greatest, ended_early }))
     }
 
-    /// Whether what cells miss is part of what is summed up: in mode `dvr` without steps.
+    /// Whether the errors of cells are summed up: in mode `dvr` without steps.
     #[must_use]
     pub fn sums_cells(&self) -> bool {
         self.sums_errors() && self.picture.mode == Mode::Dvr && self.picture.light.is_resolved
     }
 
-    /// What is not summed up ray by ray, 1 being white: what lies behind the end of a ray, what the fit of the transfer function and `f32` do.
+    /// Errors not summed up ray by ray, 1 is white: light behind the end of a ray, the fit of the transfer function,
+    /// and `f32`.
     #[must_use]
     pub fn common_errors(&self) -> [f64; 3] {
         let max_error = self.picture.exactness.max_error;
@@ -86,7 +87,7 @@ impl Picture {
         self.mode == Mode::Dvr && *transmittance <= (END_SHARE * self.exactness.max_error) as f32
     }
 
-    /// What a finished ray may be off by, and for which reasons; `core`: voxels along an edge of a full brick's core.
+    /// Errors of a finished ray, by reason; `core`: voxels along an edge of a full brick's core.
     fn error_of(
         &self,
         deviations: &Deviations,
@@ -96,7 +97,7 @@ impl Picture {
     ) -> (f32, ErrorsByReason) {
         let max_error = self.exactness.max_error;
         let [first, length, _, transmittance] = gathered.map(f64::from);
-        // Roots and pairs of Gauss, like surfaces, aim at the error that is asked for, and nobody sums up what they miss.
+        // Roots and Gauss pairs, like surfaces, aim at the requested error; their errors are not summed up.
         let only_aims = self.has_surfaces || !self.light.is_resolved;
         let aimed = if self.light.is_resolved { max_error } else { max_error.max(LEAST_AIMED) };
         let value = match self.mode {

@@ -1,9 +1,10 @@
-//! What the rays of a pass say: bricks they wait for, bricks they used, what is left of them, and what it cost.
+//! Feedback of the rays of a pass: missing bricks, used bricks, unfinished tiles, and counters.
 //!
-//! Layout of the buffer, in words: [`GpuCounters`]; the number of misses; three zeros; one bit for each slot; [`MISS_LIMIT`] pairs
-//! (entry, waiting rays); for each entry of the page table the rays that wait for it; the tiles of a run. All up to the pairs is read
-//! back after every pass, as far as it says anything, so that it is bounded: at most [`MISS_LIMIT`] misses are listed, the rest is
-//! counted and asked for again in the next pass. Tiles are written before every run, and what is left of each is read after it.
+//! Layout of the buffer, in words: [`GpuCounters`]; the number of misses; three zeros; one bit for each slot;
+//! [`MISS_LIMIT`] pairs (entry, waiting rays); for each entry of the page table the rays that wait for it; the tiles of
+//! a run. The used part up to the pairs is read back after every pass, and its size is bounded. At most [`MISS_LIMIT`]
+//! misses are listed; the rest is counted and requested again in the next pass. Tiles are written before every run, and
+//! their unfinished rays are read after it.
 
 use supervol_format::BrickKey;
 
@@ -15,16 +16,16 @@ use crate::stream::counters::{DeviceCounters, RayCounters};
 /// Most misses listed in one pass.
 pub const MISS_LIMIT: u32 = 1 << 16;
 
-/// Misses that are read back with all else; where there are more, the others are read after them.
+/// Misses that are read back with everything else; further ones are read after them.
 pub const FIRST_MISSES: u32 = 1 << 10;
 
 /// Words before the miss list.
 pub const HEADER_WORDS: usize = size_of::<GpuCounters>() / 4 + 4;
 
-/// Place of the number of misses, words.
+/// Position of the number of misses, words.
 pub const MISS_COUNT_WORD: usize = size_of::<GpuCounters>() / 4;
 
-/// What one pass has to say.
+/// Result of one pass.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct PassFeedback {
     /// Bricks that rays wait for, each once, nearest first.
@@ -33,11 +34,11 @@ pub struct PassFeedback {
     pub uses: Vec<BrickKey>,
     /// Rays that are not finished: all of them wait for one of the misses.
     pub unfinished_rays: u64,
-    /// Whether it was time to stop before all rays were finished or waited.
+    /// Whether it was stopped before all rays were finished or waited.
     pub is_stopped: bool,
-    /// What the rays did.
+    /// Counters of the rays.
     pub counters: RayCounters,
-    /// What only this backend counts.
+    /// Counters of this backend alone.
     pub device: DeviceCounters,
 }
 
@@ -48,7 +49,7 @@ impl PassFeedback {
         self.unfinished_rays == 0
     }
 
-    /// Adds what one dispatch counted.
+    /// Adds the counters of one dispatch.
     pub fn add(&mut self, counters: &GpuCounters) {
         let sums = &mut self.counters;
         sums.cells += u64::from(counters.cells);
@@ -66,31 +67,31 @@ impl PassFeedback {
     }
 }
 
-/// Where the list of misses begins, words after the header: behind the bits of the slots.
+/// Position of the list of misses, words after the header: behind the bits of the slots.
 #[must_use]
 pub const fn miss_words(slots: u64) -> u64 {
     slots.div_ceil(32)
 }
 
-/// Where the counts of waiting rays begin, words after the header.
+/// Position of the counts of waiting rays, words after the header.
 #[must_use]
 pub const fn wait_words(slots: u64) -> u64 {
     miss_words(slots) + 2 * MISS_LIMIT as u64
 }
 
-/// Where the tiles of a run begin, words after the header.
+/// Position of the tiles of a run, words after the header.
 #[must_use]
 pub const fn tile_words(slots: u64, entries: u64) -> u64 {
     wait_words(slots) + entries
 }
 
-/// Words of the whole buffer, for runs of so many tiles.
+/// Words of the whole buffer, for runs of `tiles` tiles.
 #[must_use]
 pub const fn buffer_words(slots: u64, entries: u64, tiles: u64) -> u64 {
     HEADER_WORDS as u64 + tile_words(slots, entries) + tiles
 }
 
-/// Words with so many of the listed misses.
+/// Words up to the end of `misses` listed misses.
 #[must_use]
 pub const fn words_with(slots: u64, misses: u32) -> u64 {
     HEADER_WORDS as u64 + miss_words(slots) + 2 * misses as u64
@@ -102,7 +103,8 @@ pub fn listed_misses(words: &[u32]) -> u32 {
     words[MISS_COUNT_WORD].min(MISS_LIMIT)
 }
 
-/// The listed misses (entry, rays), by entry, and how many found no place; of [`words_with`] all of them.
+/// The listed misses (entry, rays), by entry, and the number of unlisted ones; `words` are those of [`words_with`] all
+/// misses.
 #[must_use]
 pub fn read_misses(words: &[u32], slots: u64) -> (Vec<(u32, u32)>, u64) {
     let listed = listed_misses(words);

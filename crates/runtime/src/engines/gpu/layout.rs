@@ -110,7 +110,7 @@ const _: () = assert!(supervol_scene::scene::PLANE_LIMIT == 64);
 shared_constants! {
     /// Texels of a row of a table.
     TABLE_WIDTH = 1024;
-    /// Bins of the transfer function's width: gpu/light_table.rs.
+    /// Bins of the transfer function: gpu/light_table.rs.
     LIGHT_BINS = 4096;
     /// Texels of that table from a bin to the next one.
     LIGHT_TEXELS = super::limits::BIN_TEXELS as u32;
@@ -118,13 +118,13 @@ shared_constants! {
     GREATEST_ROOT = super::limits::GREATEST_ROOT;
     /// Rays of one workgroup: one tile of 8 x 8 pixels.
     WORKGROUP_RAYS = 64;
-    /// The ray has more to do at once: it stopped at the dispatch's limit.
+    /// The ray can continue at once: it stopped at the dispatch's limit.
     STATUS_ACTIVE = 0;
     /// The ray waits for a brick.
     STATUS_WAITING = 1;
     /// The ray is finished.
     STATUS_DONE = 2;
-    /// The ray has more to do at once, in the brick where it stopped: its base point stays where it is.
+    /// The ray can continue at once, in the brick where it stopped: its base point stays.
     STATUS_INSIDE = 3;
     /// Some ray of a tile stopped at the dispatch's limit.
     LEFT_INTERRUPTED = 1;
@@ -144,13 +144,13 @@ shared_constants! {
     PAGE_STATE = 0xff;
     /// Page table: the brick is too coarse; look at its children.
     PAGE_REFINE = 0x100;
-    /// Page table: bits of a page from here on are the number of what the brick may be off by.
+    /// Page table: first bit of the number of the brick's deviation.
     PAGE_DEVIATION_SHIFT = 9;
-    /// Number of the deviation of what is exact.
+    /// Number of the deviation of exact bricks.
     DEVIATION_NONE = 0;
-    /// Number of the deviation of a brick of which nothing is known.
+    /// Number of the deviation of unknown bricks.
     DEVIATION_UNKNOWN = 1;
-    /// What a ray gathers.
+    /// Mode of a ray.
     MODE_DVR = 0;
     /// See above.
     MODE_MIP = 1;
@@ -176,7 +176,7 @@ shared_constants! {
     FLAG_SURFACES = 64;
     /// Flag: voxels are bytes; a texel of a cache texture holds four rows of them (gpu/cache.rs).
     FLAG_BYTES = 128;
-    /// Flag: what rays may be off by is summed up (errors.wgsl).
+    /// Flag: errors of rays are summed up (errors.wgsl).
     FLAG_ERRORS = 256;
     /// Bytes: voxels from a texel to the next one, along x and y.
     STEP_OF_BYTES = VoxelStorage::U8.texel_step();
@@ -187,7 +187,7 @@ shared_constants! {
 }
 
 shared_struct! {
-    /// Where one cache texture's slots lie.
+    /// Position of one cache texture's slots.
     SlotGrid {
         /// Slots along x, y, z.
         slots: [u32; 3],
@@ -265,7 +265,7 @@ shared_struct! {
 }
 
 shared_struct! {
-    /// What the scene and the volume fix.
+    /// Facts of scene and volume.
     Config {
         /// World offset of one voxel along x.
         world_x: [f32; 3],
@@ -283,11 +283,11 @@ shared_struct! {
         gradient_x: [f32; 3],
         /// Least length of a world-space gradient that is shaded, render values per world length.
         gradient_floor: f32,
-        /// Second column.
+        /// Second column of that matrix.
         gradient_y: [f32; 3],
         /// Lights.
         light_count: u32,
-        /// Third column.
+        /// Third column of that matrix.
         gradient_z: [f32; 3],
         /// Iso surfaces.
         iso_count: u32,
@@ -315,7 +315,7 @@ shared_struct! {
         alpha_limit: f32,
         /// Bins per render value.
         bins_per_value: f32,
-        /// World length over which an opacity is gathered, to the power -1.
+        /// Inverse of the world length that opacities refer to.
         inverse_unit_distance: f32,
         /// A ray whose transmittance is lower is finished.
         transmittance_limit: f32,
@@ -331,7 +331,7 @@ shared_struct! {
         miss_words: u32,
         /// First word of the feedback that counts rays waiting for a brick.
         wait_words: u32,
-        /// First word of the tiles of a run, behind these.
+        /// First word of the tiles of a run, behind the counts.
         tile_words: u32,
         /// Stored number from which bins of the transfer function are counted, before it is scaled.
         light_centre: f32,
@@ -339,17 +339,17 @@ shared_struct! {
         light_scale: f32,
         /// Bin of `light_centre`.
         light_offset: f32,
-        /// Error of one cell, of colour or opacity times the transmittance in front, from which it is cut into parts.
+        /// Error of one cell, of colour or opacity times the transmittance in front; cells above it are cut into parts.
         cell_error: f32,
-        /// What one of an antiderivative's whole numbers stands for.
+        /// Unit of the antiderivatives' integers.
         light_unit: f32,
         /// Greatest channel: extinction per unit distance, or that times a colour.
         light_most: f32,
-        /// Opacity of a part, times the transmittance in front, from which it is shaded.
+        /// Opacity of a part, times the transmittance in front; parts below it are not shaded.
         least_shaded: f32,
         /// Intensity of all lights.
         light_sum: f32,
-        /// Gauss pairs for each that half a grey level would take.
+        /// Gauss pairs, relative to the number for half a grey level.
         pair_share: f32,
         /// Zero.
         padding_0: u32,
@@ -385,7 +385,7 @@ shared_struct! {
 }
 
 shared_struct! {
-    /// A number that changes by the same amount from pixel to pixel: `base + x * per_x + y * per_y`.
+    /// A number that changes linearly from pixel to pixel: `base + x * per_x + y * per_y`.
     Affine {
         /// At pixel (0, 0).
         base: Fixed,
@@ -397,11 +397,11 @@ shared_struct! {
 }
 
 shared_struct! {
-    /// The height of rays above a clip plane, in voxels as far as that goes: what is below 0 is cut off.
+    /// The height of rays above a clip plane, approximately in voxels: parts below 0 are cut off.
     PlaneLine {
-        /// Where the ray begins.
+        /// Height at the ray's begin.
         origin: Affine,
-        /// For each stride.
+        /// Change per stride.
         stride: Affine,
     }
 }
@@ -409,36 +409,36 @@ shared_struct! {
 shared_struct! {
     /// Rays of a picture, in the index space of level 0: `origin + n * stride`, n a number of strides.
     ///
-    /// A ray's parameter t is a world length for orthographic cameras, and a depth for perspective ones; `length_at` says
-    /// how long one unit of it is.
+    /// The parameter t of a ray is a world length for orthographic cameras, and a depth for perspective ones;
+    /// `length_at` gives the length of one unit of it.
     View {
         /// `sqrt(1 + (u.x + x u.y)^2 + (u.z + y u.w)^2)` is the world length of one unit of t.
         length: [f32; 4],
-        /// Least and greatest corner of what is drawn of the volume's domain: voxels.
+        /// Least corner of the drawn part of the volume's domain: whole voxels.
         box_low: [i32; 3],
         /// Rays of the picture along x.
         width: u32,
-        /// See above.
+        /// Greatest corner of the same: whole voxels.
         box_high: [i32; 3],
         /// Rays along y.
         height: u32,
-        /// What is to be added to `box_low`.
+        /// Rest to add to `box_low`.
         box_low_rest: [f32; 3],
         /// First row of the band in progress.
         first_row: u32,
-        /// What is to be added to `box_high`.
+        /// Rest to add to `box_high`.
         box_high_rest: [f32; 3],
         /// Tiles of 8 x 8 rays along x.
         tiles_x: u32,
-        /// Rays whose places are in the band: 64 for each tile.
+        /// Places of rays in the band: 64 for each tile.
         places: u32,
         /// Clip planes.
         plane_count: u32,
         /// First value of every ray's accumulator, modes mip and minip.
         first_value: f32,
-        /// 1 where the host says which parts of rays are kept (`RayPart`), else 0.
+        /// 1 if the host provides the parts of rays (`RayPart`), else 0.
         in_parts: u32,
-        /// Where rays begin: a plane in front of the volume, or the eye.
+        /// Begin of rays: a plane in front of the volume, or the eye.
         origin: [Affine; 3],
         /// Index offset of one stride.
         stride: [Affine; 3],
@@ -452,11 +452,12 @@ shared_struct! {
 shared_struct! {
     /// One dispatch: a run of tiles of rays, or of pixels.
     Dispatch {
-        /// Of pixels the first one's number in its band, row by row.
+        /// For a run of pixels: number of the first one in its band, row by row.
         first_pixel: u32,
         /// 0 in a pass's first round, in which waiting rays look again whether their brick has come; then 1.
         later_round: u32,
-        /// Coarsest levels all of whose bricks are too coarse: the search for a brick's level begins behind them.
+        /// Number of coarsest levels whose bricks are all too coarse: the search for a brick's level begins behind
+        /// them.
         refined_levels: u32,
         /// Zero.
         padding: u32,
@@ -466,21 +467,21 @@ shared_struct! {
 shared_struct! {
     /// All tables of fixed size.
     Scene {
-        /// What the scene and the volume fix.
+        /// Facts of scene and volume.
         config: Config,
         /// Tables.
         tables: Tables,
         /// Rays.
         view: View,
-        /// Which of them are cast now.
+        /// The dispatch in progress.
         job: Dispatch,
     }
 }
 
 shared_struct! {
-    /// How far a ray has come; 48 bytes, none of which the ray itself needs: pixels say where that is.
+    /// State of a ray between dispatches: 48 bytes. Its path follows from its pixel and is not stored.
     RayState {
-        /// Premultiplied colour. Modes mip and minip: the extreme so far in x; mode mean: the integral of the value there.
+        /// Premultiplied colour. Modes mip and minip: the extreme so far in x; mode mean: the integral of the value.
         color: [f32; 3],
         /// Share of the light behind that still passes.
         transmittance: f32,
@@ -496,7 +497,7 @@ shared_struct! {
         status: u32,
         /// Modes mip, minip, mean: world length over which the value was present; with surfaces: 1 where `sides` holds.
         present: f32,
-        /// One bit for each surface, set where the value was not below the surface's.
+        /// One bit for each surface, set if the value was not below the surface's.
         sides: u32,
         /// Mode iso: one bit for each surface that was crossed already: only first crossings count.
         crossed: u32,
@@ -504,46 +505,49 @@ shared_struct! {
 }
 
 shared_struct! {
-    /// What a ray may be off by so far; 1 is white. What is infinite elsewhere is `FAR` here.
+    /// Errors of a ray so far; 1 is white. Infinity is `FAR` here.
     RayErrors {
         /// Mode dvr: sum over its cells.
         cells: f32,
-        /// What coarser bricks may do, modes dvr and iso; mode mean: that of values, times world lengths; modes mip and minip: how far below the
-        /// exact value may be.
+        /// Modes dvr and iso: sum of the deviations of coarser bricks. Mode mean: that of values, times world lengths.
+        /// Modes mip and minip: how
+        /// far below the drawn value the exact one may lie.
         levels: f32,
-        /// Modes dvr and iso: least of that and the transmittance at all places so far; modes mip and minip: how far above the exact value may be.
+        /// Modes dvr and iso: least of sum plus transmittance over all places so far; modes mip and minip: how far
+        /// above the exact value may lie.
         bound: f32,
-        /// Mode dvr: how much less optical depth there may be in front.
+        /// Mode dvr: largest possible excess of drawn optical depth in front.
         thinner: f32,
-        /// 1 where a voxel may be there in one level and not in another.
+        /// 1 if a voxel may be present in one level and absent in another.
         presence_may_change: u32,
     }
 }
 
 shared_struct! {
-    /// What is drawn of a brick, against level 0: `lod::deviation::Deviation`. World lengths, render values; infinity is `FAR`.
+    /// Deviation of a drawn brick from level 0: `lod::deviation::Deviation`. World lengths, render values; infinity is
+    /// `FAR`.
     GpuDeviation {
-        /// Mode dvr: error per length beside each of `PER_OPACITY`.
+        /// Mode dvr: error per length for each of `PER_OPACITY`.
         per_length: [f32; 7],
-        /// Mode dvr: most that the drawn extinction is above the exact one.
+        /// Mode dvr: greatest difference of the drawn extinction above the exact one.
         thinner: f32,
-        /// Greatest extinction that may be drawn or exact; `FAR` where a surface may lie beneath.
+        /// Greatest extinction, drawn or exact; `FAR` if a surface may lie beneath.
         kappa_max: f32,
-        /// Most that a value is off; `FAR` where one may be there or not.
+        /// Largest difference of a value; `FAR` if a value may be present or absent.
         value: f32,
-        /// Least exact value; above the greatest one where there is none.
+        /// Least exact value; above the greatest one if there is none.
         least: f32,
         /// Greatest exact value.
         greatest: f32,
-        /// 1 where a voxel may be absent in the brick or beneath.
+        /// 1 if a voxel in the brick or beneath it may be absent.
         presence_may_change: u32,
     }
 }
 
 shared_struct! {
-    /// A part of a ray, of several that solids leave; `RayState` says what the numbers are.
+    /// A part of a ray, if solids divide rays; `RayState` describes the numbers.
     RayPart {
-        /// Place of the ray; none where it lies beyond the band's places.
+        /// Place of the ray; unused beyond the band's places.
         place: u32,
         /// Parameter beyond the strides to the base point.
         t: f32,
@@ -579,7 +583,7 @@ shared_struct! {
         fallbacks: u32,
         /// Bricks left out because they and all their ancestors have failed.
         lost: u32,
-        /// Times a loop hit its limit: the ray is not exact there.
+        /// Times a loop hit its limit: such a ray is not exact.
         anomalies: u32,
         /// Zero.
         padding: u32,

@@ -1,8 +1,8 @@
-//! Twins of `shaders/shared/light.wgsl` and of the arithmetic of `light_walk.wgsl`: the same functions in Rust, by which tests
-//! hold the shader to account. The rule and its error are derived in `raycast::cpu::integrate`. What light makes of a part
-//! (`light_shading.wgsl`) is what the CPU makes of it: [`shade_part`] calls its code.
+//! Twins of `shaders/shared/light.wgsl` and of the arithmetic of `light_walk.wgsl`: the same functions in Rust, for
+//! tests of the shader. `packets::integrate` derives the rule and its error. The effect of light on a part
+//! (`light_shading.wgsl`) is the same as on the CPU: [`shade_part`] calls its code.
 //!
-//! Values are bins of the transfer function ([`super::light_table`]), extents are in unit distances.
+//! Values are in bins of the transfer function ([`super::light_table`]), extents in unit distances.
 
 use glam::Vec3;
 use supervol_format::Geometry;
@@ -23,7 +23,7 @@ use crate::engines::rules::{
 pub const NARROW: f32 = 1.0;
 /// 1 over the square of the greatest root.
 const PER_SQUARE: f32 = 1.0 / (GREATEST_ROOT as f32 * GREATEST_ROOT as f32);
-/// Keeps a division from dividing by zero; extinction that stands for none.
+/// Least divisor, and extinction that counts as none.
 const TINY: f32 = 1e-30;
 
 /// The channels at a value: red, green, blue (times extinction), extinction.
@@ -48,10 +48,10 @@ pub struct LightChord {
     pub extent: f32,
 }
 
-/// The line that stands for the field along a part of a ray, or along several, and how far the field is from it.
+/// The line that replaces the field along one or several parts of a ray, and the distance of the field from it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LightLine {
-    /// Where it begins and ends.
+    /// Values at its beginning and end.
     pub ends: [f32; 2],
     /// Bounds of the field, and of the line.
     pub range: [f32; 2],
@@ -63,20 +63,20 @@ pub struct LightLine {
     pub extent: f32,
 }
 
-/// What a part of a ray adds.
+/// Contribution of a part of a ray.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LightPart {
     /// Premultiplied.
     pub color: [f32; 3],
-    /// Share of light from behind that gets through.
+    /// Share of light from behind that passes.
     pub transmittance: f32,
     /// Bound on the error of both, beside `fit`.
     pub error: f32,
-    /// What the table may be off by: bins are blunt, and whole numbers rounded. Shorter parts are off by as much.
+    /// Error of the table: of the bins' width and of rounded integers. Shorter parts have the same error.
     pub fit: f32,
-    /// Light from the front end, over that from both, if it varies evenly between them.
+    /// Light from the front end, as a share of that from both ends, if it varies evenly in between.
     pub front_share: f32,
-    /// By what share of the part light that varies evenly may be misplaced.
+    /// Share of the part by which evenly varying light may be misplaced.
     pub misplaced: f32,
     /// Variation of colour over the part.
     pub colors: f32,
@@ -112,14 +112,14 @@ pub fn light_at(table: &LightTable, value: f32) -> LightAt {
     }
 }
 
-/// Bends and variation of colour below a value's bin, or below the one `behind` bins further; variation of colour in that bin, and in the one
-/// before it.
+/// Sums of bends and colour variation below a value's bin, or below the one `behind` bins further. Then the variation
+/// of colour in that bin, and in the one before it.
 #[must_use]
 pub fn light_sums(table: &LightTable, value: f32, behind: f32) -> [f32; 4] {
     texel(table, 2, (light_bin(value) + behind).min(LIGHT_BINS as f32)).map(f32::from_bits)
 }
 
-/// That of nothing yet.
+/// The line of no part.
 #[must_use]
 pub fn no_line() -> LightLine {
     LightLine { ends: [0.0; 2], range: [FAR, -FAR], most: -FAR, average: 0.0, extent: 0.0 }
@@ -143,8 +143,8 @@ pub fn line_of(chord: &LightChord) -> LightLine {
     }
 }
 
-/// The line that stands for the field along two parts, one behind the other. Its distance from each of theirs goes evenly from
-/// end to end: so what is known of their distances from the field says how far the field is from this one.
+/// The line that replaces the field along two consecutive parts. Its distance from each of their lines varies evenly
+/// from end to end. So their known distances from the field bound the field's distance from this line.
 #[must_use]
 pub fn line_over(a: &LightLine, b: &LightLine) -> LightLine {
     let extent = a.extent + b.extent;
@@ -166,12 +166,12 @@ pub fn line_over(a: &LightLine, b: &LightLine) -> LightLine {
     }
 }
 
-/// Bound on the mean distance from 0 of what goes evenly from one number to another.
+/// Bound on the mean distance from 0 of a quantity that varies evenly from one number to another.
 fn mean_distance([x, y]: [f32; 2]) -> f32 {
     0.25 * (x.abs() + y.abs() + (x + y).abs())
 }
 
-/// Share of the light that may come in another order than along a line that stands for several parts.
+/// Share of the light whose order may differ from that along the line of several parts.
 #[must_use]
 pub fn disorder_of(line: &LightLine) -> f32 {
     (2.0 * line.most / (line.ends[1] - line.ends[0]).abs().max(TINY)).min(1.0)
@@ -183,7 +183,7 @@ pub fn integrate_chord(table: &LightTable, chord: &LightChord) -> LightPart {
     integrate_line(table, &line_of(chord), 0.0)
 }
 
-/// Integrates along a line; of several parts, `disorder` is [`disorder_of`], else 0.
+/// Integrates along a line; `disorder` is [`disorder_of`] for several parts, else 0.
 #[must_use]
 pub fn integrate_line(table: &LightTable, line: &LightLine, disorder: f32) -> LightPart {
     let LightLine { ends, extent, .. } = *line;
@@ -213,13 +213,13 @@ pub fn integrate_line(table: &LightTable, line: &LightLine, disorder: f32) -> Li
     LightPart { color, transmittance, error, fit, front_share: at_front / (at_front + at_back), misplaced, colors }
 }
 
-/// A part after shading, in the same way on the CPU: colour and error. `gradients` are those at its beginning, middle and end,
+/// A part after shading, as on the CPU: colour and error. `gradients` are those at its beginning, middle and end;
 /// `to_eye` is a unit vector.
 #[must_use]
 pub fn shade_part(lighting: &Lighting, part: &LightPart, gradients: [Vec3; 3], to_eye: Vec3) -> [f32; 4] {
     type S = Portable;
     let splat = <S as Simd>::splat;
-    // Of places in space it needs to know nothing.
+    // The lighting needs no positions in space.
     let lighting = PacketLighting::new(lighting, &Geometry::IDENTITY, [1; 3], 1.0);
     let to_eye = to_eye.to_array().map(splat);
     let lit = lighting.at::<S, 3>(&gradients.map(|g| g.to_array().map(splat)), &to_eye);
@@ -240,7 +240,7 @@ pub fn shade_part(lighting: &Lighting, part: &LightPart, gradients: [Vec3; 3], t
     })
 }
 
-/// What the line misses, [`LightPart::fit`], [`LightPart::misplaced`] and [`LightPart::colors`].
+/// Error of the line, [`LightPart::fit`], [`LightPart::misplaced`] and [`LightPart::colors`].
 fn error_of(table: &LightTable, line: &LightLine, disorder: f32, kappa: f32) -> [f32; 4] {
     let LightLine { ends, range: [below, above], average, extent, .. } = *line;
     let [low, high] = [light_sums(table, below, 0.0), light_sums(table, above, 1.0)];
@@ -260,7 +260,7 @@ fn error_of(table: &LightTable, line: &LightLine, disorder: f32, kappa: f32) -> 
     [of_mean.clamp(0.0, 1.0) + of_order, fit, UNEVEN_MISPLACED * uneven + fall, colors.min(1.0)]
 }
 
-/// The value at a place of a cell, both in [0, 1]^3; corner c has the offsets (c & 1, c >> 1 & 1, c >> 2).
+/// The value at a position in a cell, both in [0, 1]^3; corner c has the offsets (c & 1, c >> 1 & 1, c >> 2).
 #[must_use]
 pub fn value_in(corners: &[f32; 8], [x, y, z]: [f32; 3]) -> f32 {
     let row = |c: usize| corners[c] + x * (corners[c + 1] - corners[c]);
@@ -283,7 +283,7 @@ mod tests {
     use super::*;
     use crate::engines::cubics::{Cubic, cubic, exact};
 
-    /// What lies beside the function, however close, adds nothing and is not off.
+    /// A part beside the function, however close, contributes nothing and has no error.
     #[test]
     fn dark_parts_state_no_error() {
         let point = |value, alpha| ControlPoint { value, color: [0.9, 0.3, 0.1], alpha };
@@ -294,7 +294,7 @@ mod tests {
         assert!(part.fit < 1e-6, "{part:?}");
     }
 
-    /// Beside the function its ends go on for ever: there, means are exact however far away that is.
+    /// Beyond its ends the function is constant: means are exact there, at any distance.
     #[test]
     fn parts_far_from_a_narrow_function_are_exact() {
         let point = |value, alpha| ControlPoint { value, color: [0.9, 0.3, 0.1], alpha };
@@ -310,7 +310,7 @@ mod tests {
         }
     }
 
-    /// As many cubics as asked for, of one slope and curvature on the whole.
+    /// `count` cubics with one common slope and curvature.
     fn follow_one_another(random: &mut impl FnMut() -> f64, count: usize, wide: f64) -> Vec<Cubic> {
         let mut value = 100.0 + 20.0 * random();
         let (mut slope, bend) = (wide * 10.0 * (random() - 0.5), wide * 6.0 * (random() - 0.5));
@@ -327,8 +327,8 @@ mod tests {
             .collect()
     }
 
-    /// The error that a part states is never far below the one that it has, whatever bends lie in it: of one part, and of
-    /// several by one line, along which the field bends, and whose lengths differ.
+    /// The stated error of a part is never far below its true error, whatever bends it holds. For one part, and for
+    /// several by one line, along which the field bends and whose lengths differ.
     #[test]
     fn stated_errors_are_errors() {
         let mut numbers = Random::new(17);
@@ -362,7 +362,7 @@ mod tests {
             let [r, g, b] = found.color;
             let off = [r, g, b, found.transmittance].into_iter().zip(expected);
             let error = off.map(|(f, e)| (f64::from(f) - e).abs()).fold(0.0, f64::max);
-            // The fit of the pieces that the table is made from, `f32`, and the exact sum's own steps.
+            // The fit of the pieces behind the table, `f32`, and the step size of the exact sum.
             let own = 2e-3 * f64::from(1.0 - found.transmittance) + 2e-5;
             let allowed = own + 1.5 * f64::from(found.error + found.fit);
             worst = worst.max(error / allowed);

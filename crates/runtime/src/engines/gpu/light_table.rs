@@ -1,18 +1,20 @@
-//! The transfer function as the shader integrates it: extinction and emission in equal bins of values, with their
-//! antiderivatives.
+//! The transfer function in the form that the shader integrates: extinction and emission in equal bins of values, with
+//! their antiderivatives.
 //!
-//! Values are counted in *bins* from the function's first control point: [`LIGHT_BINS`] of them reach to its last, one more
-//! on either side stands for all values beyond. Extinction is per unit distance. A bin has three texels, side by side in one
-//! cache line ([`BIN_TEXELS`]):
-//! 1. the antiderivatives of extinction and of extinction times red, green, blue, where the bin begins: exact, so that
-//!    means over several bins are, whatever steps and bends lie between (`raycast::cpu::integrate` says how they are used);
-//! 2. the same four channels just behind the bin's beginning and just before its end, as roots of their shares of the greatest: a line with the
-//!    bin's mean;
-//! 3. sums up to the bin's beginning: changes of slope per bin, variation of visible colour; and that variation in the bin, and in the one before
-//!    it. Their differences bound what a rule of integration can miss.
+//! Values are counted in *bins* from the function's first control point: [`LIGHT_BINS`] of them reach to its last. One
+//! more on either side holds all values beyond. Extinction is per unit distance. A bin has three texels, side by side
+//! in one cache line ([`BIN_TEXELS`]):
 //!
-//! Pieces as packets on the CPU look them up (`transfer_function::pieces`) take a search and twice as many texels; a bin is
-//! found by one conversion, however many control points there are. What it costs: a kink is blunt by a bin.
+//! 1. The antiderivatives of extinction, and of extinction times red, green, blue, at the beginning of the bin. They
+//!    are exact, so means over several bins are exact for any steps and bends in between (`packets::integrate`
+//!    describes their use).
+//! 2. The same four channels just behind the bin's beginning and just before its end, as roots of their shares of the
+//!    greatest. They give a line with the bin's mean.
+//! 3. Sums up to the bin's beginning: changes of slope per bin, and variation of visible colour. Then that variation in
+//!    the bin, and in the one before it. Their differences bound the error of an integration rule.
+//!
+//! Packets on the CPU look up pieces (`transfer_function::pieces`), which takes a search and twice as many texels. A
+//! bin is found by one conversion, for any number of control points. The price: a kink is blurred over a bin.
 
 use supervol_scene::transfer_function::TransferFunction;
 use supervol_scene::transfer_function::pieces::{CHANNELS, Column, TransferPieces};
@@ -28,28 +30,27 @@ const PLACES: usize = LIGHT_BINS as usize + 2;
 /// Texels of the table: whole rows.
 pub const TEXELS: usize = (BIN_TEXELS * PLACES).next_multiple_of(TABLE_WIDTH as usize);
 
-/// See the module.
+/// Table of the transfer function, see the module.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LightTable {
-    /// Four words a texel.
+    /// Four words per texel.
     pub words: Vec<u32>,
     /// Render value of the first bin's beginning.
     pub first: f32,
-    /// Render value in the middle of the function: numbers are counted from there, or `f32` would have few bits behind the
-    /// point.
+    /// Render value in the middle of the function. Numbers are relative to it, because `f32` would otherwise have few
+    /// bits after the point.
     pub middle: f32,
     /// Bins per render value.
     pub bins_per_value: f32,
-    /// What one of an antiderivative's whole numbers stands for: extinction per unit distance times bins.
+    /// Unit of the antiderivatives' integers: extinction per unit distance times bins.
     pub unit: f32,
     /// Greatest channel.
     pub most: f32,
-    /// Whether bins resolve the function: there is no step, nor what is nearly one. Where a ray grazes such a thing, only roots
-    /// find it.
+    /// Whether bins resolve the function: it has no step, or nearly a step. If a ray grazes a step, only roots find it.
     pub is_resolved: bool,
 }
 
-/// One value's numbers, from the pieces.
+/// The numbers of one value, from the pieces.
 struct At {
     antiderivative: [f64; CHANNELS],
     /// Bends, variation of colour.
@@ -57,22 +58,23 @@ struct At {
 }
 
 impl LightTable {
-    /// The table of a function, right to `tolerance` times the extinction; `shift` is what is taken off every data value.
+    /// The table of a function, with an error of at most `tolerance` times the extinction; `shift` is subtracted from
+    /// every data value.
     #[must_use]
     pub fn new(source: &TransferFunction, shift: f64, tolerance: f64) -> Self {
         let points = source.points();
         let value_of = |i: usize| f64::from((points[i].value - shift) as f32);
         let (first, last) = (value_of(0), value_of(points.len() - 1));
-        // A function of one step, or of one point, has a width of its own.
+        // A function of one step, or of one point, gets a width.
         let width = if last > first { last - first } else { first.abs().max(1.0) * f64::from(f32::EPSILON) * 64.0 };
         let first = if last > first { first } else { first - 0.5 * width };
         let pieces = TransferPieces::new(source, shift, tolerance);
         let per_bin = width / f64::from(LIGHT_BINS);
         let scale = source.unit_distance();
-        // What bends where a bin begins is the bin's, and of no value before it; what bends at the end is the last bin's.
+        // A bend at the beginning of a bin belongs to that bin; a bend at the end belongs to the last bin.
         let edge = |i: u32| at(&pieces, first + per_bin * f64::from(i), i < LIGHT_BINS);
         let edges: Vec<At> = (0..=LIGHT_BINS).map(edge).collect();
-        // Below the first bin: none of the function's steps and bends, and no area.
+        // Below the first bin there are no steps, no bends, and no area.
         let before = At { antiderivative: [0.0; CHANNELS], ..at(&pieces, first - width, false) };
         let whole = edges.iter().flat_map(|edge| edge.antiderivative).fold(0.0, f64::max) * scale / per_bin;
         let unit = whole.max(f64::from(f32::MIN_POSITIVE)) / f64::from(i32::MAX - 1);
@@ -98,7 +100,7 @@ impl LightTable {
                 is_resolved &= is_smooth(&ends, &mean, most) && bends <= 2.0 * STEEPEST_BIN * most;
                 line_of(ends, mean)
             };
-            // Whole numbers: their differences are exact, however much lies below.
+            // Integers: their differences are exact, however much lies below.
             let k = begin.antiderivative.map(|k| (k * scale / per_bin / unit).round() as u32);
             let k = std::array::from_fn(|c| k[(c + 1) % CHANNELS]);
             write(0, place, k);
@@ -121,7 +123,7 @@ impl LightTable {
 }
 
 impl LightTable {
-    /// Centre, scale and offset: `bin = (stored number - centre) * scale + offset`; of floats, render values.
+    /// Centre, scale and offset: `bin = (stored number - centre) * scale + offset`; for floats, of render values.
     #[must_use]
     pub fn bins_of_stored(&self, storage: VoxelStorage, map: &ValueMap) -> [f32; 3] {
         let (first, per_value) = (f64::from(self.first), f64::from(self.bins_per_value));
@@ -137,7 +139,7 @@ impl LightTable {
     }
 }
 
-/// Whether a bin with these ends and this mean is no more than a piece of a slope; `most`: the greatest channel.
+/// Whether a bin with these ends and this mean is part of a slope; `most`: the greatest channel.
 fn is_smooth([left, right]: &[[f64; CHANNELS]; 2], mean: &[f64; CHANNELS], most: f64) -> bool {
     (0..CHANNELS).all(|c| {
         let of_ends = 0.5 * (left[c] + right[c]);
@@ -145,7 +147,7 @@ fn is_smooth([left, right]: &[[f64; CHANNELS]; 2], mean: &[f64; CHANNELS], most:
     })
 }
 
-/// The line through a bin with this mean, between ends that have it but for rounding, or a kink.
+/// The line through a bin with this mean. Its ends have it up to rounding, or up to a kink.
 fn line_of(ends: [[f64; CHANNELS]; 2], mean: [f64; CHANNELS]) -> [[f64; CHANNELS]; 2] {
     let off: [f64; CHANNELS] = std::array::from_fn(|c| mean[c] - 0.5 * (ends[0][c] + ends[1][c]));
     ends.map(|end| std::array::from_fn(|c| (end[c] + off[c]).max(0.0)))
@@ -164,7 +166,7 @@ fn piece_of(pieces: &TransferPieces, value: f64, is_left: bool) -> usize {
     passed.max(1) - 1
 }
 
-/// The channels at a value: of a step, the side on its left or on its right.
+/// The channels at a value; at a step, those on its left or on its right.
 fn channels_at(pieces: &TransferPieces, value: f64, is_left: bool) -> [f64; CHANNELS] {
     let i = piece_of(pieces, value, is_left);
     let of = |column, c| f64::from(pieces.column(column, c)[i]);
@@ -174,7 +176,7 @@ fn channels_at(pieces: &TransferPieces, value: f64, is_left: bool) -> [f64; CHAN
     })
 }
 
-/// At a value, with the bends that lie there or without them.
+/// The numbers at a value, with or without the bends at it.
 fn at(pieces: &TransferPieces, value: f64, is_left: bool) -> At {
     let i = piece_of(pieces, value, is_left);
     let of = |column, c| f64::from(pieces.column(column, c)[i]);
@@ -205,12 +207,12 @@ mod tests {
         assert!(table(&[(0.0, 0.0), (255.0, 0.9)]).is_resolved);
         assert!(table(&[(0.0, 0.0), (96.0, 0.0), (100.0, 0.9), (104.0, 0.0), (255.0, 0.0)]).is_resolved);
         assert!(!table(&[(0.0, 0.0), (100.0, 0.0), (100.0, 0.9), (255.0, 0.9)]).is_resolved);
-        // A tenth of a bin wide, between the edges of one.
+        // A tenth of a bin wide, within one bin.
         assert!(!table(&[(0.0, 0.0), (100.01, 0.0), (100.013, 0.9), (100.016, 0.0), (255.0, 0.0)]).is_resolved);
         assert!(!table(&[(7.0, 0.5)]).words.is_empty());
     }
 
-    /// Numbers are counted from the middle of the function: no bits are lost far from zero.
+    /// Numbers are relative to the middle of the function: no bits are lost far from zero.
     #[test]
     fn stored_numbers_become_bins() {
         let table = table(&[(30_000.0, 0.0), (30_016.0, 0.5)]);

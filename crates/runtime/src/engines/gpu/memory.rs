@@ -1,29 +1,29 @@
-//! Bytes of everything the GPU backend allocates, computed before anything is.
+//! Memory plan of the GPU backend: bytes of everything, computed before anything is allocated.
 //!
 //! The budget covers the cache textures, the macro ranges beside them, the page table, the miss counters, rays and
-//! their states, feedback, and staging for uploads and read-back. What is fixed by the scene comes first; slots take
+//! their states, feedback, and staging for uploads and read-back. The parts that the scene fixes come first; slots take
 //! the rest.
 
 use crate::engines::gpu::error::GpuError;
 use crate::engines::gpu::limits::TEXTURE_LIMIT;
 use crate::engines::gpu::texels::TEXEL_BYTES;
 
-/// Most bytes of one cache texture: what the strictest driver we know (lavapipe) allocates.
+/// Most bytes of one cache texture: the limit of the strictest driver that we know (lavapipe).
 pub const TEXTURE_BYTES_LIMIT: u64 = 1 << 31;
 
-/// Fewest slots that are worth starting with; one brick suffices for progress, two let a ray keep the one it left.
+/// Fewest slots to start with; one brick suffices for progress, two let a ray keep the one it left.
 pub const MIN_SLOTS: u64 = 2;
 
 /// Most slots in all: a use bitmap of 2 MiB.
 pub const SLOT_LIMIT: u64 = 1 << 24;
 
-/// One in so many slots may be given up for a grid that lies better in memory.
+/// Divisor: share of the slots that may be given up for a grid with a better memory layout.
 const GRID_SPARE: u64 = 64;
 
 /// Most bytes of voxels in flight between host and GPU.
 pub const STAGING_BYTES_LIMIT: u64 = 32 << 20;
 
-/// What must fit.
+/// Request for a memory plan.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct MemoryRequest {
     /// The user's limit, bytes.
@@ -34,7 +34,7 @@ pub struct MemoryRequest {
     pub slot_texels: [u32; 3],
     /// Bytes of macro ranges beside each slot.
     pub ranges_bytes: u64,
-    /// Slots beyond which more are useless: the number of bricks there are.
+    /// Number of bricks: more slots are useless.
     pub useful_slots: u64,
     /// Largest 3D texture dimension of the device.
     pub max_dimension: u32,
@@ -42,7 +42,7 @@ pub struct MemoryRequest {
     pub max_binding_bytes: u64,
 }
 
-/// What will be allocated.
+/// Memory to allocate.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MemoryPlan {
     /// Slots along x, y, z of each cache texture; 1 to [`TEXTURE_LIMIT`] textures.
@@ -51,17 +51,17 @@ pub struct MemoryPlan {
     pub slots: u64,
     /// Bytes of one slot: texels and macro ranges.
     pub slot_bytes: u64,
-    /// Bytes for voxels on their way.
+    /// Bytes for voxels in flight.
     pub staging_bytes: u64,
     /// Everything, bytes.
     pub total_bytes: u64,
 }
 
 impl MemoryPlan {
-    /// As many slots as fit.
+    /// A plan with as many slots as fit.
     ///
     /// # Errors
-    /// [`GpuError::Budget`] where not even [`MIN_SLOTS`] do.
+    /// [`GpuError::Budget`] if fewer than [`MIN_SLOTS`] fit.
     pub fn new(request: &MemoryRequest) -> Result<Self, GpuError> {
         let texels = slot_texels_bytes(request.slot_texels);
         let slot_bytes = texels + request.ranges_bytes;
@@ -95,7 +95,7 @@ impl MemoryPlan {
                 break;
             }
             textures.push(grid);
-            // A grid may leave a few slots over; a texture for so few is not worth its binding.
+            // A grid may leave a few slots unused; a texture for so few is not worth its binding.
             wanted -= slots;
             if wanted < slots / 32 {
                 break;
@@ -114,8 +114,9 @@ fn slot_texels_bytes(texels: [u32; 3]) -> u64 {
     texels.iter().map(|&n| u64::from(n)).product::<u64>() * TEXEL_BYTES as u64
 }
 
-/// The box of at most `count` slots, no axis longer than `longest` says: nearly as many slots as there can be, along x as few as then can
-/// be, and along y. Where textures lie in memory row by row, and layer by layer, a brick's rows and layers are closer to each other.
+/// The grid of at most `count` slots, with axes of at most `longest`. It has nearly as many slots as possible; among
+/// these, as few as possible along x, then along y. In textures stored row by row and layer by layer, a brick's rows
+/// and layers are then closer together.
 fn best_grid(count: u64, longest: [u64; 3]) -> [u32; 3] {
     let most_along = |rest: u64, axis: usize| rest.min(longest[axis]);
     let grids = || {

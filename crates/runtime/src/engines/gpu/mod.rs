@@ -1,4 +1,4 @@
-//! The machinery of the GPU backend; `raycast::gpu` puts it together.
+//! The GPU backend; [`caster`] puts its parts together.
 //!
 //! Builds without the feature `gpu` have no device (`no_device.rs`), errors and limits, and nothing else of this.
 //!

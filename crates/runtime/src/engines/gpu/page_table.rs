@@ -1,23 +1,23 @@
-//! The page table as the host keeps it: which entry is whose, and what entries become before the next pass.
+//! Host side of the page table: the entry of each brick, and changes of entries before the next pass.
 //!
-//! Entries of the fields lie one behind the other, those of each in the order of its pyramid; so an entry is what it is in the table of
-//! contents, plus the number at which its field begins. A shader that draws a field adds that number to the first entry of each level. The
-//! words themselves are on the device ([`super::cache`]), and are written from there.
+//! The entries of the fields follow one another; those of a field are in the order of its pyramid. So an entry is the
+//! index in the table of contents plus the first entry of its field. A shader that draws a field adds that number to
+//! the first entry of each level. The words themselves are on the device and are written there ([`super::cache`]).
 
 use supervol_format::{Lod, Pyramid};
 
 use crate::stream::field::{Field, FieldBrick};
 
-/// What is in an entry: state and payload.
+/// Content of an entry: state and payload.
 pub type Page = [u32; 2];
 
-/// See the module.
+/// Host side of the page table, see the module.
 #[derive(Debug)]
 pub struct PageTable {
     /// The pyramid of each field, and its first entry.
     fields: Vec<(u64, Pyramid)>,
     count: u64,
-    /// What is to be written, in the order of the calls.
+    /// Changes to be written, in the order of the calls.
     pending: Vec<(u32, Page)>,
 }
 
@@ -25,7 +25,7 @@ impl PageTable {
     /// A table for the bricks of fields, numbered from [`Field::FIRST`], with these pyramids.
     ///
     /// # Panics
-    /// If there are more fields than their numbers count.
+    /// If there are more fields than field numbers.
     #[must_use]
     pub fn new(pyramids: impl IntoIterator<Item = Pyramid>) -> Self {
         let (mut fields, mut count) = (Vec::new(), 0);
@@ -47,14 +47,14 @@ impl PageTable {
     /// The entry of a brick.
     ///
     /// # Panics
-    /// If the table has no such brick, or has more entries than 32 bits count: renderers refuse those.
+    /// If the table has no such brick, or more entries than 32 bits count: renderers refuse those.
     #[must_use]
     pub fn entry(&self, FieldBrick { field, brick }: FieldBrick) -> u32 {
         let (first, pyramid) = &self.fields[usize::from(field.0)];
         entry_u32(first + pyramid.entry(brick))
     }
 
-    /// The first entry of a field behind those of its finest level.
+    /// The first entry of a field's levels above its finest.
     ///
     /// # Panics
     /// As [`Self::entry`].
@@ -64,7 +64,7 @@ impl PageTable {
         entry_u32(first + pyramid.level_at(Lod::FINEST).brick_count())
     }
 
-    /// The brick of an entry; none beyond the last.
+    /// The brick of an entry; `None` beyond the last.
     #[must_use]
     pub fn brick(&self, entry: u32) -> Option<FieldBrick> {
         let entry = u64::from(entry);
@@ -73,15 +73,15 @@ impl PageTable {
         Some(Field(number as u16).brick(pyramid.key(entry - first)?))
     }
 
-    /// Notes what an entry becomes before the next pass.
+    /// Records the content of an entry for the next pass.
     pub fn set(&mut self, entry: u32, page: Page) {
         self.pending.push((entry, page));
     }
 
-    /// What has been noted since the last call: by entry, the last note of each.
+    /// The changes since the last call: by entry, the last change of each.
     pub fn take_changes(&mut self) -> Vec<(u32, Page)> {
         let mut pending = std::mem::take(&mut self.pending);
-        // A stable sort keeps the notes of one entry in order; of these only the last is kept.
+        // A stable sort keeps the changes of one entry in order; only the last is kept.
         pending.sort_by_key(|&(entry, _)| entry);
         pending.reverse();
         pending.dedup_by_key(|&mut (entry, _)| entry);
@@ -89,7 +89,7 @@ impl PageTable {
         pending
     }
 
-    /// Forgets what has been noted.
+    /// Forgets the recorded changes.
     pub fn clear(&mut self) {
         self.pending.clear();
     }

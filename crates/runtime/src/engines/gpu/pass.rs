@@ -1,9 +1,9 @@
 //! Rays on the GPU, and the dispatches that cast them.
 //!
-//! The rays of a band of rows are cast by as few dispatches as the adapter can bear: where it is fast enough one for all,
-//! else in runs of so many tiles of them that one does not take long. Tiles whose rays are all finished are in no run. A
-//! dispatch lets a ray do a limited amount of work, so that no submit blocks the GPU for ever; rays that reach the limit go on
-//! in the next one. That decides how the work is dealt out, never what comes of it.
+//! The rays of a band of rows are cast by as few dispatches as possible. A fast adapter needs one for all; others cast
+//! runs of tiles that each take a short time. Tiles whose rays are all finished are in no run. A dispatch limits the
+//! work of each ray, so that no submit blocks the GPU for long. Rays that reach the limit continue in the next
+//! dispatch. This affects the schedule, never the result.
 
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -35,46 +35,46 @@ use crate::engines::gpu::table::Table;
 use crate::stop::Stop;
 use crate::stream::counters::milliseconds;
 
-/// Most bytes of ray states, and of what rays may be off by: larger pictures are cast in bands.
+/// Most bytes of ray states and errors of rays: larger pictures are cast in bands.
 const STATES_LIMIT: u64 = 64 << 20;
-/// Texels of a control point: of four words each.
+/// Texels of a control point, four words each.
 const POINT_TEXELS: usize = size_of::<GpuPoint>() / 16;
 /// Most workgroups of a dispatch.
 const GROUPS_LIMIT: u32 = 65_535;
 /// Most tiles of rays in a dispatch.
 const MOST_RUN_TILES: usize = 1 << 15;
-/// The same on software adapters: what comes after an empty corner of the picture may take a thousand times as long.
+/// The same on software adapters: tiles after an empty corner of the picture may take a thousand times as long.
 const MOST_SOFTWARE_RUN_TILES: usize = 1 << 6;
-/// Tiles of the first dispatch of an adapter that may be slow.
+/// Tiles of the first dispatch on an adapter that may be slow.
 const FIRST_RUN_TILES: usize = 1 << 10;
 /// The same on software adapters.
 const FIRST_SOFTWARE_RUN_TILES: usize = 1 << 4;
 /// Fewest tiles of a dispatch.
 const LEAST_RUN_TILES: usize = 1 << 2;
-/// Dispatches slower than this get fewer rays, milliseconds: half of what a display can wait, because the next one may be
-/// twice as slow.
+/// Dispatches slower than this get fewer rays, milliseconds. It is half of what a display can wait, because the next
+/// one may be twice as slow.
 const SLOW_DISPATCH_MS: f64 = 50.0;
-/// Dispatches faster than this get more.
+/// Dispatches faster than this get more rays, milliseconds.
 const FAST_DISPATCH_MS: f64 = 15.0;
-/// Loop iterations that a ray may spend in a dispatch.
+/// Loop iterations of a ray in one dispatch.
 const WORK_LIMIT: u32 = 1 << 14;
-/// The same on software adapters: llvmpipe ends all loops, without a word, after 65535 iterations of a group of at most 16
-/// lanes; lanes that part ways add up, and it goes once through loops that no lane enters.
+/// The same on software adapters. llvmpipe silently ends all loops after 65535 iterations of a group of at most 16
+/// lanes. Iterations of diverging lanes add up, and it runs loops once that no lane enters.
 const SOFTWARE_WORK_LIMIT: u32 = 1 << 8;
-/// The same where all rays of a group are in one loop (`light_walk.wgsl`).
+/// The same if all rays of a group are in one loop (`light_walk.wgsl`).
 const SOFTWARE_LIGHT_WORK_LIMIT: u32 = 1 << 11;
-/// Of so many rows of tiles one goes ahead: bricks that its rays lack are mostly those that the others would lack, pass after pass.
+/// Every n-th row of tiles runs ahead as scouts. Its missing bricks predict those of the rows around it.
 const SCOUTING_ROWS: u32 = 8;
-/// On software adapters tiles are cast in squares of so many along an edge: their threads have as much to do as each other.
+/// On software adapters, tiles are cast in squares of this many along an edge: their threads then have equal work.
 const SQUARE: u32 = 8;
-/// Runs that are submitted before the first of them is waited for: while one is cast, the next is there.
+/// Runs submitted before the first of them is waited for: while one is cast, the next is ready.
 const RUNS_IN_FLIGHT: usize = 2;
-/// Parts of rays that are handed over at once.
+/// Parts of rays written at once.
 const PARTS_AT_ONCE: usize = 1 << 14;
 const PARTS_BYTES: u64 = (PARTS_AT_ONCE * size_of::<RayPart>()) as u64;
 /// Bytes of the counters of a dispatch.
 const COUNTERS_BYTES: u64 = size_of::<GpuCounters>() as u64;
-/// Rounds of a pass; every round brings every ray at least one cell further.
+/// Most rounds of a pass; every round advances every ray by at least one cell.
 const ROUND_LIMIT: usize = 1 << 22;
 
 /// Loop iterations after which a ray stops at the next cell.
@@ -86,20 +86,19 @@ pub(super) fn work_limit(gpu: &GpuDevice, flags: u32) -> u32 {
     }
 }
 
-/// Bytes of a ray on the device, for who sums up errors or does not.
+/// Bytes of a ray on the device, with or without sums of errors.
 const fn ray_bytes(sums_errors: bool) -> u64 {
     (size_of::<RayState>() + if sums_errors { size_of::<RayErrors>() } else { 0 }) as u64
 }
 
-/// Rows of rays, for whole pixels of so many rows each, that fit [`STATES_LIMIT`] in a picture of this width; at least one
-/// pixel's.
+/// Rows of rays of this width that fit [`STATES_LIMIT`], in whole pixels of `subgrid` rows; at least one pixel's.
 pub(super) fn band_rows(width: u32, subgrid: u32, sums_errors: bool) -> u32 {
     let row_of_tiles = RayGrid { width, height: TILE }.places() * ray_bytes(sums_errors);
     let rows = (STATES_LIMIT / row_of_tiles).min(u64::from(u32::MAX / TILE)) as u32 * TILE;
     (rows - rows % subgrid).max(subgrid)
 }
 
-/// What is allocated besides bricks.
+/// Sizes of everything allocated besides bricks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Capacity {
     /// Places of rays.
@@ -110,12 +109,12 @@ pub(super) struct Capacity {
     pub(super) index: usize,
     /// Entries of the page table.
     pub(super) entries: u64,
-    /// Whether there is room for what rays may be off by.
+    /// Whether there is memory for errors of rays.
     pub(super) sums_errors: bool,
 }
 
 impl Capacity {
-    /// For pictures of this size, or smaller ones, with this transfer function.
+    /// Capacity for pictures of this size, or smaller ones, with this transfer function.
     pub(super) fn new(
         (grid, subgrid): (RayGrid, u32),
         tf: &RenderTransferFunction,
@@ -127,12 +126,12 @@ impl Capacity {
         Self { places: band.places(), points: tf.points.len(), index, entries, sums_errors }
     }
 
-    /// The same with room for as many rays as `other` has.
+    /// The same with memory for as many rays as `other`.
     pub(super) fn with_rays_of(self, other: &Self) -> Self {
         Self { places: self.places.max(other.places), ..self }
     }
 
-    /// Whether it is enough for what needs `other`.
+    /// Whether it suffices for `other`.
     pub(super) fn holds(&self, other: &Self) -> bool {
         let has_room = self.places >= other.places && self.points >= other.points && self.index >= other.index;
         has_room && (self.sums_errors || !other.sums_errors)
@@ -143,7 +142,7 @@ impl Capacity {
         (self.places / u64::from(WORKGROUP_RAYS)).clamp(1, MOST_RUN_TILES as u64)
     }
 
-    /// Bytes of everything that is allocated for it; feedback counts twice, for it is read back.
+    /// Bytes of everything allocated; feedback counts twice, because it is read back.
     pub(super) fn bytes(&self, slots: u64) -> u64 {
         self.places * size_of::<RayState>() as u64
             + self.error_bytes()
@@ -158,13 +157,13 @@ impl Capacity {
             + PixelBuffers::bytes((self.places, self.sums_errors))
     }
 
-    /// Bytes of what rays may be off by; one place is there in any case.
+    /// Bytes of errors of rays; at least one place.
     fn error_bytes(&self) -> u64 {
         size_of::<RayErrors>() as u64 * if self.sums_errors { self.places } else { 1 }
     }
 }
 
-/// Feedback in the GPU's terms.
+/// Feedback with entries and slots instead of bricks.
 #[derive(Debug, Default)]
 pub(super) struct RawFeedback {
     pub(super) feedback: PassFeedback,
@@ -172,19 +171,19 @@ pub(super) struct RawFeedback {
     pub(super) misses: Vec<(u32, u32)>,
     pub(super) uses: Vec<SlotIndex>,
     pub(super) dispatch_ms_max: f64,
-    /// Whether it was time to stop before all rays were finished or waited.
+    /// Whether it was stopped before all rays were finished or waited.
     pub(super) is_stopped: bool,
-    /// Rays of the last round that have to go on.
+    /// Rays of the last round that must continue.
     interrupted: u64,
 }
 
 impl RawFeedback {
-    /// Whether no ray has to go on, or waits.
+    /// Whether no ray must continue or waits.
     pub(super) fn is_finished(&self) -> bool {
         self.feedback.is_converged() && !self.is_stopped
     }
 
-    /// With what the next part of the rays says, when nothing was missed in this one.
+    /// Adds the feedback of the rays' next part, if nothing was missing in this one.
     pub(super) fn followed_by(mut self, mut next: Self) -> Self {
         next.feedback.counters.add(&self.feedback.counters);
         next.feedback.device.add(&self.feedback.device);
@@ -196,7 +195,7 @@ impl RawFeedback {
     }
 }
 
-/// Tiles of rays that are cast one run after the other.
+/// Tiles of rays that are cast run by run.
 struct Round {
     /// See [`Dispatch::later_round`].
     later: u32,
@@ -206,13 +205,13 @@ struct Round {
 /// A dispatch that was submitted.
 struct Run {
     tiles: Vec<u32>,
-    /// Which of the buffers for counters.
+    /// Index of its counter buffer.
     buffer: usize,
     submission: wgpu::SubmissionIndex,
     begin: Instant,
 }
 
-/// Pipelines, and what they bind.
+/// Pipelines with their bindings.
 pub(super) struct Bound {
     variant: Variant,
     /// Whether planes cut rays.
@@ -221,19 +220,19 @@ pub(super) struct Bound {
     scene: wgpu::BindGroup,
     classify: wgpu::BindGroup,
     begin: wgpu::BindGroup,
-    /// Where solids leave parts of rays.
+    /// Bindings for parts of rays that solids leave.
     begin_parts: Option<wgpu::BindGroup>,
     cast: wgpu::BindGroup,
     gather: wgpu::BindGroup,
     pub(super) pixels: BoundPixels,
-    /// Whether a ray has been cast by them.
+    /// Whether they have cast a ray.
     is_compiled: bool,
 }
 
 /// Rays, pipelines, feedback.
 pub(crate) struct Caster {
     pub(super) gpu: GpuDevice,
-    /// Pipelines of the picture, and what they bind; none before the first.
+    /// Pipelines of the picture with their bindings; `None` before the first picture.
     bound: Option<Bound>,
     scene: wgpu::Buffer,
     points: Table,
@@ -241,17 +240,17 @@ pub(crate) struct Caster {
     light: Table,
     feedback: wgpu::Buffer,
     states: wgpu::Buffer,
-    /// What rays may be off by: one place where nobody asked.
+    /// Errors of rays: one place if they are not summed up.
     errors: wgpu::Buffer,
     parts: wgpu::Buffer,
-    /// Counters of the runs in flight and what is left of their tiles, and which buffer is next.
+    /// Counters and tile states of the runs in flight, and the index of the next buffer.
     counters: Vec<wgpu::Buffer>,
     next_read_back: usize,
     read_back: wgpu::Buffer,
-    /// The last submission, where it has copied the feedback there.
+    /// The last submission, if it has copied the feedback.
     feedback_after: Option<wgpu::SubmissionIndex>,
     slots: u64,
-    /// Where the tiles of a run begin in the feedback, bytes.
+    /// Position of a run's tiles in the feedback, bytes.
     first_tile: u64,
     pub(super) pixels: PixelBuffers,
     /// Rays of the band in progress.
@@ -261,9 +260,9 @@ pub(crate) struct Caster {
     run_tiles: usize,
     /// [`Dispatch::refined_levels`]
     refined_levels: u32,
-    /// Tiles that a pass looks at: the rays of all others of the band are finished.
+    /// Tiles that a pass examines: the rays of all others in the band are finished.
     unfinished: Vec<u32>,
-    /// Tiles that begin when the scouts have all that they need.
+    /// Tiles that begin when the scouts have all bricks they need.
     held_back: Vec<u32>,
 }
 
@@ -316,7 +315,7 @@ impl Caster {
         })
     }
 
-    /// Pipelines for pictures of a kind, bound to what is there.
+    /// Pipelines for pictures of a kind, with their bindings.
     fn bind(&self, cache: &GpuCache, variant: Variant, view: &View) -> Result<Bound, GpuError> {
         let gpu = &self.gpu;
         let pipelines = gpu.pipelines(variant)?;
@@ -356,7 +355,7 @@ impl Caster {
         self.bound.as_ref().expect("a scene is set before anything is cast")
     }
 
-    /// From now on rays are cast by these tables and this transfer function; a band must be begun.
+    /// Sets tables and transfer function for the following rays; a band must be begun next.
     ///
     /// # Errors
     /// If the driver refuses a pipeline.
@@ -384,7 +383,7 @@ impl Caster {
         Ok(())
     }
 
-    /// Decides what of the bricks in these slots shows something under the look.
+    /// Computes the visibility of the bricks in these slots under the look.
     pub(super) fn classify(&self, cache: &GpuCache, slots: &[SlotIndex]) {
         for slots in slots.chunks(GROUPS_LIMIT as usize) {
             cache.write_slot_list(slots);
@@ -412,10 +411,11 @@ impl Caster {
         self.gpu.submit(encoder);
     }
 
-    /// No ray of the band is known to be finished. Scouts go ahead; where they stop for the bricks that they meet, all others would have
-    /// stopped with them.
+    /// Marks all rays of the band as unfinished. Scouts run ahead: all other rays would stop with them at the missing
+    /// bricks.
     ///
-    /// Hardware has no scouts: a pass costs it little more than its rays, and one of an eighth of the rays leaves most of it idle.
+    /// On hardware there are no scouts: a pass costs little more than its rays, and one of an eighth of the rays leaves
+    /// most of the device idle.
     fn look_at_all(&mut self) {
         [self.unfinished, self.held_back] = match self.gpu.deals_as_software() {
             true => scouts_and_others(self.grid),
@@ -423,13 +423,13 @@ impl Caster {
         };
     }
 
-    /// All rays go on with the scouts: what these would still ask for would have to leave before the others come.
+    /// Lets all rays continue with the scouts: further bricks for scouts would be evicted before the others come.
     pub(super) fn end_scouting(&mut self) {
         self.unfinished.append(&mut self.held_back);
         self.sort_unfinished();
     }
 
-    /// Puts the tiles that a pass looks at in the order in which they are cast, each once.
+    /// Sorts the tiles of a pass into the order of casting, each once.
     fn sort_unfinished(&mut self) {
         match self.gpu.deals_as_software() {
             true => sort_by_squares(&mut self.unfinished, self.grid),
@@ -438,12 +438,12 @@ impl Caster {
         self.unfinished.dedup();
     }
 
-    /// Sets rays of the band on their way through their next part.
+    /// Starts rays of the band on their next part.
     pub(super) fn begin_parts(&mut self, parts: &[RayPart]) {
         self.look_at_all();
         for parts in parts.chunks(PARTS_AT_ONCE) {
             let groups = (parts.len() as u32).div_ceil(WORKGROUP_RAYS);
-            // The last workgroup is filled up with places that there are not.
+            // The last workgroup is filled up with places that do not exist.
             let mut whole = parts.to_vec();
             whole.resize((groups * WORKGROUP_RAYS) as usize, RayPart { place: u32::MAX, ..RayPart::zeroed() });
             self.gpu.write_buffer(&self.parts, 0, bytemuck::cast_slice(&whole));
@@ -490,11 +490,11 @@ impl Caster {
         pass.dispatch_workgroups(groups.div_ceil(rows), rows, 1);
     }
 
-    /// Casts every unfinished ray until it is finished or waits for a brick, or that is to stop. Tiles whose rays are all finished are
-    /// not looked at again: however early a pass is stopped, the next one begins further behind.
+    /// Casts every unfinished ray until it is finished or waits for a brick, or `stop` is due. Tiles whose rays are all
+    /// finished are dropped, so the next pass begins further on however early this one is stopped.
     ///
-    /// Runs of tiles are submitted without waiting for those before them, [`RUNS_IN_FLIGHT`] at a time; what is read of one is
-    /// which of its tiles have to go on, in the next round.
+    /// Runs of tiles are submitted without waiting for earlier ones, [`RUNS_IN_FLIGHT`] at a time. A run returns the
+    /// tiles that must continue in the next round.
     pub(super) fn cast_pass(&mut self, refined_levels: u32, stop: &Stop) -> Result<RawFeedback, GpuError> {
         self.refined_levels = refined_levels;
         self.compile()?;
@@ -531,8 +531,8 @@ impl Caster {
         Ok(())
     }
 
-    /// Casts no ray, once: drivers that compile a shader when it is first run would take the time for that of the rays, half a second
-    /// of it on software adapters, and keep the runs after it short.
+    /// Runs the shader once without rays. Some drivers compile a shader when it first runs: half a second on software
+    /// adapters. That time would be taken for that of the rays, and later runs would be too short.
     fn compile(&mut self) -> Result<(), GpuError> {
         if self.bound().is_compiled {
             return Ok(());
@@ -544,7 +544,7 @@ impl Caster {
         Ok(())
     }
 
-    /// Submits the tiles of a round, run by run; returns those that have to go on.
+    /// Submits the tiles of a round, run by run; returns those that must continue.
     fn cast_round(&mut self, round: Round, raw: &mut RawFeedback, stop: &Stop) -> Result<Vec<u32>, GpuError> {
         raw.interrupted = 0;
         let mut left = Vec::new();
@@ -570,14 +570,15 @@ impl Caster {
         Ok(left)
     }
 
-    /// Says what the next dispatch is for.
+    /// Writes the parameters of the next dispatch.
     pub(super) fn write_job(&self, first_pixel: u32, later_round: u32) {
         let job = Dispatch { first_pixel, later_round, refined_levels: self.refined_levels, padding: 0 };
         let offset = std::mem::offset_of!(Scene, job) as u64;
         self.gpu.write_buffer(&self.scene, offset, bytemuck::bytes_of(&job));
     }
 
-    /// Submits a run; with the last one of a round goes what a pass reads at its end, since few have another round.
+    /// Submits a run. The last run of a round also copies the feedback that a pass reads at its end, since few have
+    /// another round.
     fn submit(&mut self, tiles: Vec<u32>, later_round: u32, is_last: bool) -> Run {
         let buffer = self.next_read_back;
         self.next_read_back = (buffer + 1) % RUNS_IN_FLIGHT;
@@ -598,7 +599,7 @@ impl Caster {
         Run { tiles, buffer, submission, begin: Instant::now() }
     }
 
-    /// Waits for the oldest run, and takes what it counted.
+    /// Waits for the oldest run, and reads its counters.
     fn land(
         &mut self,
         flying: &mut VecDeque<Run>,
@@ -615,7 +616,7 @@ impl Caster {
             })?;
         raw.feedback.add(&counters);
         raw.feedback.unfinished_rays += u64::from(counters.waiting);
-        // It began when it was submitted, or when the one before it had ended.
+        // It began when it was submitted, or when the previous one ended.
         let ms = milliseconds(run.begin.max(*last_end).elapsed());
         *last_end = Instant::now();
         raw.dispatch_ms_max = raw.dispatch_ms_max.max(ms);
@@ -638,7 +639,7 @@ impl Caster {
         }
     }
 
-    /// Counts the listed misses, and copies what is read of them first.
+    /// Encodes counting of the listed misses, and the copy of the part of them that is read first.
     fn gather_feedback(&self, encoder: &mut wgpu::CommandEncoder) {
         let bound = self.bound();
         self.dispatch(encoder, &bound.pipelines.gather_misses, &bound.gather, FIRST_MISSES.div_ceil(WORKGROUP_RAYS));
@@ -674,13 +675,13 @@ fn all_tiles(grid: RayGrid) -> Range<u32> {
     0..(grid.places() / u64::from(WORKGROUP_RAYS)) as u32
 }
 
-/// Puts tiles in the order of squares of [`SQUARE`] tiles.
+/// Sorts tiles into squares of [`SQUARE`] tiles.
 fn sort_by_squares(tiles: &mut [u32], grid: RayGrid) {
     let across = grid.tiles()[0];
     tiles.sort_unstable_by_key(|&tile| (tile / across / SQUARE, tile % across / SQUARE, tile));
 }
 
-/// Tiles that go ahead, and the others: whole rows of them, evenly spread.
+/// Tiles of scouts, and the others: whole rows, evenly spread.
 fn scouts_and_others(grid: RayGrid) -> [Vec<u32>; 2] {
     let [across, rows] = grid.tiles();
     let goes_ahead = |tile: &u32| rows < 2 * SCOUTING_ROWS || tile / across % SCOUTING_ROWS == SCOUTING_ROWS / 2;

@@ -1,4 +1,4 @@
-//! Compute pipelines and what they bind; the order of the bindings is that of `shaders/shared/config.wgsl`.
+//! Compute pipelines and their bindings, in the order of `shaders/shared/config.wgsl`.
 
 use std::sync::OnceLock;
 
@@ -9,7 +9,7 @@ use super::shaders::{
 use crate::engines::gpu::error::GpuError;
 use crate::engines::gpu::limits::TEXTURE_LIMIT;
 
-/// What pipelines are compiled for.
+/// Parameters that pipelines are compiled for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Variant {
     /// `MODE_...`
@@ -24,11 +24,11 @@ pub struct Variant {
 pub struct Pipelines {
     variant: Variant,
     scene_layout: wgpu::BindGroupLayout,
-    /// Of `Scene` alone: a shader may bind so many buffers, and some need more of their own.
+    /// Layout of `Scene` alone: the number of buffers per shader is limited, and some shaders need more of their own.
     view_layout: wgpu::BindGroupLayout,
-    /// `begin_rays.wgsl` where nothing cuts rays, and where planes do: made when they are first wanted.
+    /// `begin_rays.wgsl` without and with clip planes: made on first use.
     begin_rays: [OnceLock<Pipeline>; 2],
-    /// `begin_parts.wgsl`, in the same way.
+    /// `begin_parts.wgsl`, likewise.
     begin_parts: OnceLock<Pipeline>,
     /// `classify_cells.wgsl`
     pub classify_cells: Pipeline,
@@ -40,14 +40,14 @@ pub struct Pipelines {
     pub gather_pixels: Pipeline,
 }
 
-/// A pipeline, and the layout of what it alone binds.
+/// A pipeline, with the layout of its own bindings.
 pub struct Pipeline {
     /// The pipeline.
     pub pipeline: wgpu::ComputePipeline,
     layout: wgpu::BindGroupLayout,
 }
 
-/// What group 0 binds.
+/// Bindings of group 0.
 pub struct SceneBindings<'a> {
     /// `Scene`
     pub scene: &'a wgpu::Buffer,
@@ -67,7 +67,7 @@ pub struct SceneBindings<'a> {
     pub feedback: &'a wgpu::Buffer,
     /// Cache textures, [`TEXTURE_LIMIT`] of them.
     pub textures: &'a [wgpu::TextureView],
-    /// What bricks may be off by.
+    /// Deviations of bricks.
     pub deviations: &'a wgpu::Buffer,
 }
 
@@ -77,7 +77,7 @@ enum Access {
     ReadWrite,
     /// A sampled texture, of which texels are fetched.
     Table,
-    /// A texture that is read as the device reads them best: [`TexelAccess`].
+    /// A texture that is read in the device's preferred way: [`TexelAccess`].
     Texels(wgpu::TextureViewDimension),
 }
 
@@ -126,7 +126,7 @@ impl Pipelines {
         })
     }
 
-    /// `begin_rays.wgsl`, for rays that planes cut or others.
+    /// `begin_rays.wgsl`, for rays with or without clip planes.
     ///
     /// # Errors
     /// If the driver refuses it.
@@ -143,7 +143,7 @@ impl Pipelines {
         self.wanted(gpu, &self.begin_parts, &BEGIN_PARTS, &[Access::ReadWrite, Access::Read], false)
     }
 
-    /// The pipeline of a place, which is made if nobody has wanted it before.
+    /// The pipeline in `place`, made on first use.
     fn wanted<'p>(
         &self,
         gpu: &GpuDevice,

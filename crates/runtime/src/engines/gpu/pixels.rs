@@ -10,14 +10,14 @@ const PIECE_LIMIT: u64 = 4 << 20;
 /// Pieces that are on their way at once.
 pub(super) const PIECES_IN_FLIGHT: usize = 2;
 
-/// What a ray has gathered: premultiplied colour and transmittance; in modes that count by value the value (mean: its integral), the
-/// world length over which it was present, 0, and the transmittance.
+/// Values gathered by a ray: premultiplied colour and transmittance. In modes that count by value: the value (mean: its
+/// integral), its present world length, 0, and the transmittance.
 pub(super) type Gathered = [f32; 4];
 
 pub(super) const GATHERED_BYTES: u64 = size_of::<Gathered>() as u64;
 pub(super) const ERROR_BYTES: u64 = size_of::<RayErrors>() as u64;
 
-/// Where pieces are put together, and where they are read.
+/// Buffers in which pieces are assembled and read.
 pub(super) struct PixelBuffers {
     pub(super) gathered: wgpu::Buffer,
     pub(super) errors: wgpu::Buffer,
@@ -26,7 +26,7 @@ pub(super) struct PixelBuffers {
     pub(super) rays: u64,
 }
 
-/// What `gather_pixels.wgsl` binds.
+/// Bindings of `gather_pixels.wgsl`.
 pub(super) struct BoundPixels {
     pub(super) view: wgpu::BindGroup,
     pub(super) buffers: wgpu::BindGroup,
@@ -58,7 +58,7 @@ impl PixelBuffers {
         (rays, [rays * GATHERED_BYTES, ERROR_BYTES * if sums_errors { rays } else { 1 }])
     }
 
-    /// Binds them, beside the scene and all rays: their states, and what they may be off by.
+    /// Binds the buffers, the scene and all rays: their states and errors.
     pub(super) fn bind(
         &self,
         gpu: &GpuDevice,

@@ -1,9 +1,9 @@
-//! Rays in several parts, for the GPU: what solids leave of them ([`supervol_scene::clip::clip_parts`]).
+//! Rays in several parts, for the GPU: solids cut them ([`supervol_scene::clip::clip_parts`]).
 //!
-//! Which parts there are is found here, in `f64` and by the same functions as for the CPU's rays, meshes included; the shader is told
-//! where each part begins and ends. All rays of a band go through their first part, then those that have a second one through that, and
-//! so on, as tiles do on the CPU (docs/decisions/022-solids-and-picking.md). Parts are found anew when their turn comes: all that is kept
-//! is which rays have another one.
+//! The parts are computed here, in `f64` and by the same functions as for the CPU's rays, meshes included. The shader
+//! receives begin and end of each part. All rays of a band cast their first part, then those that have a second part
+//! cast that, and so on, like tiles on the CPU (docs/decisions/022-solids-and-picking.md). Parts are computed when
+//! their turn comes; only the list of rays with another part is kept.
 
 use rayon::prelude::*;
 use supervol_format::{Dims, Geometry};
@@ -13,7 +13,7 @@ use supervol_scene::clip::{Clip, ToIndex, clip_parts};
 use super::layout::RayPart;
 use super::rays::{RayGrid, ViewLines};
 
-/// The rays of a picture, and what cuts them.
+/// The rays of a picture, and the solids that cut them.
 pub struct RayParts {
     rays: PixelRays,
     size: [u32; 2],
@@ -23,7 +23,7 @@ pub struct RayParts {
     lines: ViewLines,
 }
 
-/// The part of each ray whose turn it is, and the rays that have another one behind it.
+/// One turn: the current part of each ray, and the rays that have another part behind it.
 #[derive(Debug, Default)]
 pub struct Turn {
     /// In the order of their places.
@@ -33,7 +33,7 @@ pub struct Turn {
 }
 
 impl RayParts {
-    /// What solids leave of the rays of this camera; nothing to do without solids.
+    /// Parts of the rays of this camera; `None` without solids.
     #[must_use]
     pub fn new(camera: &Camera, geometry: &Geometry, dims: Dims, clip: &Clip) -> Option<Self> {
         (!clip.solids.is_empty()).then(|| Self {

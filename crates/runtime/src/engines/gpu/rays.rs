@@ -1,13 +1,12 @@
-//! Rays for the GPU: made by the shader, from numbers that change by the same amount from pixel to pixel.
+//! Rays for the GPU: the shader makes them, from numbers that change linearly from pixel to pixel.
 //!
-//! With depth as its parameter, a ray of either projection is a line whose origin and whose direction in index space change
-//! by the same amount from pixel to pixel. Both are handed over in fixed point with 64 bits of fraction ([`Fixed`]), so that
-//! the shader finds any place of any ray by whole numbers alone, however large the volume is and however many strides away:
-//! no coordinate ever stands in a single `f32`, and no compiler can round anything differently. What is left to `f32` are
-//! offsets of some voxels.
+//! With depth as parameter, a ray of either projection is a line; its origin and its direction in index space change
+//! linearly from pixel to pixel. Both are passed in fixed point with 64 bits of fraction ([`Fixed`]). So the shader
+//! computes any position on any ray by integers alone, for any size of volume and any number of strides. No coordinate
+//! is ever stored in a single `f32`, and no compiler can round differently. `f32` holds only offsets of some voxels.
 //!
-//! Rays are stored tile by tile (8 x 8 rays, x fastest, rows of tiles from the top), so that the lanes of a workgroup stay
-//! together in the volume. Places beyond the picture's edge hold finished rays.
+//! Rays are stored tile by tile (8 x 8 rays, x fastest, rows of tiles from the top), so that the lanes of a workgroup
+//! stay together in the volume. Places beyond the picture's edge hold finished rays.
 
 use bytemuck::Zeroable;
 use glam::{DMat3, DVec3};
@@ -22,16 +21,16 @@ use crate::engines::gpu::error::GpuError;
 /// Edge of a tile, pixels.
 pub const TILE: u32 = 8;
 
-/// Voxels that a stride spans at most along each axis: how far a ray's base point lies behind the brick it enters.
+/// Most voxels of a stride along each axis: the distance of a ray's base point behind the brick it enters.
 const STRIDE_VOXELS: f64 = 8.0;
 
-/// Rays begin this many voxels, along the view, before the volume.
+/// Distance of the rays' begin in front of the volume, voxels along the view.
 const MARGIN_VOXELS: f64 = 4.0;
 
-/// Places of rays, voxels from the volume's origin along an axis, that fixed-point numbers may be asked for.
+/// Largest position on rays for fixed-point numbers, voxels from the volume's origin along an axis.
 const PLACE_LIMIT: f64 = (1 << 30) as f64;
 
-/// A grid of rays and where each of them is stored.
+/// A grid of rays, with their storage order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RayGrid {
     /// Rays along x.
@@ -53,8 +52,8 @@ impl RayGrid {
         self.tiles().iter().map(|&n| u64::from(n)).product::<u64>() * u64::from(WORKGROUP_RAYS)
     }
 
-    /// The pixel at a place; may lie beyond the edge. Tiles are stored row by row, and so are the blocks of 4 x 2 pixels of a tile:
-    /// what groups of lanes cast together lies closer to each other than in rows of 8.
+    /// The pixel at a place; may lie beyond the edge. Tiles are stored row by row, and so are the blocks of 4 x 2
+    /// pixels within a tile. Rays cast together by groups of lanes are then closer than in rows of 8.
     #[must_use]
     pub fn pixel(self, place: u64) -> [u32; 2] {
         let (tile, lane) = (place / u64::from(WORKGROUP_RAYS), (place % u64::from(WORKGROUP_RAYS)) as u32);
@@ -73,7 +72,7 @@ impl RayGrid {
     }
 }
 
-/// A number that changes by the same amount from pixel to pixel, as `f64`.
+/// A number that changes linearly from pixel to pixel, as `f64`.
 #[derive(Debug, Clone, Copy)]
 struct Line<T> {
     base: T,
@@ -105,10 +104,10 @@ impl Line<DVec3> {
     }
 }
 
-/// The rays of a picture, in `f64`: what [`View`] holds in fixed point.
+/// The rays of a picture, in `f64`; [`View`] holds the same in fixed point.
 #[derive(Debug, Clone, Copy)]
 pub struct ViewLines {
-    /// World points at t = 0, the rays' directions per unit of t.
+    /// World points at t = 0, and the rays' directions per unit of t.
     origin: Line<DVec3>,
     direction: Line<DVec3>,
     /// Depth of the origins, from the eye.
@@ -154,18 +153,19 @@ impl ViewLines {
         self.depth
     }
 
-    /// Whole strides to a place on a pixel's ray, a world length from where the ray begins, and the parameter beyond them.
+    /// Number of whole strides to a position on a pixel's ray, and the parameter beyond them; `length` is the world
+    /// length from the ray's begin.
     #[must_use]
     pub fn strides_to(&self, ray: &Ray, [x, y]: [u32; 2], length: f64) -> (u32, f32) {
         let [origin, direction] = [self.origin, self.direction].map(|line| line.at(f64::from(x), f64::from(y)));
         let beyond = length - (origin - ray.origin).dot(ray.direction);
         let strides = (beyond / direction.length() / self.stride).max(0.0);
-        // Far more than a ray through the largest volume takes fit 32 bits.
+        // The number of strides through the largest volume is far below 32 bits.
         let whole = strides.floor().min(f64::from(u32::MAX));
         (whole as u32, ((strides - whole) * self.stride) as f32)
     }
 
-    /// What the shader is given.
+    /// The view in the form for the shader.
     ///
     /// # Errors
     /// If rays of the picture lie further from the volume than fixed-point numbers reach.
@@ -197,7 +197,7 @@ impl ViewLines {
             (view.box_low[a], view.box_low_rest[a]) = (low.floor() as i32, (low - low.floor()) as f32);
             (view.box_high[a], view.box_high_rest[a]) = (high.floor() as i32, (high - high.floor()) as f32);
         }
-        // Planes that do not meet the volume cut off nothing or all of it; the others lie where rays' heights can be told.
+        // Planes that do not meet the volume cut off nothing or all of it; heights above all others are representable.
         let corners = corners_of_volume(geometry, dims);
         let is_above = |plane: &ClipPlane, p: &DVec3| plane.normal.dot(*p) >= plane.offset;
         if clip.planes.iter().any(|plane| corners.iter().all(|p| !is_above(plane, p))) {
@@ -211,12 +211,12 @@ impl ViewLines {
         Ok(view)
     }
 
-    /// Heights above a plane, in units of how fast they change by voxel at most.
+    /// Heights above a plane, in units of their largest change per voxel.
     fn plane_line(&self, plane: &ClipPlane, linear: DMat3) -> PlaneLine {
         let unit = (linear.transpose() * plane.normal).length();
         let height = self.origin.map(|v| plane.normal.dot(v) / unit);
         let height = Line { base: (plane.normal.dot(self.origin.base) - plane.offset) / unit, ..height };
-        // One that meets no part of the volume is there only beside another that leaves nothing.
+        // A plane that does not meet the volume remains only beside another that leaves nothing.
         let height = height.map(|h| h.clamp(-PLACE_LIMIT, PLACE_LIMIT));
         PlaneLine {
             origin: affine(height),
@@ -241,7 +241,7 @@ fn corners_of_volume(geometry: &Geometry, dims: Dims) -> [DVec3; 8] {
     })
 }
 
-/// The least depth of a corner of the volume's domain, seen from the eye; may lie behind it.
+/// The least depth of a corner of the volume's domain, from the eye; may be negative.
 fn nearest_depth(camera: &Camera, geometry: &Geometry, dims: Dims) -> f64 {
     let depth = |p: DVec3| (p - camera.eye).dot(camera.forward);
     corners_of_volume(geometry, dims).map(depth).into_iter().fold(f64::INFINITY, f64::min)

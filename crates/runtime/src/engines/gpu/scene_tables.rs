@@ -1,4 +1,4 @@
-//! A scene and a volume as the shaders read them: [`Config`], [`Tables`], and the transfer function's buffers.
+//! A scene and a volume in the form that shaders read: [`Config`], [`Tables`], and the transfer function's buffers.
 
 use bytemuck::Zeroable;
 use supervol_format::brick::APRON;
@@ -27,38 +27,37 @@ pub struct GpuVolume<'a> {
     pub pyramid: &'a Pyramid,
     /// Its place in the world.
     pub geometry: &'a Geometry,
-    /// What stored numbers mean.
+    /// Map from stored numbers to render values.
     pub value_map: &'a ValueMap,
     /// Range of all present values, data units.
     pub value_range: ValueRange,
-    /// How its bricks are decoded.
+    /// Storage of its decoded bricks.
     pub storage: VoxelStorage,
 }
 
-/// How exactly rays are integrated, and what they may leave out.
+/// Accuracy of the integration, and permitted omissions.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Exactness {
     /// Whether macro cells that cannot change the picture are skipped.
     pub skipping: Skipping,
-    /// Largest error of any channel of any pixel that is aimed at, 1 being white.
+    /// Requested error of any channel of any pixel, 1 is white.
     pub max_error: f64,
-    /// Whether it is summed up what rays may be off by.
+    /// Whether errors of rays are summed up.
     pub sums_errors: bool,
 }
 
-/// What the tables need to know of the device's memory.
+/// Facts of the device's memory that the tables need.
 #[derive(Debug, Clone, Copy)]
 pub struct FeedbackPlaces {
-    /// Where slots lie.
+    /// Position of slots.
     pub grids: [SlotGrid; 4],
-    /// How many there are.
+    /// Number of slots.
     pub slots: u64,
     /// Entries of the page table.
     pub entries: u64,
 }
 
-/// The scene's and the volume's numbers; [`Config::stride`] is that of the view, [`Config::work_limit`] the
-/// adapter's.
+/// The configuration of scene and volume. [`Config::stride`] is that of the view, [`Config::work_limit`] the adapter's.
 ///
 /// # Errors
 /// [`GpuError::Scene`] for a mode that this backend does not draw.
@@ -155,7 +154,7 @@ fn mode_number(mode: Mode) -> Result<u32, GpuError> {
 /// Levels, lights and iso surfaces.
 ///
 /// # Errors
-/// [`GpuError::TableLimit`] where the pyramid has more bricks than 32 bits count.
+/// [`GpuError::TableLimit`] if the pyramid has more bricks than 32 bits count.
 pub fn tables(volume: &GpuVolume<'_>, scene: &ResolvedScene) -> Result<Tables, GpuError> {
     let entries = volume.pyramid.brick_count();
     if u32::try_from(entries).is_err() {

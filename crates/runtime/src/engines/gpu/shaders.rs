@@ -1,7 +1,7 @@
 //! The WGSL files, in the order in which they are joined into modules.
 //!
-//! Nothing is assembled but whole files, end to end; WGSL lets a function use one that is declared further down, so
-//! that the order only matters to readers: layout, bindings, then the data path.
+//! Modules are whole files, joined end to end. WGSL lets a function use one that is declared further down, so the order
+//! only matters to readers: layout, bindings, then the data path.
 
 use super::layout::{FLAG_LIGHT, FLAG_SHADED, FLAG_SURFACES};
 
@@ -25,8 +25,8 @@ macro_rules! file {
     };
 }
 
-/// All that a ray does, without an entry point. Named are the files that have an alternative: how it goes through a brick, and what light
-/// and surfaces make of a part of its way.
+/// All files of a ray, without an entry point. The parameters are the files with alternatives: the walk through a
+/// brick, and the effect of light and of surfaces on a part.
 macro_rules! ray {
     ($resident:literal, $light:literal, $surfaces:literal) => {
         &[
@@ -70,21 +70,21 @@ macro_rules! raycast_light {
     };
 }
 
-/// The same by parts of cells, where `FLAG_LIGHT` is set.
+/// The same by parts of cells, if `FLAG_LIGHT` is set.
 pub const RAYCAST_LIGHT: ShaderModule = raycast_light!("shared/light_unlit.wgsl", "shared/light_no_surfaces.wgsl");
 
-/// With light.
+/// The same with light.
 pub const RAYCAST_LIGHT_SHADED: ShaderModule = raycast_light!("shared/light_lit.wgsl", "shared/light_no_surfaces.wgsl");
 
-/// With surfaces.
+/// The same with surfaces.
 pub const RAYCAST_LIGHT_SURFACES: ShaderModule =
     raycast_light!("shared/light_unlit.wgsl", "shared/light_surfaces.wgsl");
 
-/// With both.
+/// The same with light and surfaces.
 pub const RAYCAST_LIGHT_SHADED_SURFACES: ShaderModule =
     raycast_light!("shared/light_lit.wgsl", "shared/light_surfaces.wgsl");
 
-/// What casts rays where these flags are set.
+/// The module that casts rays with these flags.
 #[must_use]
 pub fn raycast_for(flags: u32) -> ShaderModule {
     let has = |flag: u32| flags & flag != 0;
@@ -100,15 +100,15 @@ pub fn raycast_for(flags: u32) -> ShaderModule {
 /// Clips the rays of a band.
 pub const BEGIN_RAYS: ShaderModule = ShaderModule { name: "begin_rays", shared: RAY, entry: file!("begin_rays.wgsl") };
 
-/// Sets rays on their way through their next part.
+/// Starts rays on their next part.
 pub const BEGIN_PARTS: ShaderModule =
     ShaderModule { name: "begin_parts", shared: RAY, entry: file!("begin_parts.wgsl") };
 
-/// Decides which macro cells show something.
+/// Decides which macro cells are visible.
 pub const CLASSIFY_CELLS: ShaderModule =
     ShaderModule { name: "classify_cells", shared: RAY, entry: file!("classify_cells.wgsl") };
 
-/// Puts what rays have gathered in the order of the pixels.
+/// Puts the values gathered by rays into the order of pixels.
 pub const GATHER_PIXELS: ShaderModule =
     ShaderModule { name: "gather_pixels", shared: RAY, entry: file!("gather_pixels.wgsl") };
 
@@ -125,24 +125,24 @@ pub const TEST_TWINS: ShaderModule = ShaderModule { name: "test_twins", shared: 
 /// For the tests: parts of rays and their light.
 pub const TEST_LIGHT: ShaderModule = ShaderModule { name: "test_light", shared: RAY, entry: file!("test_light.wgsl") };
 
-/// For the tests: places on rays, bricks, pages and gradients.
+/// For the tests: positions on rays, bricks, pages and gradients.
 pub const TEST_PLACES: ShaderModule =
     ShaderModule { name: "test_places", shared: RAY, entry: file!("test_places.wgsl") };
 
-/// For the tests: arithmetic of rays on their way.
+/// For the tests: arithmetic of walking rays.
 pub const TEST_WALK: ShaderModule = ShaderModule { name: "test_walk", shared: RAY, entry: file!("test_walk.wgsl") };
 
-/// For the tests: places in textures, marks of surfaces.
+/// For the tests: positions in textures, marks of surfaces.
 pub const TEST_SLOTS: ShaderModule = ShaderModule { name: "test_slots", shared: RAY, entry: file!("test_slots.wgsl") };
 
-/// For the tests: what coarser bricks do to rays.
+/// For the tests: effect of coarser bricks on rays.
 pub const TEST_ERRORS: ShaderModule =
     ShaderModule { name: "test_errors", shared: RAY, entry: file!("test_errors.wgsl") };
 
-/// What the tests run beside [`DRAWING`].
+/// Modules of the tests, beside [`DRAWING`].
 pub const TESTING: [ShaderModule; 6] = [TEST_TWINS, TEST_LIGHT, TEST_PLACES, TEST_WALK, TEST_SLOTS, TEST_ERRORS];
 
-/// What pictures are made by.
+/// Modules of pictures.
 pub const DRAWING: [ShaderModule; 10] = [
     RAYCAST,
     RAYCAST_LIGHT,
@@ -156,7 +156,8 @@ pub const DRAWING: [ShaderModule; 10] = [
     GATHER_PIXELS,
 ];
 
-/// How shaders read the textures that they read most: as storage textures, or as sampled ones. The pictures are the same.
+/// The way shaders read the textures that they read most: as storage textures, or as sampled ones. The pictures are the
+/// same.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TexelAccess {
     /// For software adapters: fewer instructions for an address.
@@ -166,7 +167,7 @@ pub enum TexelAccess {
 }
 
 impl TexelAccess {
-    /// Where they are declared.
+    /// The file that declares them.
     fn file(self) -> ShaderFile {
         match self {
             Self::Stored => file!("shared/texels_stored.wgsl"),
@@ -174,7 +175,7 @@ impl TexelAccess {
         }
     }
 
-    /// What such textures are made for.
+    /// The usage flags of such textures.
     #[must_use]
     pub fn usage(self) -> wgpu::TextureUsages {
         match self {

@@ -1,7 +1,7 @@
-//! Which brick of which field sits in which slot, and which one must leave when another comes.
+//! Slots of the cache: the brick of which field is in which slot, and the order of eviction.
 //!
-//! Order of eviction: least recently used first, where "used" means that a ray sampled the slot in a pass. A brick
-//! inserted since the last pass is never evicted: some ray waits for it and has not seen it yet. All fields share the slots.
+//! Eviction is least recently used first; "used" means that a ray sampled the slot in a pass. A brick inserted since
+//! the last pass is never evicted: some ray waits for it and has not seen it yet. All fields share the slots.
 
 use std::collections::{BTreeSet, HashMap};
 
@@ -11,18 +11,18 @@ use crate::stream::field::FieldBrick;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct SlotIndex(pub u32);
 
-/// Who sits where.
+/// Assignment of bricks to slots.
 #[derive(Debug)]
 pub struct Slots {
-    /// Key of each slot; `None` where it is free.
+    /// Key of each slot; `None` if it is free.
     keys: Vec<Option<FieldBrick>>,
     /// Pass in which each slot was last used or filled.
     stamps: Vec<u64>,
-    /// Where each resident brick sits.
+    /// Slot of each resident brick.
     places: HashMap<FieldBrick, SlotIndex>,
-    /// Occupied slots by age: the first is the first to leave.
+    /// Occupied slots by age: the first is evicted first.
     by_age: BTreeSet<(u64, SlotIndex)>,
-    /// Free slots, the next to be taken last.
+    /// Free slots; the last one is taken next.
     free: Vec<SlotIndex>,
     /// Number of the coming pass; bricks inserted now carry it and stay.
     pass: u64,
@@ -70,7 +70,7 @@ impl Slots {
         self.by_age.range((pass, SlotIndex(0))..).count()
     }
 
-    /// Where a brick sits, if it is resident.
+    /// Slot of a brick, if it is resident.
     #[must_use]
     pub fn place(&self, key: FieldBrick) -> Option<SlotIndex> {
         self.places.get(&key).copied()
@@ -87,7 +87,7 @@ impl Slots {
         (0u32..).zip(&self.keys).filter_map(|(slot, key)| Some(((*key)?, SlotIndex(slot))))
     }
 
-    /// Gives the brick a slot and names the brick that had to leave it; `None` where every slot holds a brick that was
+    /// Gives the brick a slot and returns the brick that was evicted for it. `None` if every slot holds a brick
     /// inserted since the last pass. A brick that is already resident keeps its slot.
     pub fn insert(&mut self, key: FieldBrick) -> Option<(SlotIndex, Option<FieldBrick>)> {
         if let Some(slot) = self.place(key) {

@@ -1,5 +1,5 @@
-//! Tables that shaders look up at any place, as textures: drivers read those for all lanes at once. Software ones read buffers
-//! lane by lane.
+//! Look-up tables of shaders, stored as textures: drivers read those for all lanes at once, while software drivers read
+//! buffers lane by lane.
 
 use super::device::GpuDevice;
 use super::layout::TABLE_WIDTH as WIDTH;
@@ -8,18 +8,18 @@ use crate::engines::gpu::error::GpuError;
 /// A table of texels of one or four 32-bit words, row by row.
 pub struct Table {
     texture: wgpu::Texture,
-    /// What shaders bind.
+    /// The view that shaders bind.
     pub view: wgpu::TextureView,
     texel_words: usize,
-    /// What was written last.
+    /// The words written last.
     held: Vec<u32>,
 }
 
 impl Table {
-    /// Room for `texels` of 1 or 4 words.
+    /// Allocates `texels` of 1 or 4 words.
     ///
     /// # Errors
-    /// [`GpuError::TableLimit`] beyond what textures hold, and whatever the device says.
+    /// [`GpuError::TableLimit`] beyond the size of textures, and errors of the device.
     pub fn new(gpu: &GpuDevice, doing: &str, texels: usize, texel_words: usize) -> Result<Self, GpuError> {
         let rows = texels.max(1).div_ceil(WIDTH as usize) as u32;
         let most = gpu.limits().max_texture_dimension_2d;
@@ -47,13 +47,13 @@ impl Table {
         Ok(Self { texture, view, texel_words, held: Vec::new() })
     }
 
-    /// Bytes of a table of so many texels.
+    /// Bytes of a table of `texels` texels.
     #[must_use]
     pub fn bytes(texels: usize, texel_words: usize) -> u64 {
         (texels.max(1).next_multiple_of(WIDTH as usize) * texel_words * 4) as u64
     }
 
-    /// Writes the first texels, unless they hold this already.
+    /// Writes the first texels, unless they hold these words already.
     pub fn write(&mut self, gpu: &GpuDevice, words: &[u32]) {
         if self.held == words {
             return;

@@ -18,7 +18,7 @@ pub fn macro_place(slot: u32, core: u32, [x, y, z]: [u32; 3]) -> u32 {
     slot * edge.pow(3) + x + edge * (y + edge * z)
 }
 
-/// A byte of four rows of four, and its neighbours along the row, in the next row, and along that.
+/// A byte of four rows of four, and its neighbours along the row, in the next row, and both.
 #[must_use]
 pub fn bytes_of_square(texel: [u32; 4], [x, y]: [u32; 2]) -> [u32; 4] {
     let bytes: Vec<u8> = texel.iter().flat_map(|word| word.to_le_bytes()).collect();
@@ -45,7 +45,7 @@ pub fn all_surfaces(isos: &[f32]) -> u32 {
     (0..isos.len()).map(|i| 1 << i).sum()
 }
 
-/// Whether surfaces that count lie between two values, or between them and the side on which the ray is, if it knows.
+/// Whether surfaces that count lie between two values, or between them and the ray's side, if it is known.
 #[must_use]
 pub fn meets_surfaces(isos: &[f32], range: [f32; 2], sides: Option<u32>, crossed: u32) -> bool {
     (0..isos.len()).any(|i| {
@@ -61,7 +61,8 @@ pub fn bins_of(config: &Config, numbers: [u32; 4]) -> [f32; 4] {
     numbers.map(|n| (n as f32 - config.light_centre) * config.light_scale + config.light_offset)
 }
 
-/// A ray in a brick: for each axis the parameter per voxel and that of plane 0; how far beyond a face a leap ends.
+/// A ray in a brick: for each axis the parameter per voxel and that of plane 0; and the distance of a leap's end behind
+/// a face.
 #[must_use]
 pub fn light_ray(origin: [f32; 3], direction: [f32; 3]) -> ([f32; 3], [f32; 3], f32) {
     let inverse = direction.map(|d| if d == 0.0 { 0.0 } else { 1.0 / d });
@@ -69,26 +70,26 @@ pub fn light_ray(origin: [f32; 3], direction: [f32; 3]) -> ([f32; 3], [f32; 3], 
     (inverse, offset, LEAP_MARGIN / direction.iter().fold(0.0f32, |most, d| most.max(d.abs())))
 }
 
-/// The cell at a place of a ray in a brick.
+/// The cell at a position of a ray in a brick.
 #[must_use]
 pub fn cell_at(core: u32, origin: [f32; 3], direction: [f32; 3], t: f32) -> [f32; 3] {
     std::array::from_fn(|a| (origin[a] + t * direction[a]).floor().clamp(-1.0, core as f32 - 1.0))
 }
 
-/// The macro cell at a place of a ray in a brick: faces lie half a voxel before multiples of its edge.
+/// The macro cell at a position of a ray in a brick: faces lie half a voxel before multiples of its edge.
 #[must_use]
 pub fn macro_cell_at(origin: [f32; 3], direction: [f32; 3], t: f32) -> [f32; 3] {
     std::array::from_fn(|a| ((origin[a] + t * direction[a] + 0.5) / MACRO_CELL as f32).floor())
 }
 
-/// Length of the part behind one that was taken, or in its place.
+/// Length of the part behind one that was taken, or in place of one that was not.
 #[must_use]
 pub fn next_size(size: f32, ratio: f32, is_taken: bool) -> f32 {
     let allowed = size.max(LEAST_SHARE);
     let factor = match is_taken {
         true if ratio < allowed * EASY => 2.0,
         true => 1.0,
-        // Of a whole cell, the error falls with the square of the number of parts.
+        // For a whole cell, the error falls with the square of the number of parts.
         false if size == 1.0 => {
             let parts = (PARTS_PER_ROOT * ratio.min(PARTS_LIMIT * PARTS_LIMIT).sqrt()).floor() + 1.0;
             1.0 / parts.clamp(2.0, PARTS_LIMIT)
@@ -124,7 +125,7 @@ pub fn value_at(cubic: &[f64; 4], range: [f32; 2], u: f64) -> f64 {
     cubic_at(cubic, u).clamp(f64::from(range[0]), f64::from(range[1]))
 }
 
-/// Where the field first lies on the other side of a value than is said of its beginning.
+/// Position at which the field first lies on the other side of a value than `before`.
 #[must_use]
 pub fn first_change(cubic: &[f64; 4], intervals: &[f64], value: f64, before: bool) -> Option<f64> {
     if (cubic_at(cubic, 0.0) >= value) != before {
@@ -140,14 +141,14 @@ pub fn gradient_at(world_from_index: Mat3, cubics: &[[f32; 4]; 3], scale: Vec3, 
     world_from_index * (Vec3::from_array(cubics.each_ref().map(at)) * scale)
 }
 
-/// Gauss pairs that light wants on a part of a chord, by how far the normal turns on it.
+/// Gauss pairs for light on a part of a chord, by the turn of the normal.
 #[must_use]
 pub fn shaded_pairs(normal_at: impl Fn(f32) -> Vec3, [u0, u1]: [f32; 2], tau: f32) -> u32 {
     let middle = normal_at(0.5 * (u0 + u1));
     shaded_pair_count(normal_at(u0).distance(middle) + middle.distance(normal_at(u1)), tau)
 }
 
-/// One bit for each number that stands for no value.
+/// One bit for each number that means absent.
 #[must_use]
 pub fn is_absent(numbers: [u32; 4], absent: u32) -> u32 {
     (0..4).map(|i| u32::from(numbers[i] == absent) << i).sum()
@@ -159,7 +160,7 @@ pub fn normal_at(gradient: Vec3) -> Vec3 {
     gradient.normalize_or_zero()
 }
 
-/// Sides of surfaces on which the field is at u of a chord.
+/// Sides of surfaces of the field at u of a chord.
 #[must_use]
 pub fn sides_at(isos: &[f32], cubic: &[f64; 4], range: [f32; 2], u: f64) -> u32 {
     sides_of(isos, value_at(cubic, range, u) as f32)

@@ -1,6 +1,6 @@
-//! The rays of a tile on their way to the volume: made for all of its pixels at once, brought to index space and clipped, with the
-//! instructions that packets have. Each is what [`PixelRays::ray`], [`ToIndex::ray`] and [`clip_ray`](supervol_scene::clip::clip_ray) make of its pixel,
-//! to the last bit: these are the same operations in the same order.
+//! Creation of a tile's rays: all rays at once, transformed to index space and clipped, with packet instructions. Each
+//! ray equals the result of [`PixelRays::ray`], [`ToIndex::ray`] and [`clip_ray`](supervol_scene::clip::clip_ray) for
+//! its pixel, bit for bit: the operations and their order are the same.
 
 use supervol_format::Dims;
 use supervol_scene::camera::{PixelRays, Ray};
@@ -13,7 +13,7 @@ use crate::engines::packets::places::{TILE_RAYS, place_of};
 
 type PerRay = [f64; TILE_RAYS];
 
-/// Places of a tile's rays in it, along x and y.
+/// Positions of rays within a tile, along x and y.
 static PLACES: [PerRay; 2] = places();
 
 const fn places() -> [PerRay; 2] {
@@ -27,11 +27,11 @@ const fn places() -> [PerRay; 2] {
     places
 }
 
-/// Sets all rays of a tile on their way, whether their pixels are in the picture or not.
+/// Creates all rays of a tile, inside and outside of the picture.
 pub(super) struct MakeRays<'a> {
     pub(super) pixel_rays: &'a PixelRays,
     pub(super) to_index: &'a ToIndex,
-    /// What is drawn; solids are somebody else's.
+    /// Clipping of the scene; solids are cut elsewhere.
     pub(super) clip: &'a Clip,
     pub(super) dims: Dims,
     /// The tile's first pixel, in the whole picture.
@@ -99,7 +99,8 @@ mod tests {
     use super::*;
     use crate::engines::packets::simd::{InstructionSet, dispatch};
 
-    /// All at once is one by one, to the last bit, with every set of instructions: perspective and not, beside axes, clipped and not.
+    /// All rays at once equal rays made one by one, bit for bit, with every instruction set: perspective or not, along
+    /// axes, clipped or not.
     #[test]
     fn rays_are_what_they_are_one_by_one() {
         let mut random = Random::new(31);

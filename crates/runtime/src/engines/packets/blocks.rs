@@ -1,8 +1,8 @@
-//! Which blocks of a brick may show something: cubes of [`BLOCK`] cells, eight in a macro cell.
+//! Visible blocks of a brick: cubes of [`BLOCK`] cells, eight in a macro cell.
 //!
-//! Containers keep ranges of macro cells. Where thin things run through nothing, most of a macro cell that shows something
-//! shows nothing: there the ranges of its blocks are found from the voxels, once for a brick and a transfer function. Where
-//! most macro cells show something that would not pay, and their blocks are all taken to.
+//! Containers store ranges of macro cells. Around thin structures, most of a visible macro cell is invisible. There the
+//! ranges of its blocks are computed from the voxels, once for a brick and a transfer function. If most macro cells are
+//! visible this does not pay, and all their blocks count as visible.
 
 use supervol_scene::value_map::ValueMap;
 
@@ -11,12 +11,12 @@ use crate::engines::blocks::{BLOCK, HALVES, ranges_of_blocks};
 use crate::engines::rules::VALUE_ERROR;
 use crate::stream::residency::DecodedBrick;
 
-/// Greatest share of macro cells that show something, in quarters, up to which voxels are looked at.
+/// Greatest share of visible macro cells, in quarters, for which voxels are examined.
 const SPARSE_QUARTERS: usize = 3;
-/// Share of a range by which the line that stands for the field in a cell may reach beyond it and see something there.
+/// Share of a range by which the line that replaces the field in a cell may overshoot it.
 const OVERSHOOT: f32 = 0.25;
 
-/// The cloud of a brick's blocks; `shows` is asked for ranges of render values.
+/// The cloud of a brick's blocks; `shows` is called with ranges of render values.
 #[must_use]
 pub fn cloud_of_blocks(
     brick: &DecodedBrick,
@@ -51,8 +51,8 @@ fn half_along(half: usize, axis: usize) -> usize {
     half >> axis & 1
 }
 
-/// A range and what packets may find beside it: interpolation in `f32`, and lines that stand for curves. What the walk through
-/// a block would add, however little, is not leapt over. The empty range, `low > high`, stays empty.
+/// A range widened by what packets may add to it: interpolation in `f32`, and lines in place of curves. So no block is
+/// leapt over that would contribute, however little. The empty range, `low > high`, stays empty.
 fn widened([low, high]: [f32; 2], offset: f32) -> [f32; 2] {
     if low > high {
         return [low, high];
@@ -75,7 +75,7 @@ mod tests {
 
     #[test]
     fn blocks_in_which_nothing_is_present_show_nothing() {
-        // Two macro cells along x; of the first the lower half is present, of the second nothing.
+        // Two macro cells along x: in the first the lower half is present, in the second nothing.
         let (apron, extent) = (2, [20, 12, 12]);
         let value = |i: usize| if i % 20 < apron + BLOCK { 0.5 } else { f32::NAN };
         let brick = DecodedBrick {
@@ -96,7 +96,7 @@ mod tests {
                 "{half}: {low} to {high}"
             );
         }
-        // Everything shows, whatever its value.
+        // Everything is visible, whatever its value.
         let point = |value| ControlPoint { value, color: [1.0; 3], alpha: 1.0 };
         let function = TransferFunction::new(vec![point(0.0), point(1.0)], 1.0).unwrap();
         let render = RenderTransferFunction::new(&function, map.shift);

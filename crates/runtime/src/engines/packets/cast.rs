@@ -4,7 +4,7 @@
 //! tile of 16 x 16 rays -> bricks, front to back -> packets of those that meet the brick -> cells -> pixels
 //! ```
 //!
-//! Protocol as in [`super`]: a tile keeps what its rays have gathered only while some of them wait.
+//! Protocol as in [`super`]: a tile keeps the gathered state of its rays only while some of them wait.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -27,7 +27,7 @@ use super::visit::CastTile;
 use crate::engines::feedback::BlockFeedback;
 use crate::stream::residency::BrickView;
 
-/// Most tiles that one task casts: tiles cost very different amounts, and threads that have none left take over tasks.
+/// Most tiles per task. Tiles differ much in cost, and idle threads take over tasks.
 const TASK_TILES: usize = 8;
 
 /// Casts every unfinished ray as far as resident bricks allow. The first tile comes some way even when it is time to stop: else passes

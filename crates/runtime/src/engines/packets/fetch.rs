@@ -1,4 +1,4 @@
-//! From a brick's voxels to the eight corners of each lane's cell, in stored numbers.
+//! Fetches the eight corner voxels of each lane's cell from a brick, as stored numbers.
 
 use supervol_scene::value_map::ValueMap;
 
@@ -7,16 +7,16 @@ use super::simd::{Places, Simd};
 /// Corners of a cell: corner c has the offsets `(c & 1, c >> 1 & 1, c >> 2)`.
 pub const CORNERS: usize = 8;
 
-/// What gathers bring: one word per row of two voxels, or per voxel.
+/// Result of gathers: one word per row of two voxels, or per voxel.
 pub type Raw<S> = [<S as Simd>::I; CORNERS];
 
-/// Words of a cell's four rows, from the voxel before its first corner to the one behind the second: bytes only.
+/// Words of a cell's four rows, from the voxel before its first corner to the one after the second; bytes only.
 pub type Rows<S> = [<S as Simd>::I; CORNERS / 2];
 
 /// The first and the second voxel of a cell's four rows.
 pub type Corners<S> = [[<S as Simd>::F; CORNERS / 2]; 2];
 
-/// How bricks store voxels.
+/// Storage of voxels in bricks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stored {
     /// Stored numbers of one byte.
@@ -53,9 +53,9 @@ impl Stored {
         }
     }
 
-    /// The words that begin with the voxels at `N` distances from each of some places, in voxels.
+    /// Gathers words that begin at `N` distances from each place, in voxels.
     ///
-    /// Which kind it is, is asked for every cell: the processor foresees the answer, and one kernel serves all kinds.
+    /// The storage is tested for every cell: the processor predicts the branch, and one kernel serves all kinds.
     ///
     /// # Safety
     /// As for [`Simd::gather_around`].
@@ -94,7 +94,7 @@ impl Stored {
         raw
     }
 
-    /// Gathers as [`Stored::gather`] does, of bytes with the voxels before and behind, which shading wants.
+    /// As [`Stored::gather`], and for bytes also the voxels before and after each row, which shading needs.
     ///
     /// # Safety
     /// As for [`Stored::gather`], and one voxel before each row's first.
@@ -125,9 +125,9 @@ impl Stored {
         Cell::new(&self.corners::<S>(raw, absent, centre))
     }
 
-    /// Stored numbers of what was gathered, less `centre`; NaN where a number is `absent`.
+    /// Stored numbers of gathered words, minus `centre`; NaN where a number is `absent`.
     ///
-    /// Numbers may all lie near 32768, where an `f32` has 8 bits behind the point.
+    /// All numbers may be near 32768, where an `f32` has only 8 bits after the point.
     #[inline(always)]
     pub fn corners<S: Simd>(self, raw: &Raw<S>, absent: Option<u16>, centre: f32) -> Corners<S> {
         let mut first = [S::splat(0.0); 4];
@@ -160,19 +160,20 @@ impl Stored {
 /// The voxels around cells whose first corners lie at `base`.
 #[derive(Clone, Copy)]
 pub struct Around<S: Simd> {
-    /// What they are.
+    /// Their storage.
     pub stored: Stored,
-    /// The brick's first.
+    /// The brick's first voxel.
     pub voxels: *const u8,
-    /// In voxels from there.
+    /// Offsets of the cells, in voxels from there.
     pub base: S::I,
     /// Stored number of holes.
     pub absent: Option<u16>,
 }
 
 impl<S: Simd> Around<S> {
-    /// Differences of stored numbers over two voxels along each axis, at the eight corners of the cells; NaN where one is
-    /// absent. `dy` and `dz` are the distances between neighbours, in voxels; `rows` those of the cells, if they are known.
+    /// Differences of stored numbers over two voxels along each axis, at the eight corners of the cells; NaN if one is
+    /// absent. `dy` and `dz` are the distances between neighbours, in voxels; `rows` are the rows of the cells, if they
+    /// are known.
     ///
     /// # Safety
     /// As for [`Stored::gather`], and one voxel further on every side.
@@ -215,7 +216,7 @@ impl<S: Simd> Around<S> {
         unsafe { S::gather(self.voxels, bytes, S::mask_from_bits(u32::MAX)) }
     }
 
-    /// The voxels at `offset` and right of it.
+    /// The voxels at `offset` and `offset + 1`.
     ///
     /// # Safety
     /// In every lane, both lie in the array, and so do four bytes from the first on.
@@ -271,7 +272,7 @@ fn split<S: Simd, const BITS: u32>(word: S::I) -> [S::I; 2] {
     [S::and_int(word, low_bits), S::and_int(S::shift_right::<BITS>(word), low_bits)]
 }
 
-/// Corners as trilinear interpolation wants them: the four rows' first voxels, and their differences along x.
+/// Corners in the form for trilinear interpolation: the four rows' first voxels, and their differences along x.
 #[derive(Clone, Copy)]
 pub struct Cell<S: Simd> {
     first: [S::F; 4],
@@ -279,7 +280,7 @@ pub struct Cell<S: Simd> {
 }
 
 impl<S: Simd> Cell<S> {
-    /// Corner by corner, two rows' difference.
+    /// The difference of two rows, corner by corner.
     #[inline(always)]
     fn difference(a: [[S::F; 2]; 4], b: [[S::F; 2]; 4]) -> Self {
         let mut cell = Self { first: [S::splat(0.0); 4], rise: [S::splat(0.0); 4] };

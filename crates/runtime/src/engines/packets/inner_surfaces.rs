@@ -1,9 +1,9 @@
 //! Surfaces inside the semi-transparent volume: mode `dvr` with iso values (docs/decisions/025-surfaces-in-volumes.md).
 //!
-//! In each brick the rays of a tile first look for surfaces, by the same packets, cells and sides as in mode `iso`, but for all
-//! crossings: these are listed, in order. Then they gather light up to the first crossing, are dimmed by the surface, gather light
-//! up to the next one, and so on. Neither kernel knows of the other. Rays without a crossing in the brick gather in one go; a
-//! surface costs the search, and one more walk for the rays that meet it.
+//! In each brick, the rays of a tile first look for surfaces: by the packets, cells and sides of mode `iso`, but
+//! listing all crossings in order. Then they gather light up to the first crossing, are dimmed by the surface, gather
+//! light up to the next one, and so on. The two kernels are independent. Rays without a crossing in the brick gather in
+//! one go. A surface costs the search, and one more walk for the rays that meet it.
 
 use supervol_format::BrickKey;
 
@@ -12,13 +12,13 @@ use super::visit::CastTile;
 use crate::engines::feedback::BlockFeedback;
 use crate::stream::residency::Resident;
 
-/// A ray on its way through a brick, from crossing to crossing.
+/// State of a ray in a brick, from crossing to crossing.
 struct Way {
     ray: u16,
-    /// Where it goes on, and where it leaves the brick: world lengths.
+    /// World lengths at which it continues, and at which it leaves the brick.
     from: f64,
     exit: f64,
-    /// Numbers of the next crossing, and of the first of another ray.
+    /// Number of the next crossing, and of the first crossing of another ray.
     next: usize,
     end: usize,
 }
@@ -66,7 +66,7 @@ impl CastTile<'_> {
                 is_met && self.rays.is_going(usize::from(way.ray))
             });
         }
-        // Its memory is used again.
+        // The memory is reused.
         crossings.clear();
         self.rays.crossings = crossings;
     }

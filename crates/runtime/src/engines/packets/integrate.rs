@@ -1,22 +1,24 @@
-//! Emission and absorption on a chord by antiderivatives of the transfer function, with what the rule can miss.
+//! Emission and absorption on a chord by antiderivatives of the transfer function, with the error of the rule.
 //!
 //! Along a chord of length h, u from 0 to 1, the field is a cubic s(u). It is replaced by the line with the same
-//! difference d between its ends and the same mean m, from a = m - d/2 to b = m + d/2. Channels f (extinction, emission)
-//! then have the exact mean `(F(b) - F(a)) / (b - a)`, F their antiderivative, whatever steps lie between; with
-//! `tau = h mean(kappa)` the opacity is `1 - exp(-tau)`, and the colour
+//! difference d between its ends and the same mean m, from a = m - d/2 to b = m + d/2. Channels f (extinction,
+//! emission) then have the exact mean `(F(b) - F(a)) / (b - a)`, with F their antiderivative, for any steps in between.
+//! With `tau = h mean(kappa)` the opacity is `1 - exp(-tau)`, and the colour
 //!
 //! ```text
-//! C = mean(e) h (1 - exp(-tau)) / tau  -  h^2 (de mean(kappa) - mean(e) dkappa) R(tau),   R ~ 1 / (12 + 6 tau + 1.2 tau^2)
+//! C = mean(e) h (1 - exp(-tau)) / tau  -  h^2 (de mean(kappa) - mean(e) dkappa) R(tau)
+//! R ~ 1 / (12 + 6 tau + 1.2 tau^2)
 //! ```
 //!
-//! where de and dkappa are the differences between the ends: the second term is the order in which emission and
-//! absorption come, exact for small tau, within 6 % of the exact rational of exponentials up to tau = 3. It takes extinction
-//! and emission for lines; where they come at once it may be anything, and is cut off at the most that order can do to two
-//! colours that differ by D: `D (1 - exp(-tau/2))^2 / 2`, below `D ((1 - exp(-tau)) (1 - exp(-tau)/2))^2 / 2`.
+//! where de and dkappa are the differences between the ends. The second term is the effect of the order of emission and
+//! absorption. It is exact for small tau, and within 6 % of the exact rational of exponentials up to tau = 3. It
+//! assumes linear extinction and emission. Elsewhere it is limited to the largest effect of order on two colours that
+//! differ by D: `D (1 - exp(-tau/2))^2 / 2`, below `D ((1 - exp(-tau)) (1 - exp(-tau)/2))^2 / 2`.
 //!
-//! What the line misses ([`Part::error`], opacity or colour over what is in front): with r = s - line, a step of height
-//! J inside is misplaced by at most the share of the chord on which |line - step| <= |r|, a bend (change of slope Q) adds
-//! at most Q mean|r| / 2, because the mean of r is zero; and colour that varies is in the wrong order.
+//! Error of the line ([`Part::error`], opacity or colour as a share of the light in front), with r = s - line:
+//! - a step of height J inside is misplaced by at most the share of the chord on which |line - step| <= |r|;
+//! - a bend (change of slope Q) adds at most Q mean|r| / 2, because the mean of r is zero;
+//! - varying colour may be in the wrong order.
 
 use supervol_scene::transfer_function::pieces::{CHANNELS, Column};
 
@@ -27,7 +29,7 @@ use crate::engines::rules::{
     OUT_OF_ORDER, UNEVEN_MISPLACED,
 };
 
-/// The field along a chord, by three values and the cubic coefficient.
+/// The field along a chord: three values and the cubic coefficient.
 #[derive(Clone, Copy)]
 pub struct Chord<S: Simd> {
     /// s(0), s(1/2), s(1).
@@ -36,31 +38,31 @@ pub struct Chord<S: Simd> {
     pub cubic: S::F,
     /// World length.
     pub length: S::F,
-    /// How far rounding may have moved the values.
+    /// Rounding error of the values.
     pub noise: S::F,
 }
 
-/// What a part of a ray adds in front of what lies behind.
+/// Contribution of a part of a ray.
 #[derive(Clone, Copy)]
 pub struct Part<S: Simd> {
     /// Premultiplied colour.
     pub color: [S::F; 3],
     /// Optical depth.
     pub tau: S::F,
-    /// Share of light from behind that gets through: `exp(-tau)`.
+    /// Share of light from behind that passes: `exp(-tau)`.
     pub transmittance: S::F,
-    /// Bound on the error of colour and opacity, as far as the module's head says.
+    /// Bound on the error of colour and opacity, with the limits stated in the module's head.
     pub error: S::F,
-    /// Light that comes from the front end, over that from both ends, if it varies evenly between them.
+    /// Light from the front end, as a share of that from both ends, if it varies evenly in between.
     pub front_share: S::F,
-    /// By what share of the part light that varies evenly may be misplaced.
+    /// Share of the part by which evenly varying light may be misplaced.
     pub misplaced: S::F,
     /// Variation of colour over the part.
     pub colors: S::F,
 }
 
 impl<S: Simd> Part<S> {
-    /// Nothing at all.
+    /// An empty part.
     #[inline(always)]
     pub fn nothing() -> Self {
         let zero = S::splat(0.0);
@@ -76,7 +78,7 @@ impl<S: Simd> Part<S> {
         }
     }
 
-    /// Lower bound on the optical depth; 0 where its error may be anything, or is not known.
+    /// Lower bound on the optical depth; 0 if its error is unlimited or unknown.
     #[inline(always)]
     pub fn least_depth(&self) -> S::F {
         let (zero, one) = (S::splat(0.0), S::splat(1.0));
@@ -107,15 +109,15 @@ impl<S: Simd> Chord<S> {
         Self { values: [zero; 3], cubic: zero, length: zero, noise: zero }
     }
 
-    /// How far the middle is from the line between the ends.
+    /// Distance of the middle from the line between the ends.
     #[inline(always)]
     fn bump(&self) -> S::F {
         let [first, middle, last] = self.values;
         S::abs(S::mul_add(first + last, S::splat(-0.5), middle))
     }
 
-    /// Greatest and mean distance of the field from the line that stands for it: of the parabola
-    /// `4 bump (u (1 - u) - 1/6)`, of the cubic's odd part, and of rounding.
+    /// Greatest and mean distance of the field from its line. It is the sum of the parabola `4 bump (u (1 - u) - 1/6)`,
+    /// the cubic's odd part, and rounding.
     #[inline(always)]
     fn departure(&self) -> [S::F; 2] {
         let (bump, cubic) = (self.bump(), S::abs(self.cubic));
@@ -138,7 +140,7 @@ impl<S: Simd> Chord<S> {
         S::mul_add(middle, S::splat(4.0 / 6.0), (first + last) * S::splat(1.0 / 6.0))
     }
 
-    /// The line that stands for the field.
+    /// The line that replaces the field.
     #[inline(always)]
     pub fn line(&self) -> Line<S> {
         let [most, average] = self.departure();
@@ -154,11 +156,11 @@ fn ends_of<S: Simd>(mean: S::F, rise: S::F) -> [S::F; 2] {
     [S::mul_add(rise, S::splat(-0.5), mean), S::mul_add(rise, S::splat(0.5), mean)]
 }
 
-/// The line that stands for the field along a chord, or along several that follow one another.
+/// The line that replaces the field along a chord, or along several consecutive chords.
 #[derive(Clone, Copy)]
 pub struct Line<S: Simd> {
     ends: [S::F; 2],
-    /// Bounds of the field, and of the line.
+    /// Bounds of field and line.
     range: [S::F; 2],
     /// Greatest distance of the field from the line.
     most: S::F,
@@ -166,12 +168,12 @@ pub struct Line<S: Simd> {
     average: S::F,
     /// World length.
     length: S::F,
-    /// Share of the light that may come in another order than along the line.
+    /// Share of the light whose order may differ from that along the line.
     disorder: S::F,
 }
 
 impl<S: Simd> Line<S> {
-    /// The line that stands for several chords, one behind the other; those without length are not there.
+    /// The line that replaces several consecutive chords; those of length 0 are ignored.
     #[inline(always)]
     pub fn over(chords: &[Chord<S>]) -> Self {
         let (zero, one, half) = (S::splat(0.0), S::splat(1.0), S::splat(0.5));
@@ -188,7 +190,7 @@ impl<S: Simd> Line<S> {
         let mut line = ends[0];
         let mut before = S::abs(chords[0].values[0] - line);
         let (mut most, mut area, mut inside, mut noise) = (before, zero, zero, zero);
-        // The line may begin or end where the field never is.
+        // The line may begin or end outside the field's range.
         let mut low = S::min(chords[0].values[0], S::min(ends[0], ends[1]));
         let mut high = S::max(chords[0].values[0], S::max(ends[0], ends[1]));
         for chord in chords {
@@ -197,7 +199,8 @@ impl<S: Simd> Line<S> {
             let at_middle = S::abs(middle - (line + to_middle));
             line = line + (to_middle + to_middle);
             let behind = S::abs(last - line);
-            // Between the three places the field leaves the lines through them by a quarter of the bump, and by the cubic.
+            // Between the three positions, the field leaves the connecting lines by a quarter of the bump, plus the
+            // cubic part.
             let (bump, cubic) = (chord.bump(), S::abs(chord.cubic));
             inside = S::max(inside, S::mul_add(bump, S::splat(0.25), cubic * S::splat(GREATEST_OF_CUBIC)));
             let between = S::mul_add(bump, S::splat(1.0 / 6.0), cubic * S::splat(AVERAGE_OF_CUBIC));
@@ -211,7 +214,7 @@ impl<S: Simd> Line<S> {
         }
         let (most, inside) = (most + inside + noise, inside + noise);
         let disorder = S::min((most + most) / S::max(S::abs(rise), S::splat(f32::MIN_POSITIVE)), one);
-        // Beside a hole nothing is known; least and greatest pass over what is no number.
+        // Beside a hole nothing is known, and minimum and maximum ignore NaN.
         let (has_hole, unknown) = (S::is_nan(sum), S::splat(f32::NAN));
         let range = [S::select(has_hole, unknown, low - inside), S::select(has_hole, unknown, high + inside)];
         Self { ends, range, most, average: area * per_length, length, disorder }
@@ -223,41 +226,41 @@ impl<S: Simd> Line<S> {
         self.range
     }
 
-    /// Where there is anything to integrate.
+    /// Lanes that have anything to integrate.
     #[inline(always)]
     pub fn crosses(&self) -> S::M {
         S::lt(S::splat(0.0), self.length)
     }
 }
 
-/// Where a line lies in a table.
+/// Position of a line in a table.
 #[derive(Clone, Copy)]
 pub struct Located<S: Simd> {
     line: Line<S>,
-    /// Its ends.
+    /// Positions of its ends.
     ends: [Place<S>; 2],
-    /// From one to the other, as wide as it is after rounding: the antiderivatives are taken there.
+    /// Distance between its ends after rounding, used for the antiderivatives.
     width: S::F,
     /// Bounds of the field.
     range: [Place<S>; 2],
 }
 
 impl<S: Simd> Located<S> {
-    /// Not looked up.
+    /// A position that was not looked up.
     #[inline(always)]
     pub fn nothing() -> Self {
         let place = Place { piece: S::splat_int(0), y: S::splat(0.0) };
         Self { line: Chord::nothing().line(), ends: [place; 2], width: S::splat(0.0), range: [place; 2] }
     }
 
-    /// Where there is anything to integrate.
+    /// Lanes that have anything to integrate.
     #[inline(always)]
     pub fn crosses(&self) -> S::M {
         self.line.crosses()
     }
 }
 
-/// Looks up where a line lies.
+/// Looks up the position of a line.
 #[inline(always)]
 pub fn locate<S: Simd, L: Lookup>(table: &L, line: &Line<S>) -> Located<S> {
     let [a, b] = line.ends;
@@ -272,7 +275,7 @@ pub fn integrate<S: Simd, L: Lookup>(table: &L, narrow: S::F, chord: &Chord<S>) 
     integrate_at(table, narrow, &locate(table, &chord.line()))
 }
 
-/// Integrates along a line whose place in the table is known.
+/// Integrates along a line whose position in the table is known.
 #[inline(always)]
 pub fn integrate_at<S: Simd, L: Lookup>(table: &L, narrow: S::F, at: &Located<S>) -> Part<S> {
     let (zero, one) = (S::splat(0.0), S::splat(1.0));
@@ -299,7 +302,7 @@ pub fn integrate_at<S: Simd, L: Lookup>(table: &L, narrow: S::F, at: &Located<S>
         let ordered = S::min(S::max(ordered, zero - most), most);
         color[c] = S::min(S::max(emission * emitting - ordered, zero), opacity);
     }
-    // Where both ends are dark, the light in between comes from anywhere.
+    // If both ends are dark, the light in between may come from anywhere.
     let dim = S::mul_add(kappa, S::splat(1e-3), S::splat(f32::MIN_POSITIVE));
     let at_front = S::max(at_a.value[0], zero) + dim;
     let at_back = S::mul_add(S::max(at_b.value[0], zero), transmittance, dim);
@@ -309,7 +312,8 @@ pub fn integrate_at<S: Simd, L: Lookup>(table: &L, narrow: S::F, at: &Located<S>
 
 /// Means of the channels over the line between two places; never negative.
 ///
-/// In one piece the mean of a quadratic follows from its ends, `(f(a) + f(b)) / 2 - bend (b - a)^2 / 6`: nothing cancels.
+/// In one piece, the mean of a quadratic follows from its ends, without cancellation: `(f(a) + f(b)) / 2 - bend (b -
+/// a)^2 / 6`.
 #[inline(always)]
 fn means<S: Simd>(a: &Channels<S>, b: &Channels<S>, width: S::F, by_ends: S::M) -> [S::F; CHANNELS] {
     let (zero, one, half) = (S::splat(0.0), S::splat(1.0), S::splat(0.5));
@@ -324,7 +328,7 @@ fn means<S: Simd>(a: &Channels<S>, b: &Channels<S>, width: S::F, by_ends: S::M) 
     means
 }
 
-/// What [`integrate`] can miss (see the module), [`Part::misplaced`] and [`Part::colors`].
+/// Error of [`integrate`] (see the module), [`Part::misplaced`] and [`Part::colors`].
 #[inline(always)]
 fn error<S: Simd, L: Lookup>(table: &L, narrow: S::F, at: &Located<S>, [kappa, opacity]: [S::F; 2]) -> [S::F; 3] {
     let (zero, one, half) = (S::splat(0.0), S::splat(1.0), S::splat(0.5));
@@ -340,14 +344,14 @@ fn error<S: Simd, L: Lookup>(table: &L, narrow: S::F, at: &Located<S>, [kappa, o
     let colors = sum_up_to(table, color, slope_high, high) - sum_up_to(table, color, slope_low, low);
     let even_colors = S::min(slope_low, slope_high) * (at.line.range[1] - at.line.range[0]);
     let rise = S::abs(at.width);
-    // A narrow interval has the mean of its ends, wherever a step lies between.
+    // A narrow interval has the mean of its ends, wherever a step lies in between.
     let misplaced = S::min((most + most + narrow) / S::max(rise, S::splat(1e-30)), one);
     let of_mean = S::mul_add(steps, misplaced, half * bends * average) * length;
-    // Where extinction is even, colour that turns evenly is in the order that the second term of the colour knows; where
-    // it comes at once, all of it may be in the wrong order.
+    // If extinction is even, evenly changing colour is in the order that the second term of the colour assumes. If
+    // extinction is concentrated, all of the colour may be in the wrong order.
     let uneven = S::mul_add(bends * rise, S::splat(0.25), steps);
     let uneven = S::min(uneven / S::max(kappa, S::splat(1e-12)), one);
-    // Colour may also be the uneven one: even, and then not, where the line crosses a control point.
+    // Colour may also be the uneven part: even at first, and then not, behind a control point.
     let out_of_order = S::max(colors * S::max(uneven, disorder), colors - even_colors);
     let out_of_order = S::mul_add(S::splat(OUT_OF_ORDER), out_of_order, S::splat(ORDER_REST) * colors);
     let tau = kappa * length;
@@ -358,13 +362,13 @@ fn error<S: Simd, L: Lookup>(table: &L, narrow: S::F, at: &Located<S>, [kappa, o
     [S::min(S::max(of_mean, zero), one) + of_order, misplaced, S::min(colors, one)]
 }
 
-/// What grows evenly over the piece of a place, per value.
+/// Growth per value over the piece of a place.
 #[inline(always)]
 fn per_value<S: Simd, L: Lookup>(table: &L, column: Column, place: Place<S>) -> S::F {
     table.column::<S>(column, 0, place.piece)
 }
 
-/// A sum over the pieces before a place, and over its own up to it, where it grows by `slope` per value.
+/// Sum over the pieces before a place, plus that in its own piece, which grows by `slope` per value.
 #[inline(always)]
 fn sum_up_to<S: Simd, L: Lookup>(table: &L, column: Column, slope: S::F, place: Place<S>) -> S::F {
     S::mul_add(place.y, slope, table.column::<S>(column, 0, place.piece))
@@ -381,7 +385,7 @@ mod tests {
     use super::*;
     use crate::engines::cubics::{Cubic, cubic, exact};
 
-    /// Colour, transmittance and error of chords, one behind the other, by one line.
+    /// Colour, transmittance and error of consecutive chords, by one line.
     struct Integrate<'a> {
         pieces: &'a TransferPieces,
         cubics: &'a [Cubic],
@@ -411,8 +415,8 @@ mod tests {
         }
     }
 
-    /// The error that a part states is never far below the one that it has: of one cell, and of spans of several, along
-    /// which the field bends, and whose lengths differ.
+    /// The stated error of a part is never far below its true error: for one cell, and for spans of several, along
+    /// which the field bends and whose lengths differ.
     #[test]
     fn stated_errors_are_errors() {
         let mut numbers = Random::new(11);
@@ -435,21 +439,21 @@ mod tests {
             let wide = if random() < 0.5 { 1.0 } else { 0.1 };
             let middle = 100.0 + 20.0 * random();
             let cells = [1, 3, 6][(random() * 3.0) as usize];
-            // The slope that the cells of a span share, and how much of each cell's is its own.
+            // The slope shared by the cells of a span, and each cell's own share.
             let (slope, own) = (10.0 * (random() - 0.5), if cells == 1 { 0.0 } else { random() });
             let mut cubics: Vec<Cubic> = Vec::new();
             for _ in 0..cells {
                 let begin = cubics.last().map_or(middle, |&(k, _)| cubic(k, 1.0));
                 let slope = wide * (slope + own * 10.0 * (random() - 0.5));
                 let k = [begin, slope, wide * 6.0 * (random() - 0.5), wide * (random() - 0.5)];
-                // A cell that a ray waits in has no length, and one value.
+                // A cell in which a ray waits has no length, and one value.
                 let is_waited_in = cells > 1 && random() < 0.1;
                 cubics.push(if is_waited_in { ([begin, 0.0, 0.0, 0.0], 0.0) } else { (k, 1.5 * random()) });
             }
             let found = Integrate { pieces: &pieces, cubics: &cubics }.run::<Portable>();
             let expected = exact(&tf, &cubics);
             let error = (0..4).map(|c| (f64::from(found[c]) - expected[c]).abs()).fold(0.0, f64::max);
-            // The fit of the pieces, and the exact sum's own steps.
+            // Error of the fit of the pieces, and the step size of the exact sum.
             let allowed = 1.2e-3 + 1.5 * f64::from(found[4]);
             worst = worst.max(error / allowed);
             looked_at += usize::from(error > 1.5e-3);
@@ -463,7 +467,8 @@ mod tests {
         assert!(looked_at > 100 && worst > 0.3, "{looked_at} chords with an error; at worst {worst} of what is stated");
     }
 
-    /// In a shell that is thin against its chord hardly anything is in front of anything else: colour that turns there is the mean colour.
+    /// In a shell that is thin against its chord hardly anything is in front of anything else: changing colour there
+    /// becomes the mean colour.
     #[test]
     fn order_does_no_more_than_it_can() {
         let point = |value, color, alpha| ControlPoint { value, color, alpha };
@@ -472,14 +477,14 @@ mod tests {
         let tf = TransferFunction::new(points, 0.4).unwrap();
         let pieces = TransferPieces::new(&tf, 0.0, 1e-4);
         for length in [0.3, 1.0, 3.0] {
-            // The chord ends in the shell, which the exact sum looks at by itself.
+            // The chord ends in the shell, which the exact sum treats separately.
             let line = |[from, to]: [f64; 2]| ([from, to - from, 0.0, 0.0], length * (to - from) / 0.646);
             let found = Integrate { pieces: &pieces, cubics: &[line([0.2, 0.846])] }.run::<Portable>();
             let expected = exact(&tf, &[line([0.2, 0.842]), line([0.842, 0.846])]);
             let opacity = 1.0 - expected[3];
             assert!(opacity > 0.001, "nothing is seen");
             let error = (0..3).map(|c| (f64::from(found[c]) - expected[c]).abs()).fold(0.0, f64::max);
-            // What order can do in both directions, and the fit.
+            // The effect of order in both directions, and the fit.
             let allowed = opacity * (0.25 * opacity + 1e-3);
             assert!(error < allowed, "{length}: {error} of {opacity}, {found:?} for {expected:?}");
         }

@@ -1,11 +1,12 @@
-//! Proximity clouds of a brick: how far each of its cubes of cells is from the nearest one that may show something.
+//! Proximity cloud of a brick: distance of each cube of cells from the nearest one that may be visible.
 //!
-//! The distance is Chebyshev's, in cubes (Cohen, Sheffer 1994; Deakin, Knackstedt 2019). Only what lies ahead counts: along
-//! an axis on which all rays through the brick ascend, nothing behind can be met. At distance k, all cubes less than k ahead
-//! show nothing, and a ray may leap to the far face of the last of them. Bricks end the cloud: what lies beyond is
-//! another brick's, and whole bricks without anything to show are never entered.
+//! The distance is Chebyshev's, in cubes (Cohen, Sheffer 1994; Deakin, Knackstedt 2019). Only cubes ahead count: if all
+//! rays through the brick ascend along an axis, cubes behind cannot be met. At distance k, all cubes less than k ahead
+//! are invisible, and a ray may leap to the far face of the last of them. The cloud ends at the brick's faces: the next
+//! brick has its own, and invisible bricks are never entered.
 //!
-//! Cubes are macro cells, or in mode `dvr` [blocks](crate::engines::blocks::BLOCK), half as wide: see [`super::blocks`].
+//! Cubes are macro cells, or in mode `dvr` [blocks](crate::engines::blocks::BLOCK) of half the edge
+//! ([`super::blocks`]).
 
 use supervol_format::brick::MACRO_CELL;
 
@@ -14,19 +15,19 @@ use crate::stream::residency::DecodedBrick;
 
 /// Bytes after the last distance.
 const PADDING: usize = 3;
-/// Distances that processors take at once.
+/// Distances that the processor handles at once.
 const VECTOR: usize = 16;
-/// A distance that stands for none.
+/// Distance to no cube.
 const FAR: u8 = u8::MAX;
 
-/// Which way rays may go along an axis.
+/// Directions that rays may have along an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ahead {
-    /// Up, or not at all.
+    /// Ascending, or parallel to the face.
     Up,
-    /// Down, or not at all.
+    /// Descending, or parallel to the face.
     Down,
-    /// Some this way, some that.
+    /// Both.
     Both,
 }
 
@@ -41,14 +42,14 @@ impl Ahead {
     }
 }
 
-/// Distances of a brick's cubes of `SIDE` cells, x fastest: 0 may show something.
+/// Distances of a brick's cubes of `SIDE` cells, x fastest. 0: the cube may be visible.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ProximityCloud<const SIDE: usize> {
     /// Cubes along each axis.
     pub cells: [usize; 3],
-    /// One per cube, and `PADDING` more, so that words can be read.
+    /// One per cube, plus `PADDING`, so that whole words can be read.
     pub distances: Vec<u8>,
-    /// How many are not 0.
+    /// Number of distances that are not 0.
     pub hidden: usize,
 }
 
@@ -60,7 +61,8 @@ impl ProximityCloud<MACRO_CELL> {
         Self::of_shown(cells, ahead, brick.macro_ranges.iter().map(|&range| shows(range)))
     }
 
-    /// The cloud of what shows, and of what has another side than a neighbour: a cube around is of one side all over.
+    /// The cloud of visible cubes, and of cubes that have a neighbour on another side: a cube beyond has one side
+    /// everywhere.
     #[must_use]
     pub fn of_sides<T: PartialEq>(cells: [usize; 3], sides: &[T], shows: impl Fn(usize) -> bool) -> Self {
         let [nx, ny, nz] = cells;
@@ -75,12 +77,12 @@ impl ProximityCloud<MACRO_CELL> {
 }
 
 impl<const SIDE: usize> ProximityCloud<SIDE> {
-    /// The cloud of what shows: one truth per cube, x fastest; `cells` along each axis.
+    /// The cloud of visible cubes: one flag per cube, x fastest; `cells` along each axis.
     #[must_use]
     pub fn of_shown(cells: [usize; 3], ahead: [Ahead; 3], shown: impl Iterator<Item = bool>) -> Self {
         let most = cells.iter().copied().max().unwrap_or(1).min(usize::from(FAR)) as u8;
         let mut distances = Vec::with_capacity(cells.iter().product::<usize>() + PADDING);
-        // A product, because what shows comes and goes too often for a branch.
+        // A product, because visibility alternates too often for a branch.
         distances.extend(shown.map(|shows| most * u8::from(!shows)));
         let hidden = distances.iter().filter(|&&distance| distance > 0).count();
         if 0 < hidden && hidden < distances.len() {
@@ -90,7 +92,7 @@ impl<const SIDE: usize> ProximityCloud<SIDE> {
         Self { cells, distances, hidden }
     }
 
-    /// Whether it is the cloud of a brick with so many core voxels along each axis.
+    /// Whether it is the cloud of a brick with `core` voxels along each axis.
     #[must_use]
     pub fn covers(&self, core: [usize; 3]) -> bool {
         self.cells == core.map(|n| n.div_ceil(SIDE))
@@ -102,7 +104,7 @@ impl<const SIDE: usize> ProximityCloud<SIDE> {
     /// In every lane of the mask, the cube is one of the cloud's.
     #[inline(always)]
     pub(super) unsafe fn gather<S: Simd>(&self, cube: [S::I; 3], mask: S::M) -> S::I {
-        // Lanes outside the mask look at the first.
+        // Lanes outside the mask read the first cube.
         let place = S::select_int(mask, place_in::<S>(self.cells, cube), S::splat_int(0));
         // SAFETY: the caller's promise; the padding lets words be read.
         let [words] =
@@ -110,19 +112,19 @@ impl<const SIDE: usize> ProximityCloud<SIDE> {
         S::select_int(mask, S::and_int(words, S::splat_int(255)), S::splat_int(0))
     }
 
-    /// How many cubes there are.
+    /// Number of cubes.
     #[must_use]
     pub fn cubes(&self) -> usize {
         self.cells.iter().product()
     }
 
-    /// Whether every cube may show something: nothing to leap over.
+    /// Whether every cube may be visible: nothing to leap over.
     #[must_use]
     pub fn is_dense(&self) -> bool {
         self.hidden == 0
     }
 
-    /// Whether none may: nothing to see.
+    /// Whether no cube may be visible.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.hidden == self.cubes()
@@ -134,7 +136,7 @@ impl<const SIDE: usize> ProximityCloud<SIDE> {
         (size_of::<Self>() + size_of_val(&self.distances[..])) as u64
     }
 
-    /// Bytes held by the cloud of a brick with so many core voxels along each axis.
+    /// Most bytes of the cloud of a brick with `core` core voxels along each axis.
     #[must_use]
     pub fn most_bytes(core: usize) -> u64 {
         (size_of::<Self>() + core.div_ceil(SIDE).pow(3) + PADDING) as u64
@@ -147,14 +149,14 @@ pub fn macro_cells_of(brick: &DecodedBrick, apron: usize) -> [usize; 3] {
     brick.extent.map(|n| (n as usize - 2 * apron).div_ceil(MACRO_CELL))
 }
 
-/// Place of a macro cell among so many along each axis, x fastest.
+/// Index of a macro cell, x fastest, with `cells` along each axis.
 #[inline(always)]
 fn place_in<S: Simd>(cells: [usize; 3], macro_cell: [S::I; 3]) -> S::I {
     let (nx, ny) = (S::splat_int(cells[0] as i32), S::splat_int(cells[1] as i32));
     macro_cell[0] + nx * (macro_cell[1] + ny * macro_cell[2])
 }
 
-/// Least and greatest number of each macro cell of a brick, x fastest; the first is greater where nothing is present.
+/// Least and greatest number of each macro cell of a brick, x fastest; the first is greater if nothing is present.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MacroRanges {
     /// Macro cells along each axis.
@@ -181,13 +183,13 @@ impl MacroRanges {
     }
 }
 
-/// Lowers every distance to that of the nearest zero ahead, exactly for Chebyshev's distance: first along rows, then in two
-/// sweeps over rows, from the neighbours in those behind and before a row in the order of memory (after Borgefors 1986).
+/// Lowers every distance to that of the nearest zero ahead, exactly for Chebyshev's distance. First along rows, then in
+/// two sweeps over rows, from neighbours in the rows after and before in memory order (after Borgefors 1986).
 fn spread(distances: &mut [u8], [nx, ny, nz]: [usize; 3], ahead: [Ahead; 3]) {
     for row in distances.chunks_exact_mut(nx) {
         spread_in_row(row, ahead[0]);
     }
-    // Rows are whole vectors, with a frame of one cube around: nothing needs to be asked about neighbours.
+    // Rows are whole vectors, with a frame of one cube around, so that neighbours need no bounds checks.
     let row = nx.next_multiple_of(VECTOR) + 2;
     let plane = row * (ny + 2);
     let mut framed = vec![FAR; plane * (nz + 2)];
@@ -220,7 +222,7 @@ fn spread_in_row(row: &mut [u8], ahead: Ahead) {
     }
 }
 
-/// Offsets of the neighbours ahead in the rows behind a cube's own in the order of memory (`sign` 1), or before it (-1).
+/// Offsets of the neighbours ahead in the rows after a cube's own in memory order (`sign` 1), or before it (-1).
 fn neighbours_in_rows(sign: isize, [row, plane]: [usize; 2], ahead: [Ahead; 3]) -> Vec<isize> {
     let [xs, ys, zs] = ahead.map(Ahead::steps);
     let rows = zs.flat_map(|z| ys.clone().map(move |y| (y, z)));
@@ -251,7 +253,7 @@ mod tests {
     #[test]
     fn cubes_that_are_leapt_over_have_one_side() {
         let cells = [6, 5, 7];
-        // Three sides along x, and one macro cell that shows something.
+        // Three sides along x, and one visible macro cell.
         let sides: Vec<usize> = (0..210).map(|i| i % 6 / 2).collect();
         let cloud = ProximityCloud::of_sides(cells, &sides, |i| i == 5 + 6 * (2 + 5 * 3));
         assert!(!cloud.is_dense() && !cloud.is_empty());
@@ -271,7 +273,7 @@ mod tests {
         let mut numbers = Random::new(3);
         let mut random = || numbers.below(256);
         let ways = [Ahead::Up, Ahead::Down, Ahead::Both];
-        // Rows shorter than a vector, as long, and longer.
+        // Rows shorter than a vector, of equal length, and longer.
         for cells in [[5, 3, 4], [16, 2, 3], [17, 3, 2], [33, 1, 3], [1, 7, 1]] {
             for _ in 0..300 {
                 let count = cells.iter().product();

@@ -1,5 +1,5 @@
-//! How far the rays of a tile may be off because bricks are drawn from coarser levels, or their voxels have been moved: summed up brick by brick as they are
-//! cast, by the bounds of [`crate::lod::deviation`].
+//! Errors of a tile's rays from coarser levels and moved voxels: summed up brick by brick during the cast, with the
+//! bounds of [`crate::lod::deviation`].
 
 use std::sync::Arc;
 
@@ -18,12 +18,12 @@ use crate::stream::residency::Resident;
 pub(super) struct Crossing {
     deviation: Deviation,
     is_drawn: bool,
-    /// Of each ray: its number, how far it goes through the brick, and its transmittance, or its value.
+    /// For each ray: its number, its length through the brick, and its transmittance or value.
     rays: Vec<(usize, f64, f64)>,
 }
 
 impl CastTile<'_> {
-    /// The rays in front of a brick, where it may be off.
+    /// The rays in front of a brick, if it has a deviation.
     pub(super) fn crossing(&self, key: BrickKey, resident: Resident<'_>) -> Option<Crossing> {
         let deviations = self.frame.deviations.as_ref()?;
         let is_unknown = matches!(resident, Resident::UseParent);
@@ -57,7 +57,7 @@ impl CastTile<'_> {
         )
     }
 
-    /// Those rays have left the brick.
+    /// Adds the brick's deviation to the rays that have left it.
     pub(super) fn note_levels(&mut self, crossing: &Crossing) {
         let shift = self.frame.scene.map.shift;
         let gathered = &mut self.rays.gathered;

@@ -1,12 +1,13 @@
-//! Looking up the transfer function's pieces, lane by lane.
+//! Looks up the transfer function's pieces, lane by lane.
 //!
-//! Up to 16 or 32 pieces fit one or two registers, where a look-up costs one instruction; more are gathered from memory.
+//! Up to 16 or 32 pieces fit into one or two registers, and a look-up takes one instruction. More pieces are gathered
+//! from memory.
 
 use supervol_scene::transfer_function::pieces::{CHANNELS, COLUMNS, Column, TransferPieces};
 
 use super::simd::Simd;
 
-/// Where a value lies: its piece, and its distance from the piece's anchor.
+/// Position of a value: its piece, and its distance from the piece's anchor.
 #[derive(Clone, Copy)]
 pub struct Place<S: Simd> {
     /// Number of the piece.
@@ -53,7 +54,7 @@ pub struct FewPieces<const N: usize> {
 }
 
 impl<const N: usize> FewPieces<N> {
-    /// The table, if there are no more pieces.
+    /// The table, or `None` if there are more pieces.
     #[must_use]
     pub fn new(pieces: &TransferPieces) -> Option<Self> {
         let mut columns = [[0.0; N]; COLUMNS];

@@ -1,7 +1,7 @@
-//! Bricks in the order in which rays meet them.
+//! Order of bricks: front to back along rays.
 //!
-//! The pyramid is descended from its one coarsest brick: a brick that is fine enough is visited, another's children are
-//! looked at, nearest first. For rays from one eye, or of one direction, that order is right for all of them.
+//! The pyramid is descended from its coarsest brick. A brick that is fine enough is visited; for all others the
+//! children follow, nearest first. For rays from one eye, or of one direction, this order is right for all of them.
 
 use glam::DVec3;
 use supervol_format::space::HALF_VOXEL;
@@ -10,7 +10,7 @@ use supervol_format::{BrickKey, Lod, Pyramid};
 use super::leap::Ahead;
 use super::tile::IndexBox;
 
-/// From where rays come, in index space of level 0.
+/// Origin of rays, in index space of level 0.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum View {
     /// From a point.
@@ -19,7 +19,7 @@ pub enum View {
     Direction(DVec3),
 }
 
-/// The part of index space that a brick draws; infinite where the volume ends there.
+/// The part of index space that a brick draws; infinite at the volume's ends.
 #[must_use]
 pub fn region_of(pyramid: &Pyramid, key: BrickKey) -> IndexBox {
     let level = pyramid.level_at(key.lod());
@@ -27,7 +27,7 @@ pub fn region_of(pyramid: &Pyramid, key: BrickKey) -> IndexBox {
     let mut region = IndexBox { low: [f64::NEG_INFINITY; 3], high: [f64::INFINITY; 3] };
     for a in 0..3 {
         let (brick, side) = (key.brick().0[a], level.scale[a] as f64 * core);
-        // The same numbers as every other level's planes that lie there: no rounding below 2^53.
+        // The same numbers as the planes of every other level there: no rounding below 2^53.
         if brick > 0 {
             region.low[a] = -HALF_VOXEL + f64::from(brick) * side;
         }
@@ -38,7 +38,7 @@ pub fn region_of(pyramid: &Pyramid, key: BrickKey) -> IndexBox {
     region
 }
 
-/// Which way rays of a view may go in a brick, along each axis.
+/// Directions that rays of a view may have in a brick, along each axis.
 #[must_use]
 pub fn ways_through(pyramid: &Pyramid, key: BrickKey, view: View) -> [Ahead; 3] {
     let level = pyramid.level_at(key.lod());
@@ -55,7 +55,7 @@ pub fn ways_through(pyramid: &Pyramid, key: BrickKey, view: View) -> [Ahead; 3] 
     })
 }
 
-/// Appends the children of a brick, the farthest first: the nearest is popped first.
+/// Pushes the children of a brick, the farthest first: the nearest is popped first.
 pub fn push_children(pyramid: &Pyramid, key: BrickKey, view: View, stack: &mut Vec<BrickKey>) {
     let Some(finer) = key.lod().0.checked_sub(1).map(Lod) else { return };
     let level = pyramid.level_at(key.lod());
@@ -68,7 +68,7 @@ pub fn push_children(pyramid: &Pyramid, key: BrickKey, view: View, stack: &mut V
                 View::Direction(direction) => direction[a] < 0.0,
                 View::Eye(eye) => eye[a] > -HALF_VOXEL + f64::from(first[a] + 1) * side[a],
             };
-            // The nearer child is the one on the eye's side.
+            // The nearer child is on the eye's side.
             u32::from(!comes_from_above) << a
         })
         .sum();

@@ -1,13 +1,14 @@
 //! A packet of rays through one brick in mode `dvr`: walk, fetch, classify, shade, composite.
 //!
-//! Rays are taken in *rounds* of [`ROUND`] cells, stage by stage over all lanes:
-//! 1. leap: rays before macro cells that show nothing go to the face of the proximity cloud's cube ([`super::walk`]);
+//! Rays are cast in *rounds* of [`ROUND`] cells, stage by stage over all lanes.
+//! 1. leap: rays in front of invisible blocks go to the face of the proximity cloud's cube ([`super::walk`]);
 //! 2. walk: base and fractions of the next cells;
-//! 3. fetch: the field along each cell; locate it in the transfer function's table; integrate it ([`super::integrate`]);
-//! 4. shade what shows ([`super::shade`]); composite. Cells whose error is too large wait ([`super::pending`]) until there are
-//!    enough to be refined together ([`super::refine`]).
+//! 3. fetch: the field along each cell; locate it in the transfer function's table; integrate it
+//!    ([`super::integrate`]);
+//! 4. shade visible cells ([`super::shade`]); composite. Cells whose error is too large wait ([`super::pending`]) until
+//!    there are enough to be refined together ([`super::refine`]).
 //!
-//! The cells of a round go through each stage together: stages are short, so that the processor overlaps several cells.
+//! The cells of a round pass each stage together: stages are short, so that the processor overlaps several cells.
 
 use super::fetch::{Cell, Raw, Rows};
 use super::integrate::{Chord, Line, Located, Part, integrate_at, locate};
@@ -22,15 +23,15 @@ use super::walk::{Packet, PacketBrick, PerLane, ROUND, Step, Walker, places_alon
 use crate::engines::rules::{POSITION_ERROR, VALUE_ERROR};
 use crate::stream::counters::RayCounters;
 
-/// Share of the lanes that must show for a round's cells to be shaded where they lie: packing costs, too.
+/// Least share of visible lanes, in parts of [`DENSE_OF`], to shade a round's cells in place: packing has a cost, too.
 const DENSE: usize = 5;
-/// The whole of [`DENSE`].
+/// The denominator of [`DENSE`].
 const DENSE_OF: usize = 8;
 
 /// The number of each lane.
 const LANE_NUMBERS: [i32; LANES_LIMIT] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 
-/// The transfer function, as packets look it up.
+/// The transfer function in the form for packets.
 #[derive(Debug, Clone, Copy)]
 pub struct Classifier<'a, L> {
     /// Its pieces.
@@ -41,50 +42,51 @@ pub struct Classifier<'a, L> {
     pub clear: [f32; 2],
 }
 
-/// Something to be done with whatever lanes the processor has, and whatever table holds the transfer function's pieces.
+/// A task for any number of lanes, and any table of the transfer function's pieces.
 pub trait ClassifyTask {
-    /// What comes of it.
+    /// Its result.
     type Output;
     /// See [`Task::run`](super::simd::Task::run).
     fn run<S: Simd, L: Lookup>(self, classifier: &Classifier<'_, L>) -> Self::Output;
 }
 
-/// What integration may cost and miss.
+/// Cost and accuracy of integration.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Precision {
-    /// Error of one cell, of colour or opacity times the transmittance in front, from which it is refined.
+    /// Error of one cell, of colour or opacity times the transmittance in front; cells above it are refined.
     pub cell_error: f32,
-    /// Opacity of a cell, times the transmittance in front, from which it is shaded: thousands of them would not show.
+    /// Opacity of a cell, times the transmittance in front; cells below it are not shaded. Thousands of them would be
+    /// invisible.
     pub least_shaded: f32,
     /// Transmittance at which a ray ends.
     pub last_transmittance: f32,
-    /// Whether the transfer function has steps: there rounding can be seen.
+    /// Whether the transfer function has steps: there rounding is visible.
     pub has_steps: bool,
     /// Whether the errors of cells are summed up along rays: 1 to 2 % of the time.
     pub sums_errors: bool,
 }
 
-/// Where rays come from and go to, and who knows them better than `f32`.
+/// Host: source and destination of rays, with access to them in `f64`.
 pub trait Host {
-    /// Writes the next ray into a lane; false where there are no more.
+    /// Writes the next ray into a lane; false if there are no more.
     fn lend(&mut self, lane: usize, packet: &mut Packet) -> bool;
 
-    /// Takes a ray back with what it has gathered.
+    /// Takes a ray back with its gathered light.
     fn take_back(&mut self, lane: usize, packet: &Packet);
 
-    /// Colour and transmittance of a ray in the cell whose first corner lies at `base`: where `f32` and a bounded number of
-    /// refinements do not settle them.
+    /// Colour and transmittance of a ray in the cell whose first corner lies at `base`. For cells that `f32` and a
+    /// bounded number of refinements do not settle.
     fn integrate_exactly(&mut self, ray: u16, base: i32) -> [f32; 4];
 }
 
-/// What the later stages know of the rays of a packet.
+/// Data about the rays of a packet for the later stages.
 #[derive(Debug, Clone)]
 pub struct Lanes {
     /// See [`Packet::rays`].
     pub rays: [u16; LANES_LIMIT],
     /// See [`Packet::direction`].
     pub direction: [PerLane; 3],
-    /// 1 where the ray runs exactly in a plane of voxels, else 0.
+    /// 1 if the ray runs exactly in a plane of voxels, else 0.
     pub in_plane: PerLane,
 }
 
@@ -95,14 +97,14 @@ impl Lanes {
         for_three!(a => S::lookup16(&self.direction[a], slot))
     }
 
-    /// Unit vectors in the world against the rays of slots.
+    /// Unit vectors in the world from the rays of slots toward the eye.
     #[inline(always)]
     pub fn toward_eye<S: Simd>(&self, lighting: &PacketLighting<'_>, slot: S::I) -> [S::F; 3] {
         lighting.toward_eye::<S>(self.direction::<S>(slot))
     }
 }
 
-/// Cells that wait for the later stages of their round.
+/// Queues of cells that wait for the later stages of their round.
 #[derive(Debug, Clone)]
 pub struct Queues {
     to_shade: ShadeQueue,
@@ -204,18 +206,18 @@ unsafe fn cast_packet<S: Simd, L: Lookup>(
     work
 }
 
-/// What the stages of a round hand on; kept from packet to packet, since clearing it takes as long as a stage.
+/// Results of the stages of a round; kept from packet to packet, since clearing them takes as long as a stage.
 pub struct Stages<S: Simd> {
     /// The field in each cell.
     pub chords: [Chord<S>; ROUND],
     located: [Located<S>; ROUND],
-    /// Only where cells are shaded, and voxels are bytes.
+    /// Only for shaded cells of byte voxels.
     pub rows: [Option<Rows<S>>; ROUND],
-    /// Only where cells are shaded: what they add without light.
+    /// Only for shaded cells: their contribution without light.
     pub parts: [Part<S>; ROUND],
-    /// Only where cells are shaded: the gradient in them.
+    /// Only for shaded cells: the gradient in them.
     pub along: [AlongRay<S>; ROUND],
-    /// Only where cells are shaded: tolerances per error.
+    /// Only for shaded cells: error in tolerances per error.
     pub per_error: [S::F; ROUND],
 }
 
@@ -233,30 +235,30 @@ impl<S: Simd> Stages<S> {
     }
 }
 
-/// Where the stages after fetching write.
+/// Output of the stages after fetching.
 struct LaterStages<'a, S: Simd> {
     stages: &'a mut Stages<S>,
-    /// Least optical depth between the brick's face and the present cell.
+    /// Least optical depth between the brick's face and the current cell.
     passed: &'a mut S::F,
     parts: &'a mut RoundParts,
     queues: &'a mut Queues,
     work: &'a mut RayCounters,
 }
 
-/// What is the same for all cells of a round.
+/// Data that is the same for all cells of a round.
 pub struct Round<'a, S: Simd, L: Lookup> {
-    /// Where the cells are.
+    /// The brick of the cells.
     pub brick: &'a PacketBrick<'a>,
-    /// What they are looked up in.
+    /// The transfer function.
     pub classifier: &'a Classifier<'a, L>,
-    /// How exactly.
+    /// The required accuracy.
     pub precision: Precision,
     /// Transmittance in front of the brick.
     pub front: S::F,
 }
 
 impl<S: Simd, L: Lookup> Round<'_, S, L> {
-    /// What later stages need to know of the packet's rays.
+    /// Data about the packet's rays for the later stages.
     #[inline(always)]
     fn lanes(&self, packet: &Packet, walker: &Walker<S>) -> Lanes {
         let zero = [0.0; LANES_LIMIT];
@@ -265,20 +267,20 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
         lanes
     }
 
-    /// What gets through to a cell at most. Cells are refined by that: what the rays have gathered so far depends on how they are cut
-    /// into rounds, and on what was settled when; what each cell absorbs at least does not.
+    /// Largest transmittance in front of a cell, which decides about refinement. It uses the least absorption of each
+    /// cell, because the light gathered so far depends on rounds and on the time of refinement.
     #[inline(always)]
     fn weight(&self, passed: S::F) -> S::F {
         S::max(self.front * exp_minus::<S>(passed), S::splat(self.precision.last_transmittance))
     }
 
-    /// Tolerances per error of a cell of this weight.
+    /// Error in tolerances, per error, of a cell of this weight.
     #[inline(always)]
     fn per_error(&self, weight: S::F) -> S::F {
         weight * S::splat(self.precision.cell_error.recip())
     }
 
-    /// Walks a round, and integrates each cell once; what is not settled by that goes into the queue.
+    /// Walks a round, and integrates each cell once; unsettled cells go into the queue.
     ///
     /// # Safety
     /// As for [`cast`].
@@ -319,7 +321,7 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
             if shows[i] {
                 let part = self.integrate_cell(&steps[i], &located[i], work);
                 let least_depth = self.write(i, &chords[i], &part, parts);
-                // Few are unsettled: the exponential waits until some may be.
+                // Few cells are unsettled: the exponential is computed only if some may be.
                 let chord = (&chords[i], in_plane);
                 if S::bits(self.is_unsettled(&steps[i], chord, &part, self.per_error(self.front))) != 0 {
                     let per_error = self.per_error(self.weight(*passed));
@@ -332,7 +334,7 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
         }
     }
 
-    /// Looks up where the cells of a round lie in the table; whether they show anything.
+    /// Looks up the cells of a round in the table; returns whether any is visible.
     #[inline(always)]
     fn locate_cells(
         &self,
@@ -357,8 +359,8 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
         integrate_at::<S, L>(self.classifier.table, S::splat(self.classifier.narrow), located)
     }
 
-    /// Integrates each cell once, and shades those that show: as they are where most lanes of the round do, else packed
-    /// densely.
+    /// Integrates each cell once, and shades visible cells: in place if most lanes of the round are visible, else
+    /// packed densely.
     #[inline(always)]
     fn integrate_lit_cells(
         &self,
@@ -410,7 +412,7 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
         }
     }
 
-    /// Integrates each `SPAN` cells once; those of spans that are not settled by that wait, one by one.
+    /// Integrates each `SPAN` cells once; the cells of unsettled spans wait, one by one.
     #[inline(always)]
     fn integrate_spans<const SPAN: usize>(&self, steps: &[Step<S>; ROUND], in_plane: S::M, later: LaterStages<'_, S>) {
         let LaterStages { stages: Stages { chords, located, .. }, passed, parts, queues, work } = later;
@@ -437,7 +439,7 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
         }
     }
 
-    /// Rays that may see something where the field is in a range. Holes are not clear: what lies beside them may be.
+    /// Rays for which values of this range may be visible. Holes are not clear: values beside them may be visible.
     #[inline(always)]
     pub fn shows(&self, [low, high]: [S::F; 2], crosses: S::M) -> S::M {
         let clear = self.classifier.clear;
@@ -445,7 +447,7 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
         !is_clear & crosses
     }
 
-    /// The field in each cell of a round.
+    /// Fetches the field in each cell of a round.
     ///
     /// # Safety
     /// In every lane, the corners of the cells lie in the brick's array.
@@ -471,7 +473,7 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
         }
     }
 
-    /// The corners of cells; the rows that they lie in are kept where shading wants them.
+    /// Gathers the corners of cells, and keeps their rows if shading needs them.
     ///
     /// # Safety
     /// As for [`Round::fetch`].
@@ -487,7 +489,7 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
         }
     }
 
-    /// Where what a cell adds is not settled by one rule.
+    /// Lanes whose cell is not settled by one rule.
     #[inline(always)]
     fn is_unsettled(
         &self,
@@ -499,7 +501,7 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
         S::lt(S::splat(1.0), part.error * per_error) | (S::is_nan(chord.values[1]) & in_plane & step.crosses())
     }
 
-    /// Writes what a cell adds; its least optical depth.
+    /// Writes the contribution of a cell; returns its least optical depth.
     #[inline(always)]
     fn write(&self, number: usize, chord: &Chord<S>, part: &Part<S>, parts: &mut RoundParts) -> S::F {
         let zero = S::splat(0.0);
@@ -512,15 +514,15 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
         let least_depth = part.least_depth();
         S::store(least_depth, &mut parts.least_depths[number]);
         if self.precision.sums_errors {
-            // What is hardly seen is not shaded, whatever the light; of all else that is, shading writes the error.
+            // Nearly invisible cells are not shaded, whatever the light. For all others shading writes the error.
             let unshaded = if self.brick.lighting.is_some() { S::splat(1.0) - part.transmittance } else { zero };
             S::store(S::select(is_hole, zero, part.error + unshaded), &mut parts.numbers[number][ERROR]);
         }
         least_depth
     }
 
-    /// Writes what a span of cells adds where one rule settles it, and puts each of its cells into the queue where it does not;
-    /// where it is settled.
+    /// Writes the contribution of a span of cells where one rule settles it; elsewhere queues each of its cells.
+    /// Returns the settled lanes.
     #[inline(always)]
     #[allow(clippy::too_many_arguments, reason = "inlined into its one caller: the arguments are its variables")]
     fn hand_on_span<const SPAN: usize>(
@@ -533,7 +535,7 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
         queues: &mut Queues,
     ) -> S::M {
         let zero = S::splat(0.0);
-        // False also where the error is NaN: beside a hole.
+        // False also if the error is NaN: beside a hole.
         let is_settled = S::le(part.error * per_error, S::splat(1.0)) & crosses;
         parts.shows[first] = true;
         for c in 0..3 {
@@ -553,7 +555,7 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
             let waits = is_left & steps[number].crosses() & !is_hole;
             parts.least_depths[number] = [0.0; LANES_LIMIT];
             let slot = S::load_int(&LANE_NUMBERS) + S::splat_int((number * LANES_LIMIT) as i32);
-            // As a whole, each may be settled by one rule.
+            // One by one, each cell may be settled by one rule.
             let error = S::select(S::is_nan(chord.values[1]), chord.values[1], S::splat(0.0));
             let cell = QueuedCell { slot, base: steps[number].base, chord: *chord, error, per_error };
             queues.pending.cells.push::<S, 0>(waits, &cell, []);
@@ -561,7 +563,7 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
         is_settled
     }
 
-    /// The field along a ray's way through a cell.
+    /// The field along a ray's chord in a cell.
     #[inline(always)]
     fn chord(&self, cell: &Cell<S>, step: &Step<S>, direction: &[S::F; 3]) -> Chord<S> {
         let (brick, h) = (self.brick, step.length);
@@ -580,7 +582,7 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
     }
 }
 
-/// A cell of a round as queues hold it.
+/// A cell of a round in the form for queues.
 #[inline(always)]
 pub fn queued<S: Simd>(
     number: usize,

@@ -1,8 +1,8 @@
-//! Rays in several parts: what solids leave of them (see [`supervol_scene::clip::clip_parts`]).
+//! Rays in several parts: solids cut them (see [`supervol_scene::clip::clip_parts`]).
 //!
-//! A tile goes through the first part of all its rays, then through the second one of those that have two, and so on. What a ray
-//! has gathered stays with it, so that its parts are composited, compared or averaged as one whole; packets and bricks know
-//! nothing of it (docs/decisions/022-solids-and-picking.md). Rays that wait for bricks are waited for in each part.
+//! A tile casts the first part of all its rays, then the second part of those that have two, and so on. Gathered values
+//! stay with a ray, so its parts are composited, compared or averaged as one whole. Packets and bricks do not know of
+//! parts (docs/decisions/022-solids-and-picking.md). In each part, rays may wait for bricks.
 
 use supervol_scene::clip::{IndexRay, Segment};
 use supervol_scene::scene::Mode;
@@ -16,7 +16,7 @@ pub(super) fn begin_next_part(frame: &PacketFrame, corner: [u32; 2], rays: &mut 
     if rays.gathered.waiting.iter().any(Option::is_some) {
         return false;
     }
-    // Rays that left the volume are still on their way there.
+    // Rays that left the volume are still marked as going.
     rays.take_off();
     rays.gathered.part += 1;
     for ray in (0..TILE_RAYS).filter(|&ray| is_in_picture(frame, corner, ray)) {
@@ -32,7 +32,7 @@ pub(super) fn begin_next_part(frame: &PacketFrame, corner: [u32; 2], rays: &mut 
     rays.going() > 0
 }
 
-/// A ray of the tile, and the part of it that the tile is in, if it has that.
+/// A ray of the tile, and its part with the tile's current number, if it has one.
 pub(super) fn part_of_ray(
     frame: &PacketFrame,
     corner: [u32; 2],

@@ -1,32 +1,31 @@
-//! Cells that wait to be refined, over several rounds, and the light that their rays gather between them.
+//! Cells that wait for refinement, over several rounds, and the light that their rays gather in between.
 //!
 //! ```text
 //! ray:  settled cells | cell that waits | settled cells | cell that waits | settled cells
 //!       light 0         part 0            light 1         part 1            what the ray gathers now
 //! ```
 //!
-//! A ray walks on while its cells wait, and weighs what it gathers by the transmittance that is known: of its settled
-//! cells, and of a lower bound on the optical depth of those that wait. When enough cells wait to fill all lanes again and
-//! again, they are refined together, and what lies behind them is dimmed by what else they absorb ([`Light::settle`]). What
-//! comes of a ray does not depend on when that happens: cells are added in the ray's own order, light by light and part by
-//! part.
+//! A ray walks on while its cells wait. It weights its light by the known transmittance: that of its settled cells, and
+//! an upper bound for the waiting ones. When enough cells wait to fill all lanes several times, they are refined
+//! together. The light behind them is then dimmed by their remaining absorption ([`Light::settle`]). A ray's result
+//! does not depend on when that happens: cells are added in the ray's own order, light by light and part by part.
 
 use super::queue::Queue;
 use super::simd::{LANES_LIMIT, Simd, exp_minus, for_three, lanes};
 use super::walk::{PerLane, ROUND};
 
-/// Most cells of one ray that wait.
+/// Most waiting cells of one ray.
 pub const PENDING_LIMIT: usize = 3 * ROUND;
-/// Cells that wait, from which they are refined.
+/// Number of waiting cells at which they are refined.
 const ENOUGH: usize = 8 * LANES_LIMIT;
-/// Cells that wait, and room for whole lanes after the last.
+/// Capacity for waiting cells, plus whole lanes after the last.
 const CAPACITY: usize = (PENDING_LIMIT + 1) * LANES_LIMIT;
 
-/// Numbers of a part: red, green, blue, what these and opacity may be off by, optical depth.
+/// Numbers of a part: red, green, blue, error of these and of opacity, optical depth.
 pub const PART_NUMBERS: usize = 5;
-/// The fourth; there only where errors are summed up.
+/// Index of the error; used only if errors are summed up.
 pub const ERROR: usize = 3;
-/// The fifth.
+/// Index of the optical depth.
 pub const DEPTH: usize = 4;
 /// Numbers of the light in front of a cell: red, green, blue, optical depth.
 const LIGHT_NUMBERS: usize = 4;
@@ -36,11 +35,11 @@ pub type Parts<const CELLS: usize> = [[PerLane; PART_NUMBERS]; CELLS];
 /// The parts of a round.
 #[derive(Debug, Clone)]
 pub struct RoundParts {
-    /// By the rule that integrates every cell.
+    /// Results of the rule that integrates every cell.
     pub numbers: Parts<ROUND>,
     /// Lower bounds on their optical depths.
     pub least_depths: [PerLane; ROUND],
-    /// Cells, or spans of them from their first on, that add anything: of others no number is read.
+    /// Cells, or the first cells of spans, that contribute: the numbers of all others are not read.
     pub shows: [bool; ROUND],
 }
 
@@ -54,7 +53,7 @@ impl RoundParts {
         Self { numbers, least_depths: [nothing; ROUND], shows: [false; ROUND] }
     }
 
-    /// Writes colour and error of the parts of a step that show.
+    /// Writes colour and error of the visible parts of a step.
     #[inline(always)]
     pub fn write_shaded<S: Simd>(&mut self, step: usize, shows: S::M, color: [S::F; 3], error: S::F) {
         let [r, g, b] = color;
@@ -78,29 +77,29 @@ impl RoundParts {
     }
 }
 
-/// The parts of cells that wait.
+/// The parts of waiting cells.
 pub type PendingParts = Parts<PENDING_LIMIT>;
 
-/// Numbers of an unsettled cell beside those of all, where it is shaded: the gradient at its beginning, its middle and its
-/// end, and the coefficients of its third power.
+/// Additional numbers of a shaded unsettled cell: the gradient at its beginning, middle and end, and the gradient's
+/// cubic coefficients.
 pub type RefineQueue = Queue<CAPACITY, 12>;
 
-/// Cells of a packet that wait. See the module.
+/// Waiting cells of a packet. See the module.
 #[derive(Debug, Clone)]
 pub struct Pending {
-    /// The cells. Those of the present round are at its step times [`LANES_LIMIT`] plus the lane; those of earlier ones at
-    /// their number on the ray instead of the step.
+    /// The cells. The slot of a cell of the current round is its step times [`LANES_LIMIT`] plus the lane. In earlier
+    /// rounds it has the cell's number on the ray instead of the step.
     pub cells: RefineQueue,
-    /// What the cells add, once that is known.
+    /// Contributions of the cells, once they are known.
     pub parts: PendingParts,
-    /// Light in front of each: premultiplied colour since the one before, and the optical depth that is known; infinite
+    /// Light in front of each: premultiplied colour since the previous one, and the known optical depth; infinite
     /// behind the end of the ray.
     light: [[PerLane; LIGHT_NUMBERS]; PENDING_LIMIT],
     /// Lower bounds on their optical depths.
     least_depths: [PerLane; PENDING_LIMIT],
-    /// Cells of each ray that wait.
+    /// Waiting cells of each ray.
     counts: [u8; LANES_LIMIT],
-    /// Those of them whose light is there.
+    /// Number of them whose light is known.
     lit: [u8; LANES_LIMIT],
 }
 
@@ -122,8 +121,8 @@ impl Pending {
         self.cells.len() >= ENOUGH || usize::from(most) + ROUND > PENDING_LIMIT
     }
 
-    /// Takes the cells that a round has left, from number `first` on, out of its parts, but for the depth that they have at
-    /// least; the lanes that they are of, step by step.
+    /// Takes the waiting cells of a round, from number `first` on, out of its parts; only their least depth stays.
+    /// Returns their lanes, step by step.
     #[inline(always)]
     pub fn take_over(&mut self, first: usize, parts: &mut RoundParts) -> [u32; ROUND] {
         let mut left = [0; ROUND];
@@ -142,7 +141,7 @@ impl Pending {
         left
     }
 
-    /// Notes the light in front of the next waiting cell of each lane of a mask.
+    /// Records the light in front of the next waiting cell of each lane of a mask.
     #[inline(always)]
     fn note_light<S: Simd>(&mut self, mask: u32, [r, g, b]: [S::F; 3], depth: S::F) {
         let mut numbers = [[0.0; LANES_LIMIT]; LIGHT_NUMBERS];
@@ -159,29 +158,28 @@ impl Pending {
     }
 }
 
-/// What rays have gathered in a brick.
+/// Light that rays have gathered in a brick.
 #[derive(Clone, Copy)]
 pub struct Light<S: Simd> {
     /// Transmittance in front of the brick.
     front: S::F,
-    /// Premultiplied colour behind the last cell that waits or waited, by the transmittance that is
-    /// known.
+    /// Premultiplied colour behind the last cell that waits or waited, weighted by the known transmittance.
     color: [S::F; 3],
-    /// Transmittance and optical depth that are known.
+    /// Known transmittance and optical depth.
     transmittance: S::F,
     depth: S::F,
     /// Premultiplied colour up to the last cell that waited.
     behind: [S::F; 3],
-    /// Optical depth of the cells that waited, less the lower bounds on it.
+    /// Optical depth of the cells that waited, minus its lower bounds.
     hidden: S::F,
-    /// Errors of the cells, each times what is in front of it, as far as that is known.
+    /// Errors of the cells, each times the known transmittance in front of it.
     error: S::F,
-    /// Rays that have ended in one of them.
+    /// Rays that have ended in a cell that waited.
     ended: S::M,
 }
 
 impl<S: Simd> Light<S> {
-    /// Nothing yet, behind this transmittance.
+    /// No light, behind this transmittance.
     #[inline(always)]
     pub fn new(front: S::F) -> Self {
         let (zero, one) = (S::splat(0.0), S::splat(1.0));
@@ -190,7 +188,7 @@ impl<S: Simd> Light<S> {
         Self { front, color, transmittance: one, depth: zero, behind, hidden: zero, error: zero, ended }
     }
 
-    /// Rays through which no more than `last` gets, as far as is known.
+    /// Rays whose known transmittance is at most `last`.
     #[inline(always)]
     pub fn ended(&self, last: S::F) -> S::M {
         S::le(self.transmittance * self.front, last) | self.ended
@@ -204,16 +202,16 @@ impl<S: Simd> Light<S> {
         (color, exp_minus::<S>(self.depth + self.hidden))
     }
 
-    /// What the colour and the opacity may be off by, when nothing waits.
+    /// Error of colour and opacity, when nothing waits.
     #[inline(always)]
     pub fn error(&self) -> S::F {
         self.error
     }
 
-    /// Adds the parts of a round, but for the lanes that are `left` at each step; rays through which no more than `last`
-    /// gets end there.
+    /// Adds the parts of a round, without the lanes `left` at each step. Rays whose transmittance falls to `last` end
+    /// there.
     ///
-    /// A ray ends in the cell that makes it end, not with the round: rounds begin elsewhere where rays leap.
+    /// A ray ends in the cell that makes it end, not with the round: rounds begin elsewhere if rays leap.
     #[inline(always)]
     pub fn composite(
         &mut self,
@@ -227,7 +225,7 @@ impl<S: Simd> Light<S> {
         if !parts.shows.contains(&true) {
             return;
         }
-        // Depth and transmittance in front of each cell, and behind the last: none waits for another's exponential.
+        // Depth and transmittance in front of each cell, and behind the last: no exponential waits for another.
         let mut depths = [self.depth; ROUND + 1];
         let mut transmittances = [self.transmittance; ROUND + 1];
         for i in 0..ROUND {
@@ -236,11 +234,12 @@ impl<S: Simd> Light<S> {
                 continue;
             }
             depths[i + 1] = depths[i] + S::load(&parts.numbers[i][DEPTH]);
-            // From the sum, not as a product: thousands of numbers near 1 round to one side where the field is even.
+            // Computed from the sum, not as a product: products of thousands of numbers near 1 round to one side in an
+            // even field.
             transmittances[i + 1] = exp_minus::<S>(depths[i + 1]);
         }
         (self.depth, self.transmittance) = (depths[ROUND], transmittances[ROUND]);
-        // Where nothing is added, nothing changes from one cell to the next.
+        // If nothing is added, nothing changes from one cell to the next.
         for i in (0..ROUND).rev().filter(|&i| parts.shows[i] | (left[i] != 0)) {
             let goes_on = S::lt(last, transmittances[i] * self.front);
             self.depth = S::select(goes_on, self.depth, depths[i]);
@@ -269,7 +268,7 @@ impl<S: Simd> Light<S> {
         }
     }
 
-    /// Adds the cells that waited, each behind its light; none are left.
+    /// Adds all waiting cells, each behind its light.
     #[inline(always)]
     pub fn settle(&mut self, pending: &mut Pending, last: S::F, sums_errors: bool) {
         let zero = S::splat(0.0);
@@ -297,7 +296,7 @@ impl<S: Simd> Light<S> {
             self.hidden = S::select(is_there, self.hidden + (S::load(&part[DEPTH]) - known), self.hidden);
             let depth = depth + known;
             let ends = is_there & S::le(exp_minus::<S>(depth + self.hidden) * self.front, last);
-            // What the ray has gathered behind is left out.
+            // Light that the ray gathered behind its end is dropped.
             self.depth = S::select(ends, depth, self.depth);
             for c in 0..3 {
                 self.color[c] = S::select(ends, zero, self.color[c]);
@@ -318,13 +317,13 @@ mod tests {
     use super::super::simd::{Portable, Task};
     use super::*;
 
-    /// Rays of random parts, one for `SPAN` cells, or of each of the cells where they wait; largest difference of colour and
+    /// Rays of random parts, one for `SPAN` cells, or one for each cell that waits; largest difference of colour and
     /// transmittance from the plain sum.
     struct Rays<const SPAN: usize> {
         seed: u64,
         /// Share of cells that wait.
         waiting: f64,
-        /// How opaque cells are at most.
+        /// Greatest optical depth of a cell.
         depth: f64,
         last: f32,
     }
@@ -344,7 +343,7 @@ mod tests {
             for _ in 0..20 {
                 let mut parts = RoundParts::new();
                 let mut truth = [[[0.0f32; 2]; LANES_LIMIT]; ROUND];
-                // Those do not walk on.
+                // Ended rays do not walk on.
                 let ended = S::bits(light.ended(S::splat(self.last)));
                 let mut settled = [false; LANES_LIMIT];
                 for (step, truth) in truth.iter_mut().enumerate() {
@@ -354,7 +353,7 @@ mod tests {
                         let is_first = step.is_multiple_of(SPAN);
                         parts.shows[step] = is_first;
                         if is_first {
-                            // What is not known of cells that wait has no influence.
+                            // The unknown part of waiting cells has no influence.
                             settled[lane] = has_ended || random() >= self.waiting;
                         }
                         let is_settled = settled[lane];
@@ -370,10 +369,11 @@ mod tests {
                             (false, true) => [color, tau],
                             (false, false) => [random(), random()],
                         };
-                        // What a span adds stands at its first cell; the others' numbers are not read.
+                        // The contribution of a span is stored in its first cell; the numbers of the others are not
+                        // read.
                         let [color, tau] = if is_first { [color as f32, tau as f32] } else { [f32::NAN; 2] };
                         (parts.numbers[step][0][lane], parts.numbers[step][DEPTH][lane]) = (color, tau);
-                        // Of spans that wait nobody knows more.
+                        // No lower bound is known of a waiting span.
                         let known = if SPAN == 1 { random() as f32 } else { 0.0 };
                         parts.least_depths[step][lane] = truth[lane][1] * known;
                     }

@@ -1,24 +1,24 @@
-//! What is made once of each brick of each field, and kept while it fits.
+//! Data derived once from each brick of each field, and kept while it fits.
 
 use std::sync::{Arc, RwLock};
 
 use crate::stream::cache::KeyMap;
 use crate::stream::field::FieldBrick;
 
-/// Bytes that anything kept costs beside its own: its place in the table, and allocations.
+/// Bytes of an entry beside its own data: its place in the table, and allocations.
 const OVERHEAD_BYTES: u64 = 128;
 
-/// Things made of bricks, each at least once.
+/// Data derived from bricks, each at least once.
 #[derive(Debug)]
 pub struct PerBrick<T> {
-    /// Most bytes that are kept; all is dropped where more would be needed.
+    /// Most bytes kept; if more would be needed, everything is dropped.
     bytes_limit: u64,
     kept: RwLock<Kept<T>>,
 }
 
 #[derive(Debug)]
 struct Kept<T> {
-    /// With the bytes of each.
+    /// Entries with their bytes.
     of_bricks: KeyMap<(Arc<T>, u64)>,
     bytes: u64,
 }
@@ -29,25 +29,25 @@ impl<T> Default for Kept<T> {
     }
 }
 
-/// Bytes of keeping something that holds so many itself.
+/// Bytes of keeping an entry of this many bytes.
 #[must_use]
 pub fn bytes_kept(bytes: u64) -> u64 {
     bytes + OVERHEAD_BYTES
 }
 
 impl<T> PerBrick<T> {
-    /// Nothing yet, and never more than so many bytes.
+    /// An empty store that keeps at most this many bytes.
     #[must_use]
     pub fn new(bytes_limit: u64) -> Self {
         Self { bytes_limit, kept: RwLock::default() }
     }
 
-    /// What was made of a brick, or is made now; `bytes` says how much it holds.
+    /// The entry of a brick, made now if it is missing; `bytes` gives its size.
     pub fn of(&self, key: FieldBrick, bytes: impl Fn(&T) -> u64, make: impl FnOnce() -> T) -> Arc<T> {
         self.of_which(key, |_| true, bytes, make)
     }
 
-    /// The same, made anew where what was made is not true any more.
+    /// The same, made again if `is_true` rejects the old entry.
     pub fn of_which(
         &self,
         key: FieldBrick,
@@ -71,7 +71,7 @@ impl<T> PerBrick<T> {
         if kept.bytes + bytes > self.bytes_limit {
             *kept = Kept::default();
         }
-        // Another thread may have made the same meanwhile; or what there was is not true any more.
+        // Another thread may have made the same in the meantime, or the old entry is outdated.
         let before = kept.of_bricks.insert(key, (made, bytes));
         kept.bytes = kept.bytes + bytes - before.map_or(0, |(_, bytes)| bytes);
     }
@@ -92,7 +92,7 @@ mod tests {
         field.brick(BrickKey::new(Lod::FINEST, BrickIndex([x, 0, 0])))
     }
 
-    /// Asks for ten bricks three times; how often something was made.
+    /// Asks for ten bricks three times; returns how often an entry was made.
     fn made_of_ten(limit: u64) -> usize {
         let (per_brick, mut made) = (PerBrick::new(limit), 0);
         for x in (0..3).flat_map(|_| 0..10) {
@@ -108,7 +108,7 @@ mod tests {
         made
     }
 
-    /// As of two time steps, seen the same way.
+    /// For example of two time steps, seen the same way.
     #[test]
     fn what_was_made_of_one_field_is_not_taken_for_another_s() {
         let of = |per_brick: &PerBrick<u16>, field| *per_brick.of(key_of(Field(field), 1), |_| 8, || field);

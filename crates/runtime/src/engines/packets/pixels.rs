@@ -1,4 +1,4 @@
-//! Tiles between passes, and back to pixels: row by row from the top.
+//! Tiles between passes, and their pixels: row by row from the top.
 
 use super::noted::{TileErrors, TileWork};
 use super::places::{TILE_RAYS, TILE_SIDE, place_of};
@@ -24,21 +24,21 @@ pub enum Tile {
     Finished(Box<FinishedTile>),
 }
 
-/// A tile when all is done.
+/// A finished tile.
 #[derive(Debug, Clone)]
 pub struct FinishedTile {
     /// Premultiplied colour and opacity of each ray.
     pub(super) pixels: Box<[[f32; 4]]>,
     /// Rays that ended before they left the volume.
     pub(super) terminated_early: u64,
-    /// What its rays may be off by, where that was summed up.
+    /// Errors of its rays, if they were summed up.
     pub(super) errors: Option<Box<TileErrors>>,
-    /// What its rays have cost, where that was counted.
+    /// Work of its rays, if it was counted.
     pub(super) work: Option<Box<TileWork>>,
 }
 
 impl FinishedTile {
-    /// Bytes held, but for errors and work.
+    /// Bytes held, without errors and work.
     pub(super) const BYTES: usize = size_of::<Self>() + TILE_RAYS * size_of::<[f32; 4]>();
 }
 
@@ -61,7 +61,7 @@ impl Tile {
         }
     }
 
-    /// What its rays may be off by, once the tile is finished, where that was summed up.
+    /// Errors of its rays, once the tile is finished, if they were summed up.
     #[must_use]
     pub fn errors(&self) -> Option<&TileErrors> {
         match self {
@@ -70,7 +70,7 @@ impl Tile {
         }
     }
 
-    /// What its rays have cost, once the tile is finished, where that was counted.
+    /// Work of its rays, once the tile is finished, if it was counted.
     #[must_use]
     pub fn work(&self) -> Option<&TileWork> {
         match self {
@@ -80,7 +80,7 @@ impl Tile {
     }
 }
 
-/// The pixels of all tiles, row by row from the top; of rays that wait `waiting` makes one.
+/// The pixels of all tiles, row by row from the top; `waiting` makes the pixel of a ray that waits.
 #[must_use]
 pub fn pixels_of(scene: &RayScene, tiles: &[Tile], waiting: impl Fn(&RayState) -> [f32; 4]) -> Vec<[f32; 4]> {
     row_by_row(scene, tiles, |tile, ray| match tile {
@@ -99,7 +99,7 @@ pub(super) fn pixels_of_tile(scene: &RayScene, gathered: &Gathered) -> Box<[[f32
     (0..TILE_RAYS).map(|i| pixel_of_light([red[i], green[i], blue[i]], transmittance[i])).collect()
 }
 
-/// What the rays of all tiles may be off by, row by row from the top, grey; NaN of those that are not finished.
+/// Errors of the rays of all tiles, row by row from the top, grey; NaN in tiles that are not finished.
 #[must_use]
 pub fn error_pixels_of(scene: &RayScene, tiles: &[Tile]) -> Vec<[f32; 4]> {
     row_by_row(scene, tiles, |tile, ray| {
@@ -110,7 +110,7 @@ pub fn error_pixels_of(scene: &RayScene, tiles: &[Tile]) -> Vec<[f32; 4]> {
     })
 }
 
-/// What the rays of all tiles have cost, row by row from the top: cells, leaps, 0, 1; NaN of those that are not finished.
+/// Work of the rays of all tiles, row by row from the top: cells, leaps, 0, 1; NaN in tiles that are not finished.
 #[must_use]
 pub fn work_pixels_of(scene: &RayScene, tiles: &[Tile]) -> Vec<[f32; 4]> {
     row_by_row(scene, tiles, |tile, ray| {

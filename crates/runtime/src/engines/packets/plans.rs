@@ -1,8 +1,8 @@
-//! How packets go through the bricks of a view in mode `dvr`: found out once for each brick, and kept from picture to picture
-//! while that is still true.
+//! Plans of packets through the bricks of a view in mode `dvr`: made once for each brick, and kept from picture to
+//! picture while valid.
 //!
-//! What there is to leap over depends on the transfer function and on which way rays go, not on where they come from: a camera
-//! that moves finds nearly all of it as it was.
+//! The parts to leap over depend on the transfer function and on the directions of rays, not on the eye's position. So
+//! most plans stay valid when the camera moves.
 
 use std::sync::Arc;
 
@@ -17,20 +17,21 @@ use crate::engines::ray_scene::RayScene;
 use crate::stream::classify::Skipping;
 use crate::stream::field::FieldBrick;
 
-/// Most bytes of what is made once of each brick, and plans of another frame that may still be true.
+/// Most bytes of data derived from bricks, and plans of another frame that may still be valid.
 pub type Made = (u64, Option<Arc<BrickPlans>>);
 
 /// Share of a brick's blocks that show nothing from which rays leap.
 pub(super) const LEAST_LEAPT: f64 = 0.125;
 
-/// How packets go through a brick.
+/// Plan of packets through a brick.
 #[derive(Debug)]
 pub struct BrickPlan {
-    /// What there is to leap over.
+    /// Cloud for leaping.
     pub cloud: ProximityCloud<BLOCK>,
-    /// Whether that pays.
+    /// Whether leaping pays.
     pub leaps: bool,
-    /// Cells that are integrated together: only where rays do not leap, or where they land would decide what goes together.
+    /// Cells integrated together. More than one only if rays do not leap, because landing positions would decide the
+    /// grouping.
     pub span: usize,
     /// Which way rays go.
     pub(super) ahead: [Ahead; 3],
@@ -39,7 +40,7 @@ pub struct BrickPlan {
 }
 
 impl BrickPlan {
-    /// Bytes of a plan whose cloud has so many.
+    /// Bytes of a plan with a cloud of this many bytes.
     fn bytes_with(cloud: u64) -> u64 {
         (size_of::<Self>() - size_of::<ProximityCloud<BLOCK>>()) as u64 + cloud
     }
@@ -49,14 +50,14 @@ impl BrickPlan {
         Self::bytes_with(self.cloud.bytes())
     }
 
-    /// Bytes held of a brick with so many core voxels along each axis, at most.
+    /// Most bytes held for a brick with `core` core voxels along each axis.
     #[must_use]
     pub fn most_bytes(core: usize) -> u64 {
         Self::bytes_with(ProximityCloud::<BLOCK>::most_bytes(core))
     }
 }
 
-/// Everything that plans depend on but for camera and brick.
+/// All inputs of plans but camera and brick.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Premises {
     transfer_function: TransferFunction,
@@ -67,7 +68,7 @@ pub(super) struct Premises {
     bytes_limit: u64,
 }
 
-/// The plans of bricks, for whatever camera.
+/// The plans of bricks, for any camera.
 #[derive(Debug)]
 pub struct BrickPlans {
     pub(super) premises: Premises,
@@ -75,7 +76,7 @@ pub struct BrickPlans {
 }
 
 impl BrickPlans {
-    /// Those kept, if they are what this frame needs, else none yet, and never more than so many bytes.
+    /// `kept`, if these plans suit the frame, else an empty store of at most this many bytes.
     #[must_use]
     pub fn new(
         kept: Option<Arc<Self>>,

@@ -1,4 +1,4 @@
-//! Cells that need more than the others of their round: packed densely, so that no lane runs for nothing.
+//! Queue of cells that need more work than the others of their round: packed densely, so that no lane is wasted.
 
 use super::integrate::Chord;
 use super::simd::{Simd, for_three, load_from};
@@ -6,7 +6,7 @@ use super::simd::{Simd, for_three, load_from};
 /// Numbers of a [`QueuedCell`]: slot and base as bits.
 pub const CELL_NUMBERS: usize = 10;
 
-/// Up to `CAPACITY` cells less whole lanes, with `MORE` numbers each beside those of all.
+/// Up to `CAPACITY` cells minus whole lanes, with `MORE` additional numbers each.
 #[derive(Debug, Clone)]
 pub struct Queue<const CAPACITY: usize, const MORE: usize> {
     cells: [[f32; CAPACITY]; CELL_NUMBERS],
@@ -14,7 +14,7 @@ pub struct Queue<const CAPACITY: usize, const MORE: usize> {
     length: usize,
 }
 
-/// What is kept of every cell.
+/// Numbers kept of every cell.
 #[derive(Clone, Copy)]
 pub struct QueuedCell<S: Simd> {
     /// Number of the cell on its ray times [`LANES_LIMIT`], plus the lane of the ray.
@@ -25,7 +25,7 @@ pub struct QueuedCell<S: Simd> {
     pub chord: Chord<S>,
     /// Error of its colour and opacity so far.
     pub error: S::F,
-    /// Tolerances per error.
+    /// Error in tolerances, per error.
     pub per_error: S::F,
 }
 
@@ -51,20 +51,20 @@ impl<const CAPACITY: usize, const MORE: usize> Queue<CAPACITY, MORE> {
         Self { cells: [[0.0; CAPACITY]; CELL_NUMBERS], more: [[0.0; CAPACITY]; MORE], length: 0 }
     }
 
-    /// Cells that wait.
+    /// Waiting cells.
     #[inline(always)]
     #[must_use]
     pub fn len(&self) -> usize {
         self.length
     }
 
-    /// Takes all cells off.
+    /// Removes all cells.
     #[inline(always)]
     pub fn clear(&mut self) {
         self.length = 0;
     }
 
-    /// Adds the lanes of a mask; the numbers of `more` are the first of `MORE`.
+    /// Adds the lanes of a mask; `more` are the first of the `MORE` additional numbers.
     #[inline(always)]
     pub fn push<S: Simd, const K: usize>(&mut self, lanes: S::M, cell: &QueuedCell<S>, more: [S::F; K]) {
         let QueuedCell { slot, base, chord, error, per_error } = *cell;
@@ -103,7 +103,7 @@ impl<const CAPACITY: usize, const MORE: usize> Queue<CAPACITY, MORE> {
         &mut self.cells[0][first..self.length]
     }
 
-    /// Cells from number `first` on into the lanes of a mask, in their order, with the numbers beside those of all.
+    /// Moves cells from number `first` on into the lanes of a mask, in their order, with their additional numbers.
     #[inline(always)]
     pub fn refill<S: Simd>(&self, first: usize, mask: S::M, cells: &mut [S::F; CELL_NUMBERS], more: &mut [S::F; MORE]) {
         for (into, numbers) in cells.iter_mut().zip(&self.cells).chain(more.iter_mut().zip(&self.more)) {
@@ -111,7 +111,7 @@ impl<const CAPACITY: usize, const MORE: usize> Queue<CAPACITY, MORE> {
         }
     }
 
-    /// Three of the other numbers of the cells from number `first` on, in a row from `number`.
+    /// Three consecutive additional numbers, from number `number` on, of the cells from `first` on.
     #[inline(always)]
     #[must_use]
     pub fn three<S: Simd>(&self, number: usize, first: usize) -> [S::F; 3] {

@@ -1,11 +1,12 @@
-//! Cells that one rule does not settle: one per lane, cut into as many parts as their error asks for; a lane whose cell is done
+//! Refinement of unsettled cells: one per lane, cut into as many parts as its error requires. A lane whose cell is done
 //! takes the next.
 //!
-//! The first part is as long as the square root of the error says: where nothing happens in particular, the rule's error
-//! falls with the square of the number of parts. Parts that are still too uncertain are halved, and lengthen again behind
-//! what made them so: a step that is crossed, a normal that turns over. What no part of [`LEAST_PART`] settles, where a ray
-//! grazes a step for example, goes to roots in `f64` ([`Host::integrate_exactly`]). A lane's parts depend on its own error
-//! alone, so that pictures do not depend on how lanes are packed.
+//! The length of the first part follows from the square root of the error: in a smooth cell, the rule's error falls
+//! with the square of the number of parts. Parts that are still too inaccurate are halved. They lengthen again behind
+//! the difficult place, such as a step of the transfer function or a turn of the normal. If no part of [`LEAST_PART`]
+//! suffices, for example where a ray grazes a step, the cell is integrated by roots in `f64`
+//! ([`Host::integrate_exactly`]). A lane's parts depend on its own error alone, so pictures do not depend on the
+//! packing of lanes.
 
 use super::integrate::{Chord, Part, cubic_at, cubic_through, integrate};
 use super::lookup::Lookup;
@@ -22,23 +23,23 @@ use crate::stream::counters::RayCounters;
 /// Share of the lanes, as its inverse, that must be without work before they get new cells: that costs a quarter of a part.
 const REFILL_SHARE: u32 = 5;
 
-/// Settles all cells that wait: writes their parts; none are left.
+/// Refines all waiting cells and writes their parts.
 pub struct Refine<'a, L> {
     /// The transfer function.
     pub classifier: &'a Classifier<'a, L>,
     /// Rays of the packet.
     pub lanes: &'a Lanes,
-    /// The brick's, where it is shaded.
+    /// The brick's lighting, if it is shaded.
     pub lighting: Option<&'a PacketLighting<'a>>,
     /// The cells.
     pub pending: &'a mut Pending,
-    /// Who settles what is not settled here.
+    /// Integrates the cells that are not settled here.
     pub host: &'a mut dyn Host,
 }
 
-/// Cells that are being cut, one per lane.
+/// Cells being cut, one per lane.
 struct Cuts<S: Simd> {
-    /// Numbers of the cells, and those beside.
+    /// Numbers of the cells, and their additional numbers.
     numbers: [S::F; CELL_NUMBERS],
     more: [S::F; 12],
     /// Lanes that hold a cell.
@@ -48,7 +49,7 @@ struct Cuts<S: Simd> {
     field: [S::F; 4],
     gradients: [[S::F; 4]; 3],
     to_eye: [S::F; 3],
-    /// Where the next part begins, and how long it is, in cells.
+    /// Beginning of the next part, and its length, in cells.
     at: S::F,
     next: S::F,
     /// Field and light there.
@@ -95,7 +96,7 @@ impl<S: Simd> Cuts<S> {
     #[inline(always)]
     fn next_part(&self) -> Trial<S> {
         let (one, half) = (S::splat(1.0), S::splat(0.5));
-        // Nothing shorter than the shortest part is left over.
+        // The remainder must not be shorter than the shortest part.
         let rest = one - self.at;
         let size = S::select(S::lt(self.next + S::splat(LEAST_PART), rest), self.next, rest);
         let end = S::select(S::le(rest, size), one, self.at + size);
@@ -119,7 +120,7 @@ impl<S: Simd> Cuts<S> {
         lighting.at::<S, 2>(&[at_middle, at_end], &self.to_eye)
     }
 
-    /// Takes a part or halves it; `at_end` is the light there.
+    /// Takes a part or halves it; `at_end` is the light at its end.
     #[inline(always)]
     fn end_part(&mut self, trial: &Trial<S>, part: &Part<S>, at_end: &LightAt<S>) {
         let going = self.going();
@@ -181,7 +182,7 @@ impl<L: Lookup> Task for Refine<'_, L> {
 }
 
 impl<L: Lookup> Refine<'_, L> {
-    /// Cells from number `first` on into the lanes that have none left; how many.
+    /// Moves cells from number `first` on into the idle lanes; returns their number.
     #[inline(always)]
     fn refill<S: Simd>(&self, cuts: &mut Cuts<S>, first: usize) -> usize {
         let (zero, one) = (S::splat(0.0), S::splat(1.0));
@@ -218,7 +219,7 @@ impl<L: Lookup> Refine<'_, L> {
         bits.count_ones() as usize
     }
 
-    /// Writes the parts of the cells that are at their end.
+    /// Writes the parts of the finished cells.
     #[inline(always)]
     fn hand_over<S: Simd>(&mut self, cuts: &Cuts<S>, work: &mut RayCounters) {
         let done = cuts.used & !cuts.going();
@@ -232,7 +233,7 @@ impl<L: Lookup> Refine<'_, L> {
         S::store(cuts.cell.per_error, &mut per_error);
         S::store_int(cuts.cell.slot, &mut slots);
         S::store_int(cuts.cell.base, &mut bases);
-        // Also NaN, beside a hole; and what was never at its end.
+        // Unsettled also if NaN, beside a hole, or if the end was not reached.
         let is_settled = S::le(sum.error * cuts.cell.per_error, S::splat(EXACT_FROM)) & !S::lt(cuts.at, S::splat(1.0));
         let exact = S::bits(!is_settled & done);
         work.cells_exact += u64::from(exact.count_ones());
@@ -241,7 +242,7 @@ impl<L: Lookup> Refine<'_, L> {
             let mut part = numbers.map(|values| values[lane]);
             if exact >> lane & 1 == 1 {
                 let [r, g, b, transmittance] = self.host.integrate_exactly(self.lanes.rays[ray], bases[lane]);
-                // Nobody says what roots miss: as much as a cell may that is not refined.
+                // The error of roots is unknown: assume that of a cell that is not refined.
                 let error = 1.0 / per_error[lane];
                 part = [r, g, b, error, -transmittance.max(f32::MIN_POSITIVE).ln()];
             }
@@ -268,7 +269,7 @@ impl<L: Lookup> Refine<'_, L> {
     }
 }
 
-/// Length of the first part of cells with these errors, in tolerances: all of it where the cell may be settled as a whole.
+/// Length of the first part of cells with these errors, in tolerances: 1 if the whole cell may be settled at once.
 #[inline(always)]
 fn first_part<S: Simd>(ratio: S::F) -> S::F {
     let (one, two, most) = (S::splat(1.0), S::splat(2.0), S::splat(PARTS_LIMIT));

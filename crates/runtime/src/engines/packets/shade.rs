@@ -1,14 +1,14 @@
-//! Shading of the cells that show something: two-sided Blinn-Phong (RENDERING-MODEL, section 5).
+//! Shading of visible cells: two-sided Blinn-Phong (RENDERING-MODEL, section 5).
 //!
-//! A part of a ray has a mean colour c and an opacity; shading makes of c, at a place with gradient g,
-//! `f = min(c D + S, 1)`, D and S functions of the direction of g alone. f is taken at the part's beginning, middle and
-//! end, and its mean weighted by where the light comes from: if that varies evenly from w0 at the beginning to w1 at the
-//! end, the mean of a quadratic f is `(w0 f0 + w1 f1 + 2 (w0 + w1) fm) / (3 (w0 + w1))`, Simpson's rule where w0 = w1.
+//! A part of a ray has a mean colour c and an opacity. At a position with gradient g, shading gives `f = min(c D + S,
+//! 1)`; D and S depend on the direction of g alone. f is computed at the part's beginning, middle and end, and its mean
+//! is weighted by the origin of the light. Let the weight vary evenly from w0 at the beginning to w1 at the end. The
+//! mean of a quadratic f is then `(w0 f0 + w1 f1 + 2 (w0 + w1) fm) / (3 (w0 + w1))`: Simpson's rule if w0 = w1.
 //!
-//! What that misses ([`PacketLighting::shade`] states it): the light does not vary evenly ([`Part::misplaced`]), f bends, or
-//! the normal turns so far that there may be a highlight between the three places.
+//! [`PacketLighting::shade`] states the error of this: the light does not vary evenly ([`Part::misplaced`]), f bends,
+//! or the normal turns so far that there may be a highlight between the three positions.
 //!
-//! Gradients are differences over two voxels, interpolated (`scalar::shade` says why that is the definition): the 32 voxels
+//! Gradients are interpolated differences over two voxels (`cells::shade` explains this definition). The 32 voxels
 //! around a cell are gathered once, and along the ray the gradient is one cubic per axis.
 
 use glam::{DMat3, DVec3};
@@ -27,10 +27,10 @@ const WHOLE_LIMIT: u32 = 128;
 /// Least square of |n.h|: a normal `f32`.
 const LEAST_SQUARE: f32 = 1e-37;
 
-/// The lighting of a frame as the voxels of one level see it.
+/// The lighting of a frame for the voxels of one level.
 #[derive(Debug, Clone, Copy)]
 pub struct PacketLighting<'a> {
-    /// Lights, and what the material makes of them.
+    /// Lights and material.
     pub lighting: &'a Lighting,
     /// World gradient, values per world length, from differences of stored numbers over two voxels; columns.
     pub world_from_differences: [[f32; 3]; 3],
@@ -38,13 +38,13 @@ pub struct PacketLighting<'a> {
     pub world_from_cells: [[f32; 3]; 3],
     /// Intensity of all lights.
     pub light: f32,
-    /// Most that a colour can be multiplied by.
+    /// Largest factor of a colour.
     gain: f32,
-    /// Half the shininess, where that is a whole number that multiplications reach sooner than a logarithm.
+    /// Half the shininess, if it is an integer for which multiplications are faster than a logarithm.
     whole_half: Option<u32>,
 }
 
-/// A matrix, by columns, times a vector.
+/// Product of a matrix, given by columns, and a vector.
 #[inline(always)]
 pub fn transform<S: Simd>(columns: &[[f32; 3]; 3], v: [S::F; 3]) -> [S::F; 3] {
     let mut out = v;
@@ -56,7 +56,7 @@ pub fn transform<S: Simd>(columns: &[[f32; 3]; 3], v: [S::F; 3]) -> [S::F; 3] {
     out
 }
 
-/// Inverse of the length of the sum of two unit vectors; 0 where it vanishes.
+/// Inverse of the length of the sum of two unit vectors; 0 if the sum vanishes.
 #[inline(always)]
 fn inverse_of_sum<S: Simd>(a: &[S::F; 3], b: &[S::F; 3]) -> S::F {
     let (zero, one) = (S::splat(0.0), S::splat(1.0));
@@ -71,12 +71,12 @@ fn dot<S: Simd>(a: &[S::F; 3], b: &[S::F; 3]) -> S::F {
     S::mul_add(a[0], b[0], S::mul_add(a[1], b[1], a[2] * b[2]))
 }
 
-/// The light at one place of a part.
+/// The light at one position of a part.
 #[derive(Clone, Copy)]
 pub struct LightAt<S: Simd> {
     /// In world space.
     pub gradient: [S::F; 3],
-    /// 0 where there is no normal.
+    /// 0 if there is no normal.
     pub inverse_length: S::F,
     /// D and S.
     pub diffuse: S::F,
@@ -86,14 +86,14 @@ pub struct LightAt<S: Simd> {
 }
 
 impl<S: Simd> LightAt<S> {
-    /// Dark.
+    /// No light.
     #[inline(always)]
     pub fn nothing() -> Self {
         let zero = S::splat(0.0);
         Self { gradient: [zero; 3], inverse_length: zero, diffuse: zero, specular: zero, nearest: zero }
     }
 
-    /// Where the mask holds `other`.
+    /// Replaces lanes of the mask by those of `other`.
     #[inline(always)]
     pub fn replace(&mut self, mask: S::M, other: &Self) {
         self.gradient = for_three!(a => S::select(mask, other.gradient[a], self.gradient[a]));
@@ -103,7 +103,7 @@ impl<S: Simd> LightAt<S> {
         self.nearest = S::select(mask, other.nearest, self.nearest);
     }
 
-    /// Whether there is a normal at all three places.
+    /// Lanes with a normal at all three positions.
     #[inline(always)]
     pub fn have_normals(along: &[Self; 3]) -> S::M {
         S::lt(S::splat(0.0), along[0].inverse_length * along[1].inverse_length * along[2].inverse_length)
@@ -118,15 +118,16 @@ impl<S: Simd> LightAt<S> {
         S::select(S::lt(zero, scale), S::max(difference, zero), zero)
     }
 
-    /// Share of a part, of whose half the gradient is these at the ends, in which it may be shorter than `floor` unseen: if
-    /// it varies evenly, on the chord through a sphere. Nothing where it is so at both ends: then that is seen.
+    /// Share of a half of a part in which the gradient may be shorter than `floor` unseen. The gradients are those at
+    /// its ends. The model is a gradient that varies evenly, on the chord through a sphere. The share is 0 if both ends
+    /// are that short: then it is seen.
     #[inline(always)]
     fn without_normal(a: &Self, b: &Self, floor: f32) -> S::F {
         let (zero, one) = (S::splat(0.0), S::splat(1.0));
         let (aa, ab) = (dot::<S>(&a.gradient, &a.gradient), dot::<S>(&a.gradient, &b.gradient));
         let bb = dot::<S>(&b.gradient, &b.gradient);
         let way = S::max(S::mul_add(S::splat(-2.0), ab, aa + bb), S::splat(f32::MIN_POSITIVE));
-        // Twice as wide, since it does not vary quite evenly.
+        // Twice as wide, since it does not vary exactly evenly.
         let floor = S::splat(2.0 * floor);
         let nearest = S::max(S::mul_add(aa, bb, zero - ab * ab), zero) / way;
         let has_normal = S::lt(zero, a.inverse_length + b.inverse_length);
@@ -134,7 +135,7 @@ impl<S: Simd> LightAt<S> {
         S::select(is_passed, S::min(floor / S::sqrt(way), one), zero)
     }
 
-    /// Square of the second difference of the gradients at three places.
+    /// Square of the second difference of the gradients at three positions.
     #[inline(always)]
     fn second_difference(along: &[Self; 3]) -> S::F {
         let [a, b, c] = along;
@@ -142,15 +143,15 @@ impl<S: Simd> LightAt<S> {
         dot::<S>(&second, &second)
     }
 
-    /// Inverse lengths of the longest and the shortest gradient at three places.
+    /// Inverse lengths of the longest and the shortest gradient at three positions.
     #[inline(always)]
     fn inverse_lengths(along: &[Self; 3]) -> [S::F; 2] {
         let inverse = for_three!(i => along[i].inverse_length);
         [least_of::<S>(inverse), greatest_of::<S>(inverse)]
     }
 
-    /// Share of a part, of which these are the three places, in which there may be a normal although neither end of that half has
-    /// one: where the gradient may reach `floor` in between; from the square of its second difference.
+    /// Share of a part, given by its three positions, in which there may be a normal although neither end of that half
+    /// has one. This is where the gradient may reach `floor` in between, by the square of its second difference.
     #[inline(always)]
     fn hidden_normal(along: &[Self; 3], second: S::F, floor: f32) -> S::F {
         let zero = S::splat(0.0);
@@ -178,7 +179,7 @@ impl<S: Simd> LightAt<S> {
 }
 
 impl<'a> PacketLighting<'a> {
-    /// The lighting for a level of this scale, whose values rise by `value_scale` per stored number.
+    /// The lighting for a level of this scale; `value_scale` is the value difference per stored number.
     #[must_use]
     pub fn new(lighting: &'a Lighting, geometry: &Geometry, scale: [u64; 3], value_scale: f32) -> Self {
         let world_from_cells = geometry.linear() * DMat3::from_diagonal(DVec3::from_array(scale.map(|s| s as f64)));
@@ -194,14 +195,14 @@ impl<'a> PacketLighting<'a> {
         }
     }
 
-    /// Unit vectors against rays of these directions, in cells per world length.
+    /// Unit vectors toward the eye, against rays of these directions, in cells per world length.
     #[inline(always)]
     pub fn toward_eye<S: Simd>(&self, direction: [S::F; 3]) -> [S::F; 3] {
         let along = transform::<S>(&self.world_from_cells, direction);
         for_three!(a => along[a] * S::splat(-1.0))
     }
 
-    /// The light where the gradients are these, seen from there.
+    /// The light at positions with these gradients, seen from `to_eye`.
     #[inline(always)]
     pub fn at<S: Simd, const PLACES: usize>(
         &self,
@@ -243,7 +244,7 @@ impl<'a> PacketLighting<'a> {
         at
     }
 
-    /// The part's colour after shading, and its error, from the light at its beginning, middle and end as the eye sees it.
+    /// The part's colour after shading, and its error, from the light at its beginning, middle and end.
     #[inline(always)]
     pub fn shade<S: Simd>(&self, part: &Part<S>, along: &[LightAt<S>; 3], to_eye: &[S::F; 3]) -> ([S::F; 3], S::F) {
         let one = S::splat(1.0);
@@ -256,7 +257,7 @@ impl<'a> PacketLighting<'a> {
         let of_specular = opacity * mean_specular;
         let mut color = for_three!(c => S::mul_add(part.color[c], mean_diffuse, of_specular));
         let (of_sides, goes_over) = self.error_of_sides::<S>(along, to_eye);
-        // Range and bend of a channel are convex in its colour: greatest at the strongest, or at black.
+        // Range and bend of a channel are convex in its colour: greatest at the strongest channel, or at black.
         let brightest = for_three!(i => along[i].of(strongest));
         let range = S::max(range_of::<S>(brightest), range_of::<S>(specular));
         let bend = S::max(bend_of::<S>(brightest), bend_of::<S>(specular));
@@ -282,13 +283,13 @@ impl<'a> PacketLighting<'a> {
             of_place = S::select(is_cut, of_cut, of_place) + of_colors;
         }
         let of_place = S::max(of_place, of_sides) + self.error_of_turn::<S>(along);
-        // What the part itself is off by is lit as the part is; its opacity is not.
+        // The part's own colour error is lit like the part; its opacity error is not.
         let lit = for_three!(i => along[i].diffuse + along[i].specular);
         let gain = S::max(greatest_of::<S>(lit), one);
         (color, S::mul_add(opacity, S::min(of_place, one), part.error * gain))
     }
 
-    /// What a part's colour is off by, however well its light is known.
+    /// Error of a part's colour that does not come from the light.
     #[inline(always)]
     pub fn error_but_light<S: Simd>(&self, part: &Part<S>, along: &[LightAt<S>; 3]) -> ErrorButLight<S> {
         let opacity = S::splat(1.0) - part.transmittance;
@@ -307,8 +308,8 @@ impl<'a> PacketLighting<'a> {
         ErrorButLight { certain, at_most }
     }
 
-    /// What three places can miss of the light between them: a highlight where the normal turns, and a gradient that is too
-    /// short for a normal, or long enough, between two places only.
+    /// Error of the light between three positions: a highlight where the normal turns, and a gradient that is too short
+    /// or long enough for a normal only in between.
     #[inline(always)]
     fn error_of_turn<S: Simd>(&self, along: &[LightAt<S>; 3]) -> S::F {
         let mut turn = S::splat(0.0);
@@ -328,8 +329,8 @@ impl<'a> PacketLighting<'a> {
         S::mul_add(flat, S::splat(self.gain), self.missed_by_turn::<S>(turn, seen))
     }
 
-    /// What may be missed of the light where the normal turns so far (a square), of highlights that are this strong at most. A wide highlight
-    /// is as diffuse light is.
+    /// Error of the light for a turn of the normal (given as a square), with highlights of at most the strength `seen`.
+    /// A wide highlight behaves like diffuse light.
     #[inline(always)]
     pub fn missed_by_turn<S: Simd>(&self, turn: S::F, seen: S::F) -> S::F {
         let Lighting { diffuse, specular, shininess, .. } = *self.lighting;
@@ -340,7 +341,7 @@ impl<'a> PacketLighting<'a> {
         S::mul_add(square, S::splat(TURN_SHARE * diffuse * self.light), of_highlight)
     }
 
-    /// What may lie between two places with these gradients, and at neither, of the light: by how far the normal turns.
+    /// Error of the light between two positions with these gradients, by the turn of the normal.
     #[inline(always)]
     pub fn error_between<S: Simd>(&self, a: &[S::F; 3], b: &[S::F; 3]) -> S::F {
         let floor = S::splat(f32::MIN_POSITIVE);
@@ -350,8 +351,8 @@ impl<'a> PacketLighting<'a> {
         self.missed_by_turn::<S>(turn, S::splat(1.0))
     }
 
-    /// What the second difference can miss of light of which one side goes over into the other between two places: in the middle,
-    /// nothing is left. And whether it does.
+    /// Error, not seen by the second difference, of light that passes from one side to the other between two positions
+    /// and vanishes in between. Also returns whether it does.
     #[inline(always)]
     fn error_of_sides<S: Simd>(&self, along: &[LightAt<S>; 3], to_eye: &[S::F; 3]) -> (S::F, S::M) {
         let zero = S::splat(0.0);
@@ -381,7 +382,8 @@ impl<'a> PacketLighting<'a> {
         self.lighting.gradient_floor.max(f32::MIN_POSITIVE.sqrt())
     }
 
-    /// |n.h| to the power of the shininess, from its square, at most 1; of several places, so that none waits for another.
+    /// Computes |n.h| to the power of the shininess, from its square; at most 1. Several positions at once, so
+    /// that none waits for another.
     #[inline(always)]
     pub fn highlights<S: Simd, const PLACES: usize>(&self, squares: [S::F; PLACES]) -> [S::F; PLACES] {
         let (mut powers, mut factors) = ([S::splat(1.0); PLACES], squares);
@@ -408,22 +410,23 @@ impl<'a> PacketLighting<'a> {
     }
 }
 
-/// What a part's colour is off by, however well its light is known.
+/// Error of a part's colour that does not come from the light.
 pub struct ErrorButLight<S: Simd> {
-    /// Whatever the light does.
+    /// The error whatever the light does.
     pub certain: S::F,
-    /// With what there is because the light varies where colour or extinction do.
+    /// The error including light that varies where colour or extinction do.
     pub at_most: S::F,
 }
 
-/// Share of what varies along a part that its mean may be off by.
+/// Error of the mean of a varying quantity along a part, as a share of its variation.
 #[inline(always)]
 pub fn uneven<S: Simd>(part: &Part<S>) -> S::F {
     S::mul_add(part.colors, S::splat(COLOR_SHARE), part.misplaced)
 }
 
-/// By how much the mean of a light is less than that of lines between its values at three places, where its cosine has another sign
-/// at the next place and passes by zero on a line: the triangles between them. And where it does.
+/// Excess of the mean of lines between three values of a light over the light's true mean. It occurs where the cosine
+/// changes its sign between two positions and passes zero on a line: the triangles in between. Also returns where it
+/// occurs.
 #[inline(always)]
 fn dip_between<S: Simd>(cosines: &[S::F; 3], lights: &[S::F; 3]) -> (S::F, S::M) {
     let zero = S::splat(0.0);
@@ -431,15 +434,15 @@ fn dip_between<S: Simd>(cosines: &[S::F; 3], lights: &[S::F; 3]) -> (S::F, S::M)
     for [a, b] in [[0, 1], [1, 2]] {
         let has_zero = S::lt(cosines[a] * cosines[b], zero);
         let sum = S::max(lights[a] + lights[b], S::splat(f32::MIN_POSITIVE));
-        // Of half the part.
+        // Only half of the part.
         let triangle = S::splat(0.5) * (lights[a] * lights[b]) / sum;
         (dip, passes) = (dip + S::select(has_zero, triangle, zero), passes | has_zero);
     }
     (dip, passes)
 }
 
-/// What cutting off at `white` makes of the mean of colours that is not cut off of their mean: at most `(r - d)^2 / 4r` for a range r and
-/// a mean that is d from white, where the brightest and the darkest colour follow one another. Means lie between these two.
+/// Error from clipping at `white` after averaging instead of before: at most `(r - d)^2 / 4r` for a range r and a mean
+/// that is d from white. The worst case is the brightest colour next to the darkest. Means lie between these two.
 #[inline(always)]
 fn cut_from_colors<S: Simd>(range: S::F, [low, most]: [S::F; 2], white: S::F) -> S::F {
     let zero = S::splat(0.0);
@@ -448,7 +451,7 @@ fn cut_from_colors<S: Simd>(range: S::F, [low, most]: [S::F; 2], white: S::F) ->
     S::splat(CUT_SHARE) * reach * reach / S::max(range, S::splat(f32::MIN_POSITIVE))
 }
 
-/// Share of a smooth f's second difference that its mean may be off by.
+/// Error of the mean of a smooth f as a share of its second difference.
 #[inline(always)]
 fn share_of_bend<S: Simd>(along: &[LightAt<S>; 3]) -> S::F {
     let [longest, shortest] = LightAt::inverse_lengths(along);
@@ -456,7 +459,7 @@ fn share_of_bend<S: Simd>(along: &[LightAt<S>; 3]) -> S::F {
     S::select(is_steep, S::splat(STEEP_SHARE), S::splat(BEND_SHARE))
 }
 
-/// The mean over a part of what varies as a quadratic between three places, where light comes from.
+/// The mean over a part of a quadratic between three positions, weighted by the origin of the light.
 #[inline(always)]
 fn mean_along<S: Simd>(part: &Part<S>, f: [S::F; 3]) -> S::F {
     let ends = S::mul_add(part.front_share, f[0] - f[2], f[2]);
@@ -499,7 +502,8 @@ mod tests {
         f64::from(numbers[0])
     }
 
-    /// Two colours one after the other, cut off at white: never further from their mean, cut off, than is said; and as far at worst.
+    /// Two consecutive colours, clipped: their distance from the clipped mean is at most the stated bound, and reaches
+    /// it.
     #[test]
     fn colors_that_are_cut_off_are_no_further_off_than_said() {
         let (splat, mut worst) = (<S as Simd>::splat, 0.0f64);
@@ -517,7 +521,7 @@ mod tests {
         assert!(worst > 0.99, "at worst {worst} of what is stated is missed");
     }
 
-    /// Brightness of a part between these gradients by three places, its error, and brightness by many places.
+    /// Brightness of a part between these gradients by three positions, its error, and brightness by many positions.
     fn brightness(lighting: &Lighting, gradients: [[f32; 3]; 3]) -> [f64; 3] {
         let splat = <S as Simd>::splat;
         let lighting = PacketLighting::new(lighting, &Geometry::IDENTITY, [1; 3], 1.0);
@@ -542,8 +546,8 @@ mod tests {
         [first(found), first(stated), f64::from(opacity) * sum / f64::from(many)]
     }
 
-    /// What three places miss where the gradient nearly vanishes: a turn close to an end, one aside and back again, and a wide highlight that
-    /// goes over into the one of the other side.
+    /// Cases that three positions miss where the gradient nearly vanishes. A turn close to an end; a turn aside and
+    /// back; a wide highlight that passes over to the other side.
     #[test]
     fn turns_that_three_places_do_not_see_are_stated() {
         let light = |direction: Vec3, shininess: f32| Lighting {

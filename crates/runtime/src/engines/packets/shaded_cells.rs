@@ -1,8 +1,8 @@
-//! Shading of the cells of a round that show something: gradients around them, light along the rays ([`super::shade`]), and
-//! where only that is uncertain, more of it ([`super::turning`]).
+//! Shading of the visible cells of a round: gradients around them, and light along the rays ([`super::shade`]). If only
+//! the light is uncertain, it is computed at more positions ([`super::turning`]).
 //!
-//! Where most lanes of a round show, its cells are shaded as they lie ([`ShadeRound`]); where few do, those that do are packed
-//! densely first ([`ShadeCells`]). Either way a cell's colour follows from its own numbers alone.
+//! If most lanes of a round are visible, its cells are shaded in place ([`ShadeRound`]). Otherwise the visible ones are
+//! packed densely first ([`ShadeCells`]). A cell's colour depends on its own numbers alone in both cases.
 
 use super::fetch::{Around, Rows};
 use super::integrate::Part;
@@ -22,9 +22,9 @@ pub type Gradients<S> = [[<S as Simd>::F; 3]; 3];
 #[derive(Clone, Copy)]
 pub struct AlongRay<S: Simd> {
     pub gradients: Gradients<S>,
-    /// Coefficients of the third power.
+    /// Cubic coefficients.
     pub cubics: [S::F; 3],
-    /// Beside a hole there is no gradient.
+    /// Lanes beside a hole, which have no gradient.
     is_unknown: S::M,
 }
 
@@ -36,7 +36,7 @@ impl<S: Simd> AlongRay<S> {
         Self { gradients: [[zero; 3]; 3], cubics: [zero; 3], is_unknown: S::lt(zero, zero) }
     }
 
-    /// What refinement is to know of it.
+    /// Numbers that refinement needs.
     #[inline(always)]
     pub fn numbers(&self) -> [S::F; 12] {
         let [[a, b, c], [d, e, f], [g, h, i]] = self.gradients;
@@ -50,25 +50,25 @@ impl<S: Simd> AlongRay<S> {
 pub struct Crossing<S: Simd> {
     /// Voxel offsets of the cells' first corners; in every lane of a cell of the core.
     pub base: S::I,
-    /// Position in the cell where the ray comes in.
+    /// Entry position in the cell.
     pub fraction: [S::F; 3],
-    /// From there to where it goes out, in cells.
+    /// Vector from there to the exit, in cells.
     pub travelled: [S::F; 3],
-    /// Its four rows, from one voxel before, if they have been gathered.
+    /// The cell's four rows, from one voxel before, if they have been gathered.
     pub rows: Option<Rows<S>>,
 }
 
 /// Shades cells of a brick.
 #[derive(Clone, Copy)]
 pub struct CellShader<'a> {
-    /// Where the voxels are.
+    /// The brick with the voxels.
     pub brick: &'a PacketBrick<'a>,
-    /// The brick's.
+    /// The brick's lighting.
     pub lighting: &'a PacketLighting<'a>,
 }
 
 impl CellShader<'_> {
-    /// Gathers around cells.
+    /// Gathers the gradients around cells.
     #[inline(always)]
     pub fn gradients<S: Simd>(&self, cell: &Crossing<S>, along: &mut AlongRay<S>) {
         let (brick, lighting) = (self.brick, self.lighting);
@@ -92,8 +92,8 @@ impl CellShader<'_> {
         }
     }
 
-    /// Colours of parts after shading, and their errors: NaN beside a hole, for rays that run in a plane of voxels; the hole
-    /// may have no weight for them, and there is a gradient after all.
+    /// Colours of parts after shading, and their errors. The error is NaN beside a hole for rays in a plane of voxels:
+    /// the hole may have no weight for them, and a gradient exists after all.
     #[inline(always)]
     pub fn shade<S: Simd>(
         &self,
@@ -106,8 +106,8 @@ impl CellShader<'_> {
         let one = S::splat(1.0);
         let lit = self.lighting.at::<S, 3>(&along.gradients, to_eye);
         let (mut color, mut error) = self.lighting.shade::<S>(part, &lit, to_eye);
-        // Where the rest leaves room for it, the light alone may be made certain; but not where normals begin or end, which may be between
-        // the cell's end and the place next to it.
+        // If the other errors leave room, only the light is improved. Not where normals begin or end, possibly between
+        // the cell's end and the next position.
         let is_unsettled = S::lt(one, error * per_error) & shows & LightAt::have_normals(&lit);
         if S::bits(is_unsettled) != 0 {
             let of_rest = self.lighting.error_but_light::<S>(part, &lit);
@@ -124,21 +124,21 @@ impl CellShader<'_> {
     }
 }
 
-/// Shades the cells of a round that show something, each in its lane.
+/// Shades the visible cells of a round, each in its lane.
 pub struct ShadeRound<'a, S: Simd> {
-    /// How cells of the brick are shaded.
+    /// Shader of the brick's cells.
     pub shader: CellShader<'a>,
     /// The round.
     pub steps: &'a [Step<S>; ROUND],
     /// Its rays.
     pub walker: &'a Walker<S>,
-    /// Which of them show something, step by step.
+    /// Visible lanes, step by step.
     pub shows: &'a [S::M; ROUND],
-    /// What is known of the cells.
+    /// Results of the earlier stages.
     pub stages: &'a mut Stages<S>,
     /// Cells that one rule does not settle.
     pub unsettled: &'a mut RefineQueue,
-    /// Where colours go.
+    /// Output: colours.
     pub parts: &'a mut RoundParts,
 }
 
@@ -175,25 +175,24 @@ impl<S: Simd> TaskOf<S> for ShadeRound<'_, S> {
     }
 }
 
-/// Packets of cells that are taken through one stage, and then through the next: stages are short, so that the processor
-/// overlaps several packets.
+/// Packets of cells that pass a stage together: stages are short, so that the processor overlaps several packets.
 const GROUP: usize = ROUND;
 
-/// Numbers of a cell beside those of all: position of its beginning, and of its part the colour, optical depth, front
-/// share and misplaced share.
+/// Additional numbers of a cell: position of its beginning; and of its part the colour, optical depth, front share and
+/// misplaced share.
 pub type ShadeQueue = Queue<{ (ROUND + 1) * LANES_LIMIT }, 10>;
 
-/// Shades the cells of a round that show something.
+/// Shades the visible cells of a round.
 pub struct ShadeCells<'a> {
-    /// How cells of the brick are shaded.
+    /// Shader of the brick's cells.
     pub shader: CellShader<'a>,
     /// Rays of the packet.
     pub lanes: &'a Lanes,
-    /// The cells; none are left.
+    /// The cells; none are left afterwards.
     pub cells: &'a mut ShadeQueue,
     /// Cells that one rule does not settle.
     pub unsettled: &'a mut RefineQueue,
-    /// Where colours go.
+    /// Output: colours.
     pub parts: &'a mut RoundParts,
 }
 
@@ -217,11 +216,11 @@ impl Task for ShadeCells<'_> {
 }
 
 impl ShadeCells<'_> {
-    /// Gathers around the cells from number `first` on.
+    /// Gathers the gradients around the cells from number `first` on.
     #[inline(always)]
     fn gradients<S: Simd>(&self, first: usize, along: &mut AlongRay<S>) {
         let cell = self.cells.cells::<S>(first);
-        // What lies behind the last cell may be the offset of another brick's cell.
+        // Lanes behind the last cell may hold an offset of another brick's cell.
         let nowhere = S::splat_int(self.shader.brick.first_base());
         let base = S::select_int(self.cells.used::<S>(first), cell.base, nowhere);
         let direction = self.lanes.direction::<S>(cell.slot);
@@ -230,7 +229,7 @@ impl ShadeCells<'_> {
             .gradients(&Crossing { base, fraction: self.cells.three::<S>(0, first), travelled, rows: None }, along);
     }
 
-    /// Shades the cells from number `first` on; what three places do not settle goes on to refinement.
+    /// Shades the cells from number `first` on; cells that three positions do not settle go on to refinement.
     #[inline(always)]
     fn shade<S: Simd>(&mut self, first: usize, along: &AlongRay<S>) {
         let mut cell = self.cells.cells::<S>(first);

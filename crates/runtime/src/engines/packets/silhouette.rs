@@ -1,10 +1,13 @@
-//! Where in the picture a brick shows something: rays beside that do not enter the brick, the others begin just before it.
+//! Silhouette of a brick: its visible parts projected into the picture. Rays beside it skip the brick, all others begin
+//! just in front of it.
 //!
-//! After polygon-assisted ray casting (Avila, Sobierajski, Kaufman 1992): blocks of cells that may show something are projected, by a
-//! rectangle of pixels and a range of depths each, and what a tile's rays meet is looked up pixel by pixel. That is done once for a brick and
-//! a camera, before packets are packed; leaping finds the same, ray by ray and leap by leap. What is left out adds nothing: no bit changes.
+//! After polygon-assisted ray casting (Avila, Sobierajski, Kaufman 1992): visible blocks of cells are projected to a
+//! rectangle of pixels and a range of depths each. The intersections of a tile's rays are looked up pixel by pixel.
+//! This is done once for a brick and a camera, before packets are packed; leaping finds the same, ray by ray and leap
+//! by leap. The skipped parts contribute nothing: no bit changes.
 //!
-//! Spaces: blocks lie in the brick's own coordinates ([`super::walk`]), depths are world lengths along the camera's forward axis.
+//! Spaces: blocks lie in the brick's own coordinates ([`super::walk`]); depths are world lengths along the camera's
+//! forward axis.
 
 use glam::{DMat3, DVec3};
 use supervol_format::Geometry;
@@ -18,41 +21,40 @@ use super::walk::BLOCK_SIDE;
 use crate::engines::blocks::BLOCK;
 use crate::engines::packets::places::{TILE_RAYS, TILE_SIDE, place_of};
 
-/// Most boxes of a brick: where more blocks show something, they are taken by eights.
+/// Most boxes of a brick: if more blocks are visible, groups of eight are used.
 const MOST_BOXES: usize = 512;
-/// Greatest share of cubes that show something, as a divisor: where there are more, rays miss little.
+/// Divisor: greatest share of visible cubes. With more, rays miss little.
 const SPARSE: usize = 3;
-/// How far a ray stays away from what it does not meet, in cells: far more than positions are rounded
-/// ([`super::walk::POSITION_ERROR`]).
+/// Margin around boxes, in cells: far more than the rounding of positions ([`super::walk::POSITION_ERROR`]).
 const MARGIN: f64 = 1.0 / 64.0;
-/// Least depth of a box, in parts of its greatest, that can be projected.
+/// Least depth of a box, as a share of its greatest, that can be projected.
 const LEAST_DEPTH: f64 = 1e-6;
-/// Boxes that processors take at once.
+/// Boxes that the processor handles at once.
 const SIDE_BY_SIDE: usize = 16;
-/// A row of pixels of a tile, and of a block of rays.
+/// Pixels in a row of a tile, and of a block of rays.
 const ROW: usize = TILE_SIDE as usize;
 const BLOCK_ROW: usize = BLOCK_SIDE as usize;
 
-/// From index space to the camera's axes, and on to pixels.
+/// Projection from index space to the camera's axes, and to pixels.
 #[derive(Debug, Clone, Copy)]
 pub struct Projector {
     /// Right, up and forward, as functions of index coordinates.
     to_view: DMat3,
-    /// The index space's origin, seen from the eye.
+    /// The index space's origin, relative to the eye.
     offset: DVec3,
     pixel_rays: PixelRays,
     is_perspective: bool,
 }
 
-/// Boxes that may show something, as they lie in the picture.
+/// Boxes of visible parts, projected into the picture.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Silhouette {
     boxes: Vec<Boxes>,
-    /// What depths count from.
+    /// Reference of all depths.
     depth: f64,
 }
 
-/// Some boxes, side by side; those that are none are met by nothing.
+/// Several boxes side by side; unused ones are met by no ray.
 #[derive(Debug, Clone, PartialEq)]
 struct Boxes {
     /// First and last column of pixels, first and last row.
@@ -62,7 +64,7 @@ struct Boxes {
 }
 
 impl Projector {
-    /// Of a camera, for a grid.
+    /// The projector of a camera and a grid.
     #[must_use]
     pub fn new(camera: &Camera, geometry: &Geometry) -> Self {
         let axes = DMat3::from_cols(camera.right, camera.up, camera.forward).transpose();
@@ -74,7 +76,7 @@ impl Projector {
         }
     }
 
-    /// The place of a brick's first voxel, and steps from voxel to voxel, in the camera's axes.
+    /// Position of a brick's first voxel, and steps from voxel to voxel, in the camera's axes.
     fn steps_of(&self, grid: &BrickGrid) -> (DVec3, [DVec3; 3]) {
         let first: [f64; 3] =
             std::array::from_fn(|a| (grid.start[a] + HALF_VOXEL) / grid.inverse_scale[a] - HALF_VOXEL);
@@ -90,14 +92,14 @@ impl Silhouette {
         (size_of::<Self>() + size_of::<Boxes>() * self.boxes.capacity()) as u64
     }
 
-    /// Bytes held at most of a brick with so many core voxels along each axis.
+    /// Most bytes held for a brick with `core` core voxels along each axis.
     #[must_use]
     pub fn most_bytes(core: usize) -> u64 {
         let most_boxes = (core.div_ceil(BLOCK).pow(3) / SPARSE).min(MOST_BOXES);
         (size_of::<Self>() + size_of::<Boxes>() * most_boxes.div_ceil(SIDE_BY_SIDE)) as u64
     }
 
-    /// With room for so many boxes.
+    /// Empty, with room for `count` boxes.
     fn new(count: usize, depth: f64) -> Self {
         let none = Boxes { edges: [[i32::MAX; SIDE_BY_SIDE]; 4], depths: [[0.0; SIDE_BY_SIDE]; 2] };
         Self { boxes: vec![none; count.div_ceil(SIDE_BY_SIDE)], depth }
@@ -113,7 +115,7 @@ impl Silhouette {
     }
 }
 
-/// The cubes of `side` cells that may show something; `None` where there are too many for it to pay.
+/// The visible cubes and their side in cells; `None` if there are too many for it to pay.
 fn cubes_that_show(cloud: &ProximityCloud<BLOCK>) -> Option<(f64, Vec<[usize; 3]>)> {
     let shown = cloud.cubes() - cloud.hidden;
     if SPARSE * shown > cloud.cubes() {
@@ -134,13 +136,13 @@ fn cubes_that_show(cloud: &ProximityCloud<BLOCK>) -> Option<(f64, Vec<[usize; 3]
     Some((side as f64, cubes))
 }
 
-/// Projects what shows of a brick.
+/// Projects the visible parts of a brick.
 pub struct MakeSilhouette<'a> {
-    /// Onto what.
+    /// The projection.
     pub projector: &'a Projector,
-    /// Where the brick lies.
+    /// The grid of the brick.
     pub grid: &'a BrickGrid,
-    /// What shows of it.
+    /// The cloud of its visible parts.
     pub cloud: &'a ProximityCloud<BLOCK>,
 }
 
@@ -169,7 +171,7 @@ impl Task for MakeSilhouette<'_> {
             if self.projector.is_perspective {
                 let [nearest, farthest] = range(&depths_of_corners);
                 if nearest <= LEAST_DEPTH * farthest.abs() {
-                    // In or beside the eye's plane: anywhere.
+                    // In or beside the eye's plane: may be anywhere.
                     silhouette.set(number, [[f64::NEG_INFINITY, f64::INFINITY]; 2], [f64::NEG_INFINITY, f64::INFINITY]);
                     continue;
                 }
@@ -194,15 +196,16 @@ fn range(numbers: &[f64; 8]) -> [f64; 2] {
     })
 }
 
-/// Leaves out the rays of a tile that meet nothing that shows; the others begin just before it and end just behind.
+/// Drops the rays of a tile that meet nothing visible; the others begin just in front of the visible part and end just
+/// behind it.
 pub struct MeetSilhouette<'a> {
-    /// Of the brick that the rays have entered.
+    /// Silhouette of the brick that the rays have entered.
     pub silhouette: &'a Silhouette,
-    /// What it was projected with.
+    /// The projection that was used for it.
     pub projector: &'a Projector,
     /// The tile's first pixel, in the whole picture.
     pub corner: [u32; 2],
-    /// The tile's.
+    /// The tile's rays.
     pub rays: &'a mut TileRays,
 }
 
@@ -245,7 +248,8 @@ impl Task for MeetSilhouette<'_> {
     }
 }
 
-/// Least and greatest depth of what shows behind each pixel of a tile, row by row; the least is greater where there is nothing.
+/// Least and greatest depth of visible parts behind each pixel of a tile, row by row; the least is greater if there is
+/// nothing.
 struct DepthsOfPixels {
     near: [[f32; ROW]; ROW],
     far: [[f32; ROW]; ROW],
@@ -264,11 +268,11 @@ impl DepthsOfPixels {
         }
     }
 
-    /// The same by rays.
+    /// The same in the order of rays.
     #[inline(always)]
     fn of_rays(&self) -> [[f32; TILE_RAYS]; 2] {
         let mut out = [[0.0; TILE_RAYS]; 2];
-        // A row of a block of rays lies side by side in the picture.
+        // A row of a block of rays is a row of pixels in the picture.
         for first in (0..TILE_RAYS).step_by(BLOCK_ROW) {
             let [x, y] = place_of(first).map(|n| n as usize);
             out[0][first..first + BLOCK_ROW].copy_from_slice(&self.near[y][x..x + BLOCK_ROW]);
@@ -308,7 +312,7 @@ mod tests {
     }
 
     impl Brick {
-        /// Where a ray comes into what shows, and where it leaves it; none where it meets nothing.
+        /// Entry into and exit from the visible parts on a ray; `None` if it meets nothing.
         fn met(&self, origin: [f64; 3], direction: [f64; 3], way: [f64; 2]) -> Option<[f64; 2]> {
             let side = BLOCK as f64;
             let in_block = |i: usize| {
@@ -337,8 +341,8 @@ mod tests {
         Camera::look_at(eye, middle, DVec3::Z, projection, [64, 48]).expect("a camera")
     }
 
-    /// Rays that meet what shows are kept, from before it until behind it, whether the eye is far away, near, or inside; of the others, most
-    /// are left out where the eye is not inside.
+    /// Rays that meet visible parts are kept, from before to behind them, with the eye far away, near, or inside. Most
+    /// other rays are dropped if the eye is not inside.
     #[test]
     fn rays_that_meet_what_shows_are_kept_from_before_to_behind() {
         let mut random = Random::new(77);
@@ -348,7 +352,7 @@ mod tests {
             let geometry = Geometry { spacing: [0.5 + random.unit(), 1.0, 0.8], ..Geometry::IDENTITY };
             let camera = camera_of(case, &mut || random.unit());
             let (projector, to_index) = (Projector::new(&camera, &geometry), ToIndex::new(&geometry));
-            // A handful of blocks, or more of them than boxes, which are then taken by eights.
+            // A few blocks, or more of them than boxes, which are then grouped by eight.
             let most = if case % 5 == 0 { 30.0 } else { 0.5 };
             let shown = (0..BLOCKS.iter().product()).map(|_| 100.0 * random.unit() < most);
             let set = sets[case % sets.len()];

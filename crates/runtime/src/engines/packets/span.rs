@@ -1,11 +1,12 @@
-//! How many cells of a brick are integrated together.
+//! Choice of the number of cells of a brick that are integrated together.
 //!
-//! Where the field is smooth and the transfer function even, one line stands for several cells as well as for one
-//! ([`super::integrate::Line::over`]), and classifying costs as much less. What it misses is bounded in the same way, and a
-//! span that it does not settle is taken apart again, which costs more than cells of their own would have: so spans are
-//! tried on a sample of a brick's cells first, along the way that rays take through it.
+//! If the field is smooth and the transfer function even, one line replaces several cells as well as one
+//! ([`super::integrate::Line::over`]), and classification is that much cheaper. Its error is bounded in the same way.
+//! An unsettled span is split into cells again, which costs more than cells from the start. So spans are first tried on
+//! a sample of a brick's cells, along the direction of rays through it.
 //!
-//! The choice depends on the brick, the transfer function, the error asked for and the view, not on what is cast when.
+//! The choice depends on the brick, the transfer function, the requested error and the view, not on the order of
+//! casting.
 
 use super::integrate::{Chord, Line, integrate_at, locate};
 use super::lookup::Lookup;
@@ -13,26 +14,26 @@ use super::packet::{Classifier, ClassifyTask, Precision, Round};
 use super::simd::{LANES_LIMIT, Simd};
 use super::walk::{Packet, PacketBrick, ROUND, Walker};
 
-/// Numbers of cells that are tried, the greatest first: divisors of a round's. One is what is left.
+/// Numbers of cells to try, the greatest first: divisors of a round's. If none suits, it is one.
 pub const SPANS: [usize; 2] = [6, 3];
-/// Rounds of cells that are tried, in a brick that is large enough.
+/// Rounds of cells to try, in a brick that is large enough.
 const SAMPLES: usize = 96;
-/// Share of spans that one line has to settle: a cell that waits costs as much as ten that do not.
+/// Least share of spans that one line must settle: a cell that waits costs as much as ten that do not.
 const LEAST_SETTLED: f64 = 0.97;
-/// Spans that have to show something, for the share to say anything.
+/// Least number of visible spans for the share to be meaningful.
 const LEAST_TRIED: u32 = 16;
 
-/// Finds how many cells of a brick to integrate together.
+/// Finds the number of cells of a brick to integrate together.
 pub struct ChooseSpan<'a> {
     /// The brick.
     pub brick: &'a PacketBrick<'a>,
-    /// What is asked for.
+    /// The required accuracy.
     pub precision: Precision,
-    /// Of rays through the brick's middle, in cells per world length.
+    /// Direction of rays through the brick's middle, in cells per world length.
     pub direction: [f32; 3],
 }
 
-/// Spans that show something, and those of them that one line settles.
+/// Number of visible spans, and of those that one line settles.
 #[derive(Clone, Copy, Default)]
 struct Tried {
     shown: u32,
@@ -85,7 +86,7 @@ impl ChooseSpan<'_> {
                     &locate(classifier.table, &line),
                 );
                 let is_settled = S::le(part.error, S::splat(self.precision.cell_error));
-                // Holes say nothing of the field around them.
+                // Holes say nothing about the field around them.
                 let shows = shows & !S::is_nan(part.error);
                 tried.shown += S::bits(shows).count_ones();
                 tried.settled += S::bits(shows & is_settled).count_ones();
@@ -93,7 +94,8 @@ impl ChooseSpan<'_> {
         }
     }
 
-    /// Places sample `number` into a lane: evenly over the brick (Roberts 2018, the additive sequence of three dimensions).
+    /// Writes sample `number` into a lane: samples are spread evenly over the brick (Roberts 2018, the additive
+    /// sequence of three dimensions).
     #[inline(always)]
     fn place(&self, number: usize, lane: usize, packet: &mut Packet) {
         /// Powers of 1 / 1.2207..., the positive root of x^4 = x + 1.
@@ -104,7 +106,7 @@ impl ChooseSpan<'_> {
             let origin = last * (number as f64 * step).fract() as f32;
             let direction = self.direction[a];
             let ahead = if direction > 0.0 { last - origin } else { origin };
-            // None leaves the brick.
+            // No sample leaves the brick.
             length = length.min(ahead / direction.abs());
             packet.origin[a][lane] = origin;
             packet.direction[a][lane] = direction;

@@ -1,14 +1,14 @@
-//! A packet of rays through one brick, in mode `iso`: which cells may hold a crossing.
+//! A packet of rays through one brick, in mode `iso`: finds the cells that may hold a crossing.
 //!
-//! A ray between surfaces knows two numbers: the greatest iso value that is not above it, and the least that is. As long as
-//! all corners of its cells lie between them, nothing happens, whatever the number of surfaces. Other cells are looked at
-//! closer: by the range of the cubic along the chord, widened by what `f32` may be off. What is left, the scalar caster
-//! settles in `f64`, in order along the ray: crossings, the side that a ray is on, light. So no picture depends on `f32`.
+//! A ray between surfaces keeps two numbers: the greatest iso value that is not above it, and the least that is. While
+//! all corners of its cells lie in between, there is no crossing, whatever the number of surfaces. Other cells are
+//! examined by the range of the cubic along the chord, widened by the error of `f32`. The remaining cells are settled
+//! by the scalar caster in `f64`, in order along the ray: crossings, side, light. So no picture depends on `f32`.
 //!
-//! Which side a ray is on is carried from cell to cell (see `scalar::modes::gather_iso`), and is unknown behind holes. A
-//! cube that is leapt over lies between the same two iso values all over, or is empty all over (see
-//! [`super::leap::ProximityCloud::of_sides`]): one look at the macro cell where a leap begins says which side the ray comes
-//! out on. Rays on another side, jumped between levels, do not leap but walk, and settle.
+//! The side of a ray is carried from cell to cell (see `cells::modes::gather_iso`), and is unknown behind holes. A
+//! cube that is leapt over lies between the same two iso values everywhere, or is empty everywhere (see
+//! [`super::leap::ProximityCloud::of_sides`]). So the macro cell at the start of a leap gives the side on which the ray
+//! comes out. Rays that are on another side, after a jump between levels, do not leap but walk and settle.
 
 use supervol_format::brick::MACRO_CELL;
 
@@ -19,18 +19,17 @@ use super::values::{Chord, Gather, Rays, ValuePacket, greatest, holes, least};
 use super::walk::Step;
 use crate::engines::rules::{POSITION_ERROR, VALUE_ERROR};
 
-/// The numbers between which each ray goes on without meeting a surface: numbers 0 and 1 of a ray, see
-/// [`super::values::Host::bounds`].
+/// The numbers between which each ray meets no surface: numbers 0 and 1 of a ray, see [`super::values::Host::bounds`].
 pub struct Surfaces<'a, S: Simd> {
     low: S::F,
     high: S::F,
-    /// Whether numbers change sign, so that greater numbers are greater values.
+    /// Whether the sign of numbers is changed, so that greater numbers are greater values.
     is_turned: bool,
     /// Whether corners may be holes.
     may_have_holes: bool,
-    /// Added to the size of numbers whose rounding the scalar caster sees.
+    /// Added to the size of numbers to account for rounding in the scalar caster.
     offset_size: f32,
-    /// What to leap by; `None`: every cell is walked.
+    /// Data for leaping; `None`: every cell is walked.
     quiet: Option<(&'a ProximityCloud<MACRO_CELL>, &'a MacroRanges)>,
 }
 
@@ -47,13 +46,13 @@ impl<'a, S: Simd> Surfaces<'a, S> {
         Self { low: zero, high: zero, is_turned, may_have_holes, offset_size, quiet }
     }
 
-    /// Rays that have nothing left to meet.
+    /// Rays that can meet no more surfaces.
     #[inline(always)]
     fn done(&self) -> S::M {
         S::le(self.low, S::splat(f32::NEG_INFINITY)) & S::le(S::splat(f32::INFINITY), self.high)
     }
 
-    /// Rays whose side is not known.
+    /// Rays whose side is unknown.
     #[inline(always)]
     fn unknown(&self) -> S::M {
         S::lt(self.high, self.low)
@@ -65,8 +64,7 @@ impl<'a, S: Simd> Surfaces<'a, S> {
         S::le(self.low, low) & S::lt(high, self.high)
     }
 
-    /// Something happens in the cells of some rays, or is found out: sides, crossings. Those of `passes` pass a range if
-    /// they can.
+    /// Handles cells in which some rays meet a surface or learn their side. Rays of `passes` pass a range if they can.
     #[inline(always)]
     fn meet(&mut self, rays: &mut Rays<'_, S>, asks: S::M, passes: S::M, [low, high]: [S::F; 2], base: S::I) {
         let mut range = [[0.0; LANES_LIMIT]; 2];
@@ -106,7 +104,7 @@ impl<S: Simd> Gather<S> for Surfaces<'_, S> {
                 unsafe { (cloud.gather::<S>(macro_cell, active), ranges.gather::<S>(macro_cell, active)) };
             let is_empty = S::lt(high, low);
             let unknown = self.unknown();
-            // Surfaces that have been met keep a macro cell in the cloud, but not the ray from leaving it.
+            // Surfaces already met keep a macro cell in the cloud, but the ray may leave it.
             let meets_nothing = is_empty | self.is_quiet(low, high) | (unknown & S::lt_int(S::splat_int(0), distance));
             let leaping = active & meets_nothing;
             if S::bits(leaping) == 0 {

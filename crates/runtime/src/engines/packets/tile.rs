@@ -1,9 +1,9 @@
-//! A tile of rays: 16 x 16 neighbouring pixels, brick by brick.
+//! A tile of rays: 16 x 16 neighbouring pixels, cast brick by brick.
 //!
-//! Rays of a tile go through the bricks together, front to back, so that a brick's voxels are in the processor's cache
-//! while the tile needs them, and packets are packed anew in each brick from those rays that meet it. Where a ray enters
-//! and leaves a brick is computed in `f64` by `(plane - origin) * inverse`, the same expression on both sides of a face
-//! and for every brick size: the parts of a ray tile it.
+//! Rays of a tile pass the bricks together, front to back, so that a brick's voxels stay in the processor's cache. In
+//! each brick, packets are packed again from the rays that meet it. Entry and exit of a ray are computed in `f64` by
+//! `(plane - origin) * inverse`: the same expression on both sides of a face and for every brick size. So the parts of
+//! a ray tile it without gaps.
 //!
 //! Spaces: rays run in the index space of level 0; t is a world length.
 
@@ -21,8 +21,8 @@ use crate::engines::ray::{IsoSides, RayState, SurfaceCrossing};
 /// One number for each ray of a tile.
 pub(super) type PerRay = [f64; TILE_RAYS];
 
-/// The nearest `f32`, but a whole number only for a whole number: a ray beside a plane of voxels stays on its side of it,
-/// where holes in the plane's neighbours count or do not.
+/// The nearest `f32`, except that only an integer becomes an integer. So a ray beside a plane of voxels stays on its
+/// side of it, which decides whether holes next to the plane count.
 fn beside_planes(position: f64) -> f32 {
     let nearest = position as f32;
     let is_moved_onto_plane = nearest.fract() == 0.0 && f64::from(nearest) != position;
@@ -33,16 +33,16 @@ fn beside_planes(position: f64) -> f32 {
     }
 }
 
-/// What a ray has gathered, and where it waits.
+/// Gathered values of a tile's rays, and the bricks they wait for.
 #[derive(Debug, Clone)]
 pub struct Gathered {
-    /// Where each ray goes on.
+    /// World length at which each ray continues.
     pub t: PerRay,
     /// Premultiplied colour.
     pub color: [PerRay; 3],
-    /// Share of light from behind that still gets through.
+    /// Share of light from behind that still passes.
     pub transmittance: PerRay,
-    /// `dvr`: sum of the errors of cells, each times what is in front of it.
+    /// `dvr`: sum of the errors of cells, each times the transmittance in front of it.
     pub error: PerRay,
     /// `mip`, `minip`: the extreme so far; `mean`: the integral so far; NaN before the first present value.
     pub value: PerRay,
@@ -52,16 +52,16 @@ pub struct Gathered {
     pub iso: [IsoSides; TILE_RAYS],
     /// The brick that the ray waits for.
     pub waiting: [Option<BrickKey>; TILE_RAYS],
-    /// What coarser levels may do to the rays, where errors are summed up.
+    /// Deviations of the rays by coarser levels, if errors are summed up.
     pub levels: Option<Box<LevelErrors>>,
-    /// What the rays have cost, where that is counted.
+    /// Work of the rays, if it is counted.
     pub work: Option<Box<TileWork>>,
-    /// Which part of each ray the tile is in: solids leave several of them.
+    /// Current part of the rays: solids may cut rays into several.
     pub part: usize,
 }
 
 impl Gathered {
-    /// What a ray has gathered, as the scalar caster keeps it; without its way.
+    /// Gathered values of a ray in the scalar caster's form; without its position.
     #[must_use]
     pub fn state(&self, ray: usize) -> RayState {
         RayState {
@@ -74,7 +74,7 @@ impl Gathered {
         }
     }
 
-    /// Takes over what a ray has gathered.
+    /// Takes over the gathered values of a ray.
     pub fn set_state(&mut self, ray: usize, state: &RayState) {
         for c in 0..3 {
             self.color[c][ray] = state.color[c];
@@ -86,33 +86,33 @@ impl Gathered {
     }
 }
 
-/// The rays of a tile on their way.
+/// The rays of a tile during a pass.
 #[derive(Debug, Clone)]
 pub struct TileRays {
     pub(super) origin: [PerRay; 3],
     pub(super) direction: [PerRay; 3],
     pub(super) inverse: [PerRay; 3],
-    /// Where each ray ends; before every entry for rays that go no further in this pass.
+    /// End of each ray; before every entry for rays that are done in this pass.
     pub(super) stop: PerRay,
-    /// What the rays have gathered.
+    /// Gathered values of the rays.
     pub gathered: Gathered,
-    /// Surfaces that rays meet in the present brick, in order along each ray, of frames that list them.
+    /// Surfaces that rays meet in the current brick, in order along each ray; in frames that list them.
     pub crossings: Vec<(u16, SurfaceCrossing)>,
-    /// Entry into and exit from the present brick.
+    /// Entry into and exit from the current brick.
     entry: PerRay,
     exit: PerRay,
-    /// How far behind its entry a ray begins, where `has_starts`.
+    /// Distance behind its entry at which a ray begins, if `has_starts`.
     pub(super) start: [f32; TILE_RAYS],
     has_starts: bool,
-    /// What solids leave of the rays.
+    /// Parts of the rays that solids leave.
     pub(super) ahead: PartsAhead,
-    /// Rays that meet the present brick.
+    /// Rays that meet the current brick.
     hits: [u16; TILE_RAYS],
     hit_count: usize,
-    /// Rays that go on in this pass.
+    /// Rays that continue in this pass.
     going: usize,
     has_parallel: bool,
-    /// Least and greatest origin and inverse direction of all rays, to cull bricks.
+    /// Least and greatest origin and inverse direction of all rays, for culling of bricks.
     bounds: Bounds,
 }
 
@@ -124,7 +124,7 @@ struct Bounds {
     t: [f64; 2],
 }
 
-/// A box in index space, half-open; infinite where the volume ends.
+/// A box in index space, half-open; infinite at the volume's ends.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct IndexBox {
     /// Least corner.
@@ -133,7 +133,7 @@ pub struct IndexBox {
     pub high: [f64; 3],
 }
 
-/// The grid of voxels in which packets see a brick: level voxel = (index + 1/2) / scale - 1/2.
+/// The grid of a brick's voxels for packets: level voxel = (index + 1/2) / scale - 1/2.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BrickGrid {
     /// Voxels per level-0 voxel: exact, a power of two.
@@ -142,10 +142,10 @@ pub struct BrickGrid {
     pub start: [f64; 3],
 }
 
-/// Least and greatest number of the rays that are on their way.
+/// Least and greatest number of the rays that are active.
 #[inline(always)]
 fn extremes(numbers: &PerRay, stop: &PerRay) -> [f64; 2] {
-    // As many side by side as the widest registers hold.
+    // As many lanes as the widest registers hold.
     const SIDE: usize = 8;
     let (mut low, mut high) = ([f64::INFINITY; SIDE], [f64::NEG_INFINITY; SIDE]);
     for (numbers, stop) in numbers.chunks_exact(SIDE).zip(stop.chunks_exact(SIDE)) {
@@ -195,7 +195,7 @@ impl TileRays {
         }
     }
 
-    /// Takes all rays off.
+    /// Removes all rays.
     pub fn clear(&mut self) {
         self.stop.fill(f64::NEG_INFINITY);
         self.ahead.clear();
@@ -212,7 +212,7 @@ impl TileRays {
         (self.going, self.hit_count, self.has_parallel) = (0, 0, false);
     }
 
-    /// Puts a ray on its way from `segment.t0`, or from where it waited.
+    /// Starts a ray at `segment.t0`, or at the position where it waited.
     pub fn set(&mut self, ray: usize, index_ray: &IndexRay, segment: Segment) {
         for a in 0..3 {
             let direction = if index_ray.direction[a].abs() < PARALLEL { 0.0 } else { index_ray.direction[a] };
@@ -226,7 +226,7 @@ impl TileRays {
         self.going += 1;
     }
 
-    /// Of rays that are all on their way, keeps those that `is_asked` names; rays that have none are counted.
+    /// Keeps the active rays that `is_asked` selects; returns the number of inactive ones.
     pub fn keep(&mut self, is_asked: impl Fn(usize) -> bool) -> u64 {
         let mut without_way = 0;
         for ray in 0..TILE_RAYS {
@@ -242,13 +242,13 @@ impl TileRays {
         without_way
     }
 
-    /// Rays that go on in this pass.
+    /// Number of rays that continue in this pass.
     #[must_use]
     pub fn going(&self) -> usize {
         self.going
     }
 
-    /// Takes all rays off their way; what they have gathered stands.
+    /// Stops all rays; their gathered values stay.
     pub fn take_off(&mut self) {
         self.stop.fill(f64::NEG_INFINITY);
         self.going = 0;
@@ -266,20 +266,20 @@ impl TileRays {
         };
     }
 
-    /// Whether some ray may meet the box: never falsely no.
+    /// Whether some ray may meet the box; never wrongly false.
     #[must_use]
     pub fn may_meet(&self, cube: &IndexBox) -> bool {
         let [mut near, mut far] = self.bounds.t;
         for a in 0..3 {
             let (origin, inverse) = (self.bounds.origin[a], self.bounds.inverse[a]);
             if inverse[0] == f64::INFINITY {
-                // All rays lie across this axis.
+                // All rays are perpendicular to this axis.
                 if origin[1] < cube.low[a] || cube.high[a] <= origin[0] {
                     return false;
                 }
                 continue;
             }
-            // Of one sign and finite, or nothing can be said.
+            // Usable only if finite and of one sign.
             if inverse[0] * inverse[1] > 0.0 && inverse.iter().all(|v| v.is_finite()) {
                 let crossing = |plane: f64| {
                     let ways = [0, 1, 2, 3].map(|i| (plane - origin[i & 1]) * inverse[i >> 1]);
@@ -293,7 +293,7 @@ impl TileRays {
         near <= far
     }
 
-    /// Finds the rays that meet the box, and where; returns how many.
+    /// Finds the rays that meet the box, with entry and exit; returns their number.
     #[inline(always)]
     pub fn enter(&mut self, cube: &IndexBox) -> usize {
         for ray in 0..TILE_RAYS {
@@ -301,7 +301,7 @@ impl TileRays {
             for a in 0..3 {
                 let low = (cube.low[a] - self.origin[a][ray]) * self.inverse[a][ray];
                 let high = (cube.high[a] - self.origin[a][ray]) * self.inverse[a][ray];
-                // Like this, NaN from a parallel ray in a face's plane is passed over.
+                // This form ignores NaN, which comes from a parallel ray in a face's plane.
                 let (first, last) = if low < high { (low, high) } else { (high, low) };
                 near = if first > near { first } else { near };
                 far = if last < far { last } else { far };
@@ -325,7 +325,7 @@ impl TileRays {
         count
     }
 
-    /// Rays parallel to an axis meet a box where they lie between its faces, the lower one included.
+    /// Removes rays parallel to an axis that do not lie between the box's faces, the lower one included.
     #[cold]
     fn leave_out_parallel(&mut self, cube: &IndexBox) {
         for ray in 0..TILE_RAYS {
@@ -350,8 +350,8 @@ impl TileRays {
         }
     }
 
-    /// Of the rays found by [`TileRays::enter`], keeps those that have something between two depths behind `depth`, counted along
-    /// `forward` from the index space's origin; they begin at the first and end at the second.
+    /// Keeps rays found by [`TileRays::enter`] that have something between two depths, and limits them to that range.
+    /// Depths are relative to `depth`, along `forward` from the index space's origin.
     #[inline(always)]
     pub(super) fn keep_between(&mut self, forward: [f64; 3], depth: f64, depths: &[[f32; TILE_RAYS]; 2]) {
         let mut from: PerRay = [0.0; TILE_RAYS];
@@ -387,13 +387,13 @@ impl TileRays {
         [self.entry[usize::from(ray)], self.exit[usize::from(ray)]]
     }
 
-    /// The rays found by [`TileRays::enter`] are these.
+    /// Replaces the rays found by [`TileRays::enter`].
     pub fn set_hits(&mut self, hits: &[u16]) {
         self.hits[..hits.len()].copy_from_slice(hits);
         self.hit_count = hits.len();
     }
 
-    /// A ray goes through a part of its way through the present brick.
+    /// Sets the part of the current brick that a ray crosses.
     pub fn set_interval(&mut self, ray: u16, [entry, exit]: [f64; 2]) {
         (self.entry[usize::from(ray)], self.exit[usize::from(ray)]) = (entry, exit);
     }
@@ -425,7 +425,7 @@ impl TileRays {
         packet.rays[lane] = ray as u16;
     }
 
-    /// Adds a part of one ray.
+    /// Adds a part's contribution to one ray.
     #[inline(always)]
     pub fn add(&mut self, ray: u16, color: [f32; 3], transmittance: f32, last_transmittance: f64) {
         let ray = usize::from(ray);
@@ -440,14 +440,14 @@ impl TileRays {
         }
     }
 
-    /// Adds what the next part that is added may be off by, over transmittance 1.
+    /// Adds the error of the next part to be added, for transmittance 1 in front.
     #[inline(always)]
     pub fn add_error(&mut self, ray: u16, error: f32) {
         let ray = usize::from(ray);
         self.gathered.error[ray] += self.gathered.transmittance[ray] * f64::from(error);
     }
 
-    /// A ray goes no further.
+    /// Ends a ray.
     #[inline(always)]
     pub fn end(&mut self, ray: usize) {
         if self.stop[ray] > f64::NEG_INFINITY {
@@ -456,13 +456,13 @@ impl TileRays {
         }
     }
 
-    /// Whether a ray goes on in this pass.
+    /// Whether a ray continues in this pass.
     #[must_use]
     pub fn is_going(&self, ray: usize) -> bool {
         self.stop[ray] > f64::NEG_INFINITY
     }
 
-    /// Of the rays found by [`TileRays::enter`], leaves out those that a brick cannot change; returns how many are left.
+    /// Removes the rays found by [`TileRays::enter`] that a brick cannot change; returns how many remain.
     pub fn keep_hits(&mut self, mut keeps: impl FnMut(usize, &mut Gathered) -> bool) -> usize {
         let mut count = 0;
         for i in 0..self.hit_count {
@@ -474,7 +474,7 @@ impl TileRays {
         count
     }
 
-    /// The rays of the present brick wait for it.
+    /// Lets the rays of the current brick wait for it.
     pub fn wait(&mut self, key: BrickKey) {
         for i in 0..self.hit_count {
             let ray = usize::from(self.hits[i]);

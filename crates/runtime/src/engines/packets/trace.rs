@@ -1,4 +1,4 @@
-//! The ways of rays through one brick, for whoever wants to check them: the walker of packets, and nothing else.
+//! Paths of rays through one brick, for tests: the walker of packets alone.
 
 use super::fetch::Stored;
 use super::leap::ProximityCloud;
@@ -27,8 +27,8 @@ pub struct Stretch {
     pub is_leap: bool,
 }
 
-/// How packets of these instructions go through a brick whose core has so many voxels along each axis: the stretches of each
-/// ray, in order.
+/// The path of each ray through a brick with `core` core voxels along each axis, with this instruction set: its
+/// stretches, in order.
 ///
 /// # Panics
 /// If the cloud is not that of a brick of this size.
@@ -59,7 +59,7 @@ impl Task for Trace<'_> {
 }
 
 impl Trace<'_> {
-    /// As [`super::packet`] goes: leaps until no ray can, then a round of cells.
+    /// As in [`super::packet`]: leaps until no ray can, then a round of cells.
     #[inline(always)]
     fn packet<S: Simd>(&self, rays: &[LocalRay]) -> Vec<Vec<Stretch>> {
         let brick = self.brick();
@@ -91,7 +91,7 @@ impl Trace<'_> {
         }
     }
 
-    /// A brick whose voxels nobody reads.
+    /// A brick whose voxels are never read.
     fn brick(&self) -> PacketBrick<'_> {
         let extent = self.core.map(|n| n as i32);
         PacketBrick {

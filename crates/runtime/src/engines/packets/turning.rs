@@ -1,10 +1,15 @@
-//! Cells in which only the light is uncertain, because the normal turns: one at a time, its places side by side in the lanes.
+//! Cells in which only the light is uncertain, because the normal turns: one cell at a time, its positions in the
+//! lanes.
 //!
-//! The gradient along a cell is known: one cubic per axis. So is what the cell adds without light, and where that comes
-//! from. The light is taken in the middle of [`PLACES`] equal parts, weighted like [`PacketLighting::shade`] weights it. What
-//! that misses: kinks, by second differences; what may lie between two places, by how far the normal turns from one to the
-//! next, and to the cell's ends; and light that varies unevenly, by how much it varies at all. Refinement proper ([`super::refine`]) would take as
-//! many places one after the other, and integrate the cell's parts again at each.
+//! The gradient along a cell is known: one cubic per axis. So are the cell's contribution without light, and the origin
+//! of that contribution along the chord. The light is computed in the middle of [`PLACES`] equal parts, weighted as in
+//! [`PacketLighting::shade`]. The error has three parts:
+//! - kinks, by second differences;
+//! - light between two positions, by the turn of the normal to the next one and to the cell's ends;
+//! - light that varies unevenly, by its variation.
+//!
+//! Refinement ([`super::refine`]) would compute as many positions one after the other, and integrate the cell's parts
+//! again at each.
 
 use super::integrate::{Part, cubic_at, cubic_through};
 use super::shade::{LightAt, PacketLighting, uneven};
@@ -13,11 +18,11 @@ use super::simd::{LANES_LIMIT, Simd, Task, for_three, lanes, load_from};
 use super::walk::PerLane;
 use crate::engines::rules::{HIGHLIGHT_REACH, KINK_SHARE, UNEVEN_SHARE};
 
-/// Places along a cell.
+/// Positions along a cell.
 const PLACES: usize = LANES_LIMIT;
 /// Length of a part.
 const PART: f32 = 1.0 / PLACES as f32;
-/// Where they are, in cells.
+/// The positions, in cells.
 const MIDDLES: PerPlace = {
     let mut middles = [0.0; 2 * PLACES];
     let mut k = 0;
@@ -28,12 +33,12 @@ const MIDDLES: PerPlace = {
     middles
 };
 
-/// Numbers per place, and room for those two places further on.
+/// Numbers per position, with room for those two positions further on.
 type PerPlace = [f32; 2 * PLACES];
 
 /// Cells of a packet whose light is uncertain, lane by lane.
 pub struct TurningCells {
-    /// Colour of what the cell adds, not premultiplied, without light.
+    /// Colour of the cell's contribution, not premultiplied, without light.
     plain: [PerLane; 3],
     /// Opacity.
     opacity: PerLane,
@@ -41,18 +46,18 @@ pub struct TurningCells {
     front_share: PerLane,
     /// Share of the light's variation that its mean may be off by.
     uneven: PerLane,
-    /// Of the gradient along the cell, axis by axis: coefficients.
+    /// The gradient along the cell, axis by axis: coefficients.
     gradients: [[PerLane; 4]; 3],
-    /// Unit vectors.
+    /// Unit vectors toward the eye.
     to_eye: [PerLane; 3],
-    /// What the part is off by, light apart; with light, when all is done.
+    /// Error without the light; with light in the end.
     error: PerLane,
-    /// Premultiplied, with light, when all is done.
+    /// Premultiplied colour; with light in the end.
     color: [PerLane; 3],
 }
 
 impl TurningCells {
-    /// Cells that add this, where the gradient and the eye are there, with their colours and errors so far.
+    /// Cells with these contributions, gradients and eye vectors, and their colours and errors so far.
     #[inline(always)]
     pub fn new<S: Simd>(
         lighting: &PacketLighting<'_>,
@@ -88,7 +93,7 @@ impl TurningCells {
         cells
     }
 
-    /// Adds to a lane's error what its places miss.
+    /// Adds to a lane's error the light that its positions miss.
     #[inline(always)]
     fn add_missed<S: Simd>(&mut self, lighting: &PacketLighting<'_>, lane: usize, places: &Places) {
         let missed = missed::<S>(lighting, self.uneven[lane], places);
@@ -117,17 +122,17 @@ fn stored<S: Simd>(values: S::F) -> PerLane {
 
 /// Settles the light of some cells.
 pub struct SettleLight<'a> {
-    /// The brick's.
+    /// The brick's lighting.
     pub lighting: &'a PacketLighting<'a>,
-    /// All of the packet.
+    /// All cells of the packet.
     pub cells: &'a mut TurningCells,
-    /// Which of them, as bits.
+    /// The cells to settle, as bits.
     pub lanes: u32,
 }
 
 /// Light along one cell.
 struct Places {
-    /// Of the brightest channel, and of none.
+    /// Light of the brightest channel, and light without colour.
     brightest: PerPlace,
     specular: PerPlace,
     normal: [PerPlace; 3],
@@ -155,7 +160,7 @@ impl Task for SettleLight<'_> {
             for (color, mean) in self.cells.color.iter_mut().zip(mean) {
                 color[lane] = self.cells.opacity[lane] * mean;
             }
-            // One cell late: what has just been written is not read again at once.
+            // One cell late, so that values just written are not read at once.
             if let Some(before) = before.replace(lane) {
                 self.cells.add_missed::<S>(self.lighting, before, there);
             }
@@ -167,7 +172,7 @@ impl Task for SettleLight<'_> {
     }
 }
 
-/// The mean colour of a lane's cell with light, and the light at its places.
+/// The mean colour of a lane's cell with light; writes the light at its positions.
 #[inline(always)]
 fn light<S: Simd>(lighting: &PacketLighting<'_>, cells: &TurningCells, lane: usize, places: &mut Places) -> [f32; 3] {
     let zero = S::splat(0.0);
@@ -178,7 +183,7 @@ fn light<S: Simd>(lighting: &PacketLighting<'_>, cells: &TurningCells, lane: usi
         [S::splat(k[0][lane]), S::splat(k[1][lane]), S::splat(k[2][lane]), S::splat(k[3][lane])]
     });
     let to_eye = for_three!(a => S::splat(cells.to_eye[a][lane]));
-    // Twice the share: of mean 1 over the cell.
+    // Twice the share, so that the mean over the cell is 1.
     let at_front = 2.0 * cells.front_share[lane];
     let mut sums = [zero; 3];
     for first in (0..PLACES).step_by(S::LANES) {
@@ -201,14 +206,14 @@ fn light<S: Simd>(lighting: &PacketLighting<'_>, cells: &TurningCells, lane: usi
     for_three!(c => S::sum(sums[c]) * PART)
 }
 
-/// What the places miss of a cell's light, over its opacity.
+/// Light of a cell that its positions miss, over its opacity.
 #[inline(always)]
 fn missed<S: Simd>(lighting: &PacketLighting<'_>, uneven: f32, places: &Places) -> f32 {
     let (zero, one) = (S::splat(0.0), S::splat(1.0));
     let mut sum = zero;
     for first in (0..PLACES).step_by(S::LANES) {
         let at = load_from::<S>(&MIDDLES, first);
-        // Of the last place there is no next one, of the last two none after that.
+        // The last position has no next one, the last two have none after that.
         let has_next = S::lt(at, S::splat(1.0 - PART));
         let has_second = S::lt(at, S::splat(1.0 - 2.0 * PART));
         let (rise, bend) = differences::<S>(&places.brightest, first);
@@ -230,7 +235,7 @@ fn missed<S: Simd>(lighting: &PacketLighting<'_>, uneven: f32, places: &Places) 
     S::sum(sum)
 }
 
-/// First and second differences between places from number `first` on, without sign.
+/// Absolute first and second differences between positions from number `first` on.
 #[inline(always)]
 fn differences<S: Simd>(numbers: &PerPlace, first: usize) -> (S::F, S::F) {
     let (here, next) = (load_from::<S>(numbers, first), load_from::<S>(numbers, first + 1));
@@ -251,10 +256,10 @@ mod tests {
     use super::*;
     use crate::engines::cells::shade::Lighting;
 
-    /// The light along one cell, settled: colour and error; and its mean over many places.
+    /// The light along one cell, settled: colour and error; and its mean over many positions.
     struct Cell<'a> {
         lighting: &'a PacketLighting<'a>,
-        /// Gradient at beginning, middle and end, and the third powers' coefficients.
+        /// Gradient at beginning, middle and end, and its cubic coefficients.
         gradients: [[f32; 3]; 4],
         plain: [f32; 3],
         front_share: f32,
@@ -299,7 +304,8 @@ mod tests {
         }
     }
 
-    /// What is stated of the light is hardly ever less than what is missed, whether the normal turns gently or turns over.
+    /// The stated error of the light is hardly ever less than the true one, whether the normal turns gently or turns
+    /// over.
     #[test]
     fn stated_errors_of_light_are_errors() {
         let mut seed = 5u64;

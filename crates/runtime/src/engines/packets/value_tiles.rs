@@ -20,7 +20,7 @@ use crate::stream::counters::RayCounters;
 use crate::stream::residency::DecodedBrick;
 
 impl CastTile<'_> {
-    /// All rays go through a brick.
+    /// Casts all rays through a brick.
     pub(super) fn gather_brick(&mut self, key: BrickKey, brick: &DecodedBrick) {
         let (frame, tables) = (self.frame, self.tables);
         let (packet_brick, grid) = packet_brick(&frame.scene, key, brick);
@@ -39,8 +39,8 @@ impl CastTile<'_> {
         self.feedback.counters.add(&work);
     }
 
-    /// Whether a brick may change what the rays have that meet it; leaves out rays for which it cannot, and notes on which
-    /// sides they come out.
+    /// Whether a brick may change the rays that meet it. Removes rays that it cannot change, and records the sides on
+    /// which they come out.
     fn may_change(&mut self, summary: &BrickSummary) -> bool {
         let cloud = summary.cloud.as_ref();
         match self.frame.scene.mode {
@@ -59,7 +59,7 @@ impl CastTile<'_> {
         }
     }
 
-    /// All rays see one value all the way.
+    /// Casts all rays through a uniform value.
     pub(super) fn gather_uniform(&mut self, key: BrickKey, value: f32) {
         let cells = CellByCell { pairs: CellRule::DEFAULT.pairs };
         let iso = || self.frame.scene.iso.iter().map(|surface| surface.value);
@@ -83,7 +83,7 @@ impl CastTile<'_> {
         }
     }
 
-    /// All rays pass nothing.
+    /// Casts all rays through nothing.
     pub(super) fn gather_nothing(&mut self) {
         for i in 0..self.rays.hits().len() {
             let ray = usize::from(self.rays.hits()[i]);
@@ -92,7 +92,7 @@ impl CastTile<'_> {
     }
 }
 
-/// The rays of a tile that meet a brick, packet by packet.
+/// Casts the rays of a tile that meet a brick, packet by packet.
 struct GatherBrick<'a> {
     packet_brick: PacketBrick<'a>,
     host: TileHost<'a>,
@@ -131,7 +131,7 @@ impl Task for GatherBrick<'_> {
     }
 }
 
-/// The rays of a tile that meet a brick.
+/// Host of the rays of a tile that meet a brick.
 struct TileHost<'a> {
     frame: &'a PacketFrame,
     key: BrickKey,
@@ -141,12 +141,12 @@ struct TileHost<'a> {
     /// The tile's first pixel.
     corner: [u32; 2],
     rays: &'a mut TileRays,
-    /// The next hit that is lent.
+    /// The next hit to lend.
     next: usize,
 }
 
 impl TileHost<'_> {
-    /// Adds the mean's part of a ray.
+    /// Adds to a ray its part of the mean.
     fn add_integral(&mut self, ray: usize, [integral, present, absent]: [f32; 3], length: f64) {
         if present == 0.0 {
             return;

@@ -1,13 +1,14 @@
 //! A packet of rays through one brick, in the modes that gather values: greatest, least, mean.
 //!
-//! Space, crossings and rounds are those of [`super::packet`]; numbers are stored numbers less the brick's centre, so that
-//! they are exact at voxels. A cell is asked first whether it can change anything:
-//! - `mip`, `minip`: only a cell with a corner that betters what its ray has; macro cells without are leapt over. The
-//!   extreme of the cubic lies at an end of the chord or at a critical point. For the least value all numbers change sign;
+//! Space, crossings and rounds are those of [`super::packet`]. Numbers are stored numbers minus the brick's centre, so
+//! that they are exact at voxels. Each cell is first tested for an effect:
+//! - `mip`, `minip`: only a cell with a corner that exceeds the ray's extreme has one; macro cells without are leapt
+//!   over. The extreme of the cubic lies at an end of the chord or at a critical point. For the least value all numbers
+//!   change sign;
 //! - `mean`: two values at Gauss's points, which give the integral of a cubic exactly.
 //!
-//! Whether rays leap or walk, the same cells change what they have: no bit depends on skipping. Cells with holes change
-//! nothing. What `f32` cannot decide, a [`Host`] settles in `f64`: holes beside a ray that runs exactly in a plane of voxels.
+//! The same cells change a ray whether it leaps or walks: no bit depends on skipping. Cells with holes change nothing.
+//! A [`Host`] settles in `f64` what `f32` cannot decide: holes beside a ray that runs exactly in a plane of voxels.
 
 use supervol_format::brick::MACRO_CELL;
 
@@ -18,17 +19,17 @@ use super::walk::{Packet, PacketBrick, PerLane, ROUND, Step, Walker};
 use crate::engines::rules::POSITION_ERROR;
 use crate::stream::counters::RayCounters;
 
-/// Numbers that a ray takes through a brick.
+/// Numbers that a ray carries through a brick.
 const NUMBERS: usize = 3;
-/// Gauss's two points on [0, 1]: 1/2 - 1/sqrt(12), and 1 less that.
+/// Gauss's two points on [0, 1]: 1/2 - 1/sqrt(12), and 1 minus that.
 const GAUSS_POINTS: [f32; 2] = [0.211_324_87, 0.788_675_1];
 
-/// Rays as they enter a brick, and what they have of it.
+/// Rays at their entry into a brick, and their gathered numbers.
 #[derive(Debug, Clone)]
 pub struct ValuePacket {
-    /// Their way; colours and transmittances are not used.
+    /// Their path; colours and transmittances are not used.
     pub way: Packet,
-    /// What they have: see [`Extreme`], [`Mean`] and [`super::surfaces::Surfaces`].
+    /// Their numbers: see [`Extreme`], [`Mean`] and [`super::surfaces::Surfaces`].
     pub numbers: [PerLane; NUMBERS],
 }
 
@@ -38,37 +39,37 @@ impl Default for ValuePacket {
     }
 }
 
-/// Where rays come from and go to, and who knows them in `f64`.
+/// Host: source and destination of rays, with access to them in `f64`.
 pub trait Host {
-    /// Writes the next ray into a lane; false where there are no more.
+    /// Writes the next ray into a lane; false if there are no more.
     fn lend(&mut self, lane: usize, packet: &mut ValuePacket) -> bool;
 
-    /// Takes a ray back with what it has gathered.
+    /// Takes a ray back with its gathered numbers.
     fn take_back(&mut self, lane: usize, packet: &ValuePacket);
 
-    /// Gathers in `f64` what a ray meets in the cell whose first corner lies at `base`, and keeps it.
+    /// Gathers in `f64` over the cell whose first corner lies at `base`, and stores the result in the ray.
     fn settle(&mut self, ray: u16, base: i32);
 
-    /// Notes, in mode `iso`, that a ray passes values of this range, or none where it is empty; false, and nothing is noted,
-    /// where a surface in it has not been met yet.
+    /// Mode `iso`: notes that a ray passes values of this range, or none if it is empty. Returns false, and notes
+    /// nothing, if the range holds a surface that has not been met yet.
     fn pass(&mut self, ray: u16, range: [f32; 2]) -> bool;
 
-    /// Mode `iso`: the numbers between which a ray can go on without meeting a surface: from the first, up to but not at the
-    /// second. The first is greater where the side is unknown; infinite both where nothing is left to meet.
+    /// Mode `iso`: the numbers between which a ray meets no surface: from the first, up to but not including the
+    /// second. The first is greater if the side is unknown; both are infinite if nothing is left to meet.
     fn bounds(&self, ray: u16) -> [f32; 2];
 }
 
-/// Rays in a brick, and who knows them.
+/// Rays in a brick, with their host.
 pub struct Rays<'a, S: Simd> {
-    /// What they go through.
+    /// The brick.
     pub brick: &'a PacketBrick<'a>,
-    /// Where they are.
+    /// Their positions.
     pub walker: Walker<S>,
     /// Their numbers in the tile.
     pub numbers: [u16; LANES_LIMIT],
-    /// Who knows them.
+    /// Their host.
     pub host: &'a mut dyn Host,
-    /// What was done.
+    /// Counters.
     pub work: RayCounters,
 }
 
@@ -84,7 +85,7 @@ impl<S: Simd> Rays<'_, S> {
         }
     }
 
-    /// Rays that run in a plane of voxels, with a hole in the cell: it may have no weight.
+    /// Rays that run in a plane of voxels, with a hole in the cell, which may have no weight for them.
     #[inline(always)]
     pub fn beside_holes(&self, corners: &Corners<S>) -> S::M {
         if S::bits(self.walker.in_plane) == 0 {
@@ -95,7 +96,7 @@ impl<S: Simd> Rays<'_, S> {
     }
 }
 
-/// Cells of which a corner is a hole.
+/// Cells with a hole at a corner.
 #[inline(always)]
 pub fn holes<S: Simd>([first, second]: &Corners<S>) -> S::M {
     // Finite numbers may add up to infinity, never to NaN.
@@ -103,32 +104,32 @@ pub fn holes<S: Simd>([first, second]: &Corners<S>) -> S::M {
     (row(0) | row(1)) | (row(2) | row(3))
 }
 
-/// The greatest corner; anything where one is a hole.
+/// The greatest corner; arbitrary if one is a hole.
 #[inline(always)]
 pub fn greatest<S: Simd>([first, second]: &Corners<S>) -> S::F {
     let row = |r: usize| S::max(first[r], second[r]);
     S::max(S::max(row(0), row(1)), S::max(row(2), row(3)))
 }
 
-/// The least corner; anything where one is a hole.
+/// The least corner; arbitrary if one is a hole.
 #[inline(always)]
 pub fn least<S: Simd>([first, second]: &Corners<S>) -> S::F {
     let row = |r: usize| S::min(first[r], second[r]);
     S::min(S::min(row(0), row(1)), S::min(row(2), row(3)))
 }
 
-/// What packets do with cells, one after the other along each ray.
+/// Operation of packets on cells, one after the other along each ray.
 pub trait Gather<S: Simd> {
-    /// Takes over what the rays of a packet have.
+    /// Takes over the numbers of a packet's rays.
     fn begin(&mut self, packet: &ValuePacket);
 
-    /// Takes rays over what changes nothing, and ends those that are done.
+    /// Leaps rays over cells that change nothing, and ends finished rays.
     fn leap(&mut self, rays: &mut Rays<'_, S>);
 
-    /// The next cell of each ray; those not in `crosses` have none.
+    /// Gathers over the next cell of each ray; rays not in `crosses` have none.
     fn gather(&mut self, rays: &mut Rays<'_, S>, corners: &Corners<S>, step: &Step<S>, crosses: S::M);
 
-    /// Hands over what the rays have.
+    /// Stores the numbers of the rays in the packet.
     fn end(&self, packet: &mut ValuePacket);
 }
 
@@ -186,12 +187,12 @@ unsafe fn cast_packet<S: Simd, G: Gather<S>>(rays: &mut Rays<'_, S>, gather: &mu
     }
 }
 
-/// The field along rays' ways through a cell.
+/// The field along rays' chords in a cell.
 pub struct Chord<S: Simd> {
     cell: Cell<S>,
-    /// Position where the rays come in.
+    /// Entry position.
     entry: [S::F; 3],
-    /// From there to where they leave, in cells.
+    /// Vector from there to the exit, in cells.
     travelled: [S::F; 3],
     ends: [S::F; 2],
 }
@@ -220,11 +221,11 @@ impl<S: Simd> Chord<S> {
         self.cell.at(position)
     }
 
-    /// Least and greatest value on the chord; NaN where a corner is a hole.
+    /// Least and greatest value on the chord; NaN if a corner is a hole.
     ///
-    /// The cubic c0 + c1 u + c2 u^2 + c3 u^3 is known from its values at 0, 1/2 and 1 and from c3; its critical points are
-    /// the roots of its derivative. Their values are interpolated, so that rounding of the coefficients moves only the
-    /// place, where the field is flat.
+    /// The cubic c0 + c1 u + c2 u^2 + c3 u^3 is known from its values at 0, 1/2 and 1 and from c3. Its critical points
+    /// are the roots of its derivative. The values there are interpolated from the corners: rounding of the
+    /// coefficients then only moves the position, where the field is flat.
     #[inline(always)]
     pub fn range(&self) -> [S::F; 2] {
         let (zero, one, half) = (S::splat(0.0), S::splat(1.0), S::splat(0.5));
@@ -237,7 +238,7 @@ impl<S: Simd> Chord<S> {
         let c2 = whole - c1;
         let a = c3 * S::splat(3.0);
         let discriminant = S::mul_add(c2, c2, zero - a * c1);
-        // The form of the two roots that never subtracts equal numbers. No root: NaN, which lies nowhere.
+        // This form of the two roots never subtracts equal numbers. No root gives NaN, which lies in no interval.
         let root = S::sqrt(discriminant);
         let q = zero - S::select(S::lt(c2, zero), c2 - root, c2 + root);
         let mut range = [S::min(begin, end), S::max(begin, end)];
@@ -259,8 +260,8 @@ impl<S: Simd> Chord<S> {
     }
 }
 
-/// A position in a cell; on the face where it may be: rounding must not take rays off voxels, where a transfer function may
-/// step.
+/// A position in a cell, snapped onto a face within rounding: rounding must not move rays off voxels, where a transfer
+/// function may step.
 #[inline(always)]
 fn snapped<S: Simd>(position: S::F) -> S::F {
     let low = S::select(S::lt(position, S::splat(POSITION_ERROR)), S::splat(0.0), position);
@@ -279,14 +280,14 @@ fn at_exactly<S: Simd>([first, second]: &Corners<S>, position: [S::F; 3]) -> S::
     mix(2, mix(1, row(0), row(1)), mix(1, row(2), row(3)))
 }
 
-/// The greatest value, or the least one: then all numbers change sign.
+/// The greatest value, or the least one, for which all numbers change sign.
 ///
 /// Number 0 of a ray is the greatest so far; minus infinity at first.
 pub struct Extreme<'a, S: Simd> {
     best: S::F,
     /// Whether numbers change sign.
     is_turned: bool,
-    /// What to leap by, in numbers that have changed sign; `None`: every cell is walked.
+    /// Ranges for leaping, in numbers with changed sign; `None`: every cell is walked.
     ranges: Option<&'a MacroRanges>,
 }
 
@@ -304,7 +305,7 @@ impl<S: Simd> Gather<S> for Extreme<'_, S> {
         self.best = S::load(&packet.numbers[0]);
     }
 
-    /// Over macro cells that cannot better what the ray has, one at a time.
+    /// Leaps over macro cells that cannot exceed the ray's extreme, one at a time.
     #[inline(always)]
     fn leap(&mut self, rays: &mut Rays<'_, S>) {
         let Some(ranges) = self.ranges else { return };
@@ -336,7 +337,7 @@ impl<S: Simd> Gather<S> for Extreme<'_, S> {
         }
         let [low, high] = Chord::<S>::new(corners, step, &rays.walker.direction).range();
         let found = if self.is_turned { S::splat(0.0) - low } else { high };
-        // Never beyond the corners: rounding must not reach what their range says is not there.
+        // Never beyond the corners: rounding must not leave their range.
         let found = S::min(found, top);
         let is_better = S::lt(self.best, found) & may_better & !S::is_nan(low);
         self.best = S::select(is_better, found, self.best);
@@ -348,16 +349,16 @@ impl<S: Simd> Gather<S> for Extreme<'_, S> {
     }
 }
 
-/// The integral of the values, and how long the ray sees some.
+/// The integral of the values, and the present length of each ray.
 ///
-/// Numbers of a ray: the integral in this brick, the world lengths where it is present and where it is absent.
+/// Numbers of a ray: the integral in this brick, and the world lengths of present and absent parts.
 pub struct Mean<'a, S: Simd> {
     integral: S::F,
     present: S::F,
     absent: S::F,
-    /// What integrals are multiplied with, so that the largest numbers do not overflow.
+    /// Factor of integrals, so that the largest numbers do not overflow.
     scale: f32,
-    /// Macro cells that hold nothing.
+    /// Cloud of macro cells that hold nothing.
     cloud: Option<&'a ProximityCloud<MACRO_CELL>>,
 }
 

@@ -1,11 +1,11 @@
-//! Rays through a brick: from cell to cell, and over what shows nothing.
+//! Rays through a brick: from cell to cell, and leaps over invisible parts.
 //!
-//! Coordinates are the brick's own: voxel (0, 0, 0) is the first of its core, cell i lies between voxels i and i + 1, from
-//! -1 to the last core voxel. t is a world length from the ray's entry into the brick, so that `f32` resolves it: the
-//! position of a crossing is right to a few 1e-6 of a cell, wherever the brick is.
+//! Coordinates are the brick's own: voxel (0, 0, 0) is the first of its core. Cell i lies between voxels i and i + 1,
+//! from -1 to the last core voxel. The parameter t is a world length from the ray's entry into the brick, so that `f32`
+//! resolves it. Positions of crossings are right to a few 1e-6 of a cell, wherever the brick is.
 //!
-//! A crossing is `plane * inverse + offset` for the plane's whole number: it does not depend on how the ray came there, so
-//! that leaping changes nothing.
+//! A crossing is `plane * inverse + offset` for the plane's integer number. It does not depend on the ray's earlier
+//! path, so leaping changes nothing.
 
 use supervol_format::brick::{APRON, MACRO_CELL};
 
@@ -16,26 +16,26 @@ use super::simd::{LANES_LIMIT, Places, Simd, hidden_in_memory};
 use crate::engines::blocks::BLOCK;
 use crate::engines::rules::POSITION_ERROR;
 
-/// Cells that are walked before anything is composited.
+/// Cells walked before anything is composited.
 pub const ROUND: usize = 6;
 
-/// Pixels along each side of a block of rays with consecutive numbers: what one packet holds, as long as all rays run.
+/// Pixels along each side of a block of consecutive rays: the content of one packet, as long as all rays run.
 pub const BLOCK_SIDE: u32 = 4;
 
-/// Distance, in cells, that stands for beyond everything.
+/// Distance, in cells, beyond everything.
 const FAR: f32 = 1e30;
 
 /// Numbers of one packet, lane by lane.
 pub type PerLane = [f32; LANES_LIMIT];
 
-/// Rays as they enter a brick, and what they gather in it.
+/// Rays at their entry into a brick, and the light they gather in it.
 #[derive(Debug, Clone)]
 pub struct Packet {
     /// Position at entry, in cells.
     pub origin: [PerLane; 3],
     /// Cells per world length; 0 where parallel.
     pub direction: [PerLane; 3],
-    /// World length behind the entry at which the ray begins: there is nothing to see before.
+    /// World length behind the entry at which the ray begins: nothing is visible before.
     pub start: PerLane,
     /// World length behind the entry at which it ends; 0 for unused lanes.
     pub length: PerLane,
@@ -45,9 +45,9 @@ pub struct Packet {
     pub color: [PerLane; 3],
     /// Transmittance of the brick.
     pub transmittance: PerLane,
-    /// What colour and opacity may be off by, over transmittance 1.
+    /// Error of colour and opacity, for transmittance 1 in front.
     pub error: PerLane,
-    /// Which ray each lane is, for those who lent it.
+    /// Ray number of each lane, for the host.
     pub rays: [u16; LANES_LIMIT],
 }
 
@@ -68,28 +68,28 @@ impl Default for Packet {
     }
 }
 
-/// One brick, as packets read it.
+/// One brick in the form that packets read.
 #[derive(Clone, Copy)]
 pub struct PacketBrick<'a> {
     /// Voxels, apron included, x fastest.
     pub voxels: *const u8,
-    /// What they are.
+    /// Their storage.
     pub stored: Stored,
     /// Voxels between neighbours along y and z.
     pub strides: [i32; 2],
     /// Voxels of the core along each axis.
     pub core: [i32; 3],
-    /// What is taken off stored numbers; whole where they are.
+    /// Subtracted from stored numbers; an integer if they are.
     pub centre: f32,
-    /// Value, as the pieces count it, = (stored number - `centre`) * `scale` + `offset`.
+    /// Value, relative to the pieces' origin, = (stored number - `centre`) * `scale` + `offset`.
     pub scale: f32,
     /// See `scale`.
     pub offset: f32,
-    /// Cells that are integrated together, where one rule settles them: 1 or one of [`SPANS`](super::span::SPANS).
+    /// Cells integrated together, if one rule settles them: 1 or one of [`SPANS`](super::span::SPANS).
     pub span: usize,
     /// Stored number of holes.
     pub absent: Option<u16>,
-    /// What to leap over.
+    /// Cloud for leaping.
     pub cloud: Option<&'a ProximityCloud<BLOCK>>,
     /// `None`: unshaded.
     pub lighting: Option<PacketLighting<'a>>,
@@ -102,7 +102,7 @@ impl PacketBrick<'_> {
         (APRON as i32 - 1) * (1 + self.strides[0] + self.strides[1])
     }
 
-    /// Where the cells of a round lie; the processor begins to load what the next round will want.
+    /// Offsets of the cells of a round; prefetches the cells of the next round.
     #[inline(always)]
     pub fn places_of<S: Simd>(&self, steps: &[Step<S>; ROUND]) -> [Places; ROUND] {
         let mut bases = [steps[0].base; ROUND];
@@ -114,22 +114,22 @@ impl PacketBrick<'_> {
         places
     }
 
-    /// Prefetches the rows of the cells as far behind a round as this is long, of the packet's outermost rays: what lies between is on
-    /// the same lines of the cache.
+    /// Prefetches rows of cells at one round's distance ahead, for the packet's outermost rays: those in between share
+    /// their cache lines.
     #[inline(always)]
     fn prefetch_behind<S: Simd>(&self, places: &[Places; ROUND]) {
         let ([dy, dz], size, row_of_rays) = (self.strides, self.stored.bytes(), BLOCK_SIDE as usize);
         for lane in [0, row_of_rays - 1, S::LANES - row_of_rays, S::LANES - 1] {
             let behind = 2 * places[ROUND - 1][lane] - places[0][lane];
             for row in [0, dy, dz, dy + dz] {
-                // Wherever that is: what does not lie in memory is not loaded.
+                // Any address is allowed: invalid ones are not loaded.
                 S::prefetch(self.voxels.wrapping_offset(((behind + row) * size) as isize));
             }
         }
     }
 }
 
-/// Beginning, middle and end of ways through cells, which begin at `fraction` and are `travelled` cells long.
+/// Beginning, middle and end of chords in cells, which begin at `fraction` and are `travelled` cells long.
 #[inline(always)]
 pub fn places_along<S: Simd>(fraction: &[S::F; 3], travelled: &[S::F; 3]) -> [[S::F; 3]; 3] {
     let mut places = [*fraction; 3];
@@ -141,16 +141,16 @@ pub fn places_along<S: Simd>(fraction: &[S::F; 3], travelled: &[S::F; 3]) -> [[S
     places
 }
 
-/// Rays on their way through a brick.
+/// Rays walking through a brick.
 pub struct Walker<S: Simd> {
     origin: [S::F; 3],
     pub direction: [S::F; 3],
     inverse: [S::F; 3],
     /// t of plane 0.
     offset: [S::F; 3],
-    /// 1 where the ray ascends: the plane ahead is that much further than the cell.
+    /// 1 if the ray ascends: the plane ahead is that much further than the cell.
     ahead: [S::F; 3],
-    /// `origin + ahead`: less the plane ahead, the position at entry from the corner of the cell.
+    /// `origin + ahead`: minus the plane ahead, it is the position at entry from the corner of the cell.
     origin_and_ahead: [S::F; 3],
     /// Plane ahead on each axis.
     plane: [S::F; 3],
@@ -164,26 +164,26 @@ pub struct Walker<S: Simd> {
     pub in_plane: S::M,
 }
 
-/// A cell on the way.
+/// A cell on the path.
 #[derive(Clone, Copy)]
 pub struct Step<S: Simd> {
     /// Voxel offset of its first corner.
     pub base: S::I,
-    /// Position in it where the ray comes in.
+    /// Entry position in it.
     pub fraction: [S::F; 3],
     /// World length in it.
     pub length: S::F,
 }
 
 impl<S: Simd> Step<S> {
-    /// Rays that go through the cell at all.
+    /// Rays that cross the cell at all.
     #[inline(always)]
     pub fn crosses(&self) -> S::M {
         S::lt(S::splat(0.0), self.length)
     }
 
-    /// Those of them that go further than positions are rounded. What is left of a cell beside a clip plane or a brick's face may be
-    /// rounding alone: a mode in which a value counts whatever the length of its chord has to look there in `f64`.
+    /// Rays that cross it further than the rounding of positions. The rest of a cell beside a clip plane or a brick's
+    /// face may be rounding alone. Modes in which a value counts for any length must check such cells in `f64`.
     #[inline(always)]
     pub fn crosses_surely(&self, direction: &[S::F; 3]) -> S::M {
         let way = |a: usize| S::abs(self.length * direction[a]);
@@ -235,7 +235,8 @@ impl<S: Simd> Walker<S> {
         walker
     }
 
-    /// The cell of a position on an axis, inside two bounds; a position on a face lies in the cell that the ray enters.
+    /// The cell of a position on an axis, clamped to two bounds; a position on a face lies in the cell that the ray
+    /// enters.
     #[inline(always)]
     fn cell_of(&self, axis: usize, position: S::F, low: S::F, high: S::F) -> S::F {
         let below = S::floor(position);
@@ -267,7 +268,7 @@ impl<S: Simd> Walker<S> {
         steps
     }
 
-    /// One cell on; lanes that have left the brick stay where they are, with length 0.
+    /// Advances by one cell; lanes that have left the brick stay, with length 0.
     #[inline(always)]
     fn step(&mut self) -> Step<S> {
         let mut exits = [self.end; 3];
@@ -288,8 +289,7 @@ impl<S: Simd> Walker<S> {
         step
     }
 
-    /// Takes rays out of cubes that show nothing, to the face of the last ahead that shows nothing either; returns the number
-    /// of leaps.
+    /// Leaps rays over invisible cubes, to the face of the last invisible one ahead; returns the number of leaps.
     #[inline(always)]
     pub fn leap<const SIDE: usize>(&mut self, cloud: &ProximityCloud<SIDE>, brick: &PacketBrick<'_>) -> u32 {
         let mut leaps = 0;
@@ -306,7 +306,8 @@ impl<S: Simd> Walker<S> {
         leaps
     }
 
-    /// One leap of every ray that can; returns which these are, one bit per lane. Where their cells lie in memory is not found out.
+    /// One leap of every ray that can; returns these as one bit per lane. Does not update the memory offsets of their
+    /// cells.
     #[inline(always)]
     pub fn leap_once<const SIDE: usize>(&mut self, cloud: &ProximityCloud<SIDE>, brick: &PacketBrick<'_>) -> u32 {
         let active = self.active();
@@ -321,7 +322,7 @@ impl<S: Simd> Walker<S> {
         bits
     }
 
-    /// Cubes of `SIDE` cells in which the rays are, indices in the brick; those of rays that have left it may lie outside.
+    /// Cubes of `SIDE` cells that hold the rays, indices in the brick; those of rays that have left it may lie outside.
     #[inline(always)]
     pub fn cube<const SIDE: usize>(&self) -> [S::I; 3] {
         let mut cube = [S::splat_int(0); 3];
@@ -336,14 +337,14 @@ impl<S: Simd> Walker<S> {
         cube
     }
 
-    /// Takes rays of the mask to the far face of the cubes less than `reach` ahead of their own.
+    /// Moves rays of the mask to the far face of the cubes less than `reach` ahead of their own.
     #[inline(always)]
     pub fn leave<const SIDE: usize>(&mut self, cube: [S::I; 3], reach: S::F, leaping: S::M, brick: &PacketBrick<'_>) {
         self.go_out_of::<SIDE>(cube, reach, leaping, brick);
         self.find_base(brick.strides);
     }
 
-    /// As [`Walker::leave`]; where the cells lie in memory is not found out.
+    /// As [`Walker::leave`], without updating the memory offsets of the cells.
     #[inline(always)]
     fn go_out_of<const SIDE: usize>(&mut self, cube: [S::I; 3], reach: S::F, leaping: S::M, brick: &PacketBrick<'_>) {
         let (zero, one, side) = (S::splat(0.0), S::splat(1.0), S::splat(SIDE as f32));
@@ -352,7 +353,7 @@ impl<S: Simd> Walker<S> {
         for a in 0..3 {
             let ascends = S::lt(zero, self.plane_step[a]);
             let face = (S::to_float(cube[a]) + S::select(ascends, reach, one - reach)) * side;
-            // What lies before the first cube lies outside the brick.
+            // A position before the first cube lies outside the brick.
             faces[a] = S::select(S::le(face, zero), S::splat(-2.0 * SIDE as f32), face);
             exits[a] = S::mul_add(faces[a], self.inverse[a], self.offset[a]);
         }
@@ -372,7 +373,7 @@ impl<S: Simd> Walker<S> {
         self.t = S::select(leaping, leave, self.t);
     }
 
-    /// Finds out where the cells lie in memory.
+    /// Updates the memory offsets of the cells.
     #[inline(always)]
     fn find_base(&mut self, strides: [i32; 2]) {
         let apron = S::splat(APRON as f32);

@@ -1,9 +1,10 @@
-//! What each ray costs: the cells that it crosses and the leaps that it takes, for who wants to see where the work goes.
+//! Work of each ray: cells crossed and leaps, for maps of the cost.
 //!
-//! Packets count for all of their rays together. Where somebody asks ([`super::PacketRule::counts_work`]), each ray goes through each
-//! brick as a packet of its own: the picture stays what it is, since no lane influences another, and takes several times as long.
-//! Nobody else pays more than one look for each brick of a tile, and no kernel knows of it. Of a ray that shares a packet some cells more or
-//! fewer may be crossed: it learns that it has ended when the cells that wait are settled, which neighbours decide, too.
+//! Packets count for all of their rays together. If work is counted ([`super::PacketRule::counts_work`]), each ray
+//! crosses each brick as a packet of its own. The picture is the same, since lanes are independent, but takes several
+//! times as long. Otherwise the cost is one test for each brick of a tile, and no kernel is concerned. The number of
+//! cells of a ray may differ slightly from that in a shared packet. There, a ray learns of its end when waiting cells
+//! are refined, and neighbours decide that too.
 
 use supervol_format::BrickKey;
 
@@ -12,7 +13,7 @@ use crate::stream::counters::RayCounters;
 use crate::stream::residency::Resident;
 
 impl CastTile<'_> {
-    /// The rays that meet a brick go through it one by one, and what each costs is noted.
+    /// Casts the rays that meet a brick through it one by one, and counts the work of each.
     pub(super) fn go_through_one_by_one(&mut self, key: BrickKey, resident: Resident<'_>) {
         let hits = self.rays.hits().to_vec();
         for &ray in &hits {
@@ -29,7 +30,7 @@ impl CastTile<'_> {
     }
 }
 
-/// What a ray's work is counted by.
+/// The counters that make up a ray's work.
 fn counted(counters: &RayCounters) -> [u64; 2] {
     [counters.cells, counters.macro_cells_skipped]
 }

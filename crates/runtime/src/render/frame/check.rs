@@ -1,7 +1,8 @@
-//! How far a finished picture is from the exact one: pixels spread over it, cast again by the reference integrator.
+//! Measured error of a finished picture: the reference integrator casts sample pixels again.
 //!
-//! The exact picture is that of one level, wholly in memory (see [`super::reference`]). Pixels are drawn from a grid of
-//! fields of nearly equal size, one at random in each: none twice, and none far from the next.
+//! The exact picture is that of one level, wholly in memory (see [`super::reference`]). The picture is divided into a
+//! grid of fields of nearly equal size, and one pixel is chosen at random in each. So no pixel is chosen twice, and the
+//! samples are spread evenly.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
@@ -20,26 +21,26 @@ use crate::stream::counters::milliseconds;
 
 /// Seed of the choice of pixels.
 pub const SEED: u64 = 20_261_121;
-/// The share of differences that `p999_grey_levels` is not exceeded by.
+/// The percentile of `p999_grey_levels`, as a share.
 const PERCENTILE: f64 = 0.999;
 
-/// Differences between a picture and the exact one, over all channels (premultiplied red, green, blue, and opacity) of the
-/// pixels that were cast again. A grey level is 1/255 of full scale.
+/// Differences between a picture and the exact one, over all channels (premultiplied red, green, blue, and opacity) of
+/// the sample pixels. A grey level is 1/255 of full scale.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct ErrorMeasured {
-    /// Reference rays cast: the pixels' number times the samples per pixel.
+    /// Reference rays cast: number of sample pixels times samples per pixel.
     pub rays: u64,
-    /// Pixels that these make.
+    /// Sample pixels.
     pub pixels: u64,
-    /// The level whose exact picture it was compared with.
+    /// The level whose exact picture was compared.
     pub level: u8,
-    /// Greatest difference of a channel, signs dropped; infinite (in JSON: null) where one is no number.
+    /// Largest absolute difference of a channel; infinite (in JSON: null) if one is not a number.
     pub largest_grey_levels: f64,
-    /// 99.9th percentile of the differences, signs dropped.
+    /// 99.9th percentile of the absolute differences.
     pub p999_grey_levels: f64,
     /// Mean difference, picture minus exact picture.
     pub mean_grey_levels: f64,
-    /// Intervals at which the reference integrator did not stand still.
+    /// Intervals at which the reference integrator did not converge.
     pub capped_pieces: u64,
     /// Seed of the choice of pixels.
     pub seed: u64,
@@ -47,7 +48,7 @@ pub struct ErrorMeasured {
     pub check_ms: f64,
 }
 
-/// How far a check has come.
+/// Progress of a check.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct CheckProgress {
     /// Pixels cast.
@@ -56,8 +57,8 @@ pub struct CheckProgress {
     pub pixels: u64,
 }
 
-/// The level whose exact picture a frame is held against: the one asked for, or the finest where levels are chosen brick
-/// by brick, since that picture is what they stand in for.
+/// The level whose exact picture a frame is compared with: the requested level. The finest one if levels are chosen
+/// brick by brick, because their bricks stand in for that level.
 #[must_use]
 pub fn level_to_check(container: &Container, level: LevelChoice) -> Lod {
     match level {
@@ -66,7 +67,7 @@ pub fn level_to_check(container: &Container, level: LevelChoice) -> Lod {
     }
 }
 
-/// Says before anything is drawn whether the level that [`measure_error`] needs fits the host budget.
+/// Checks, before anything is drawn, whether the level that [`measure_error`] needs fits the host budget.
 ///
 /// # Errors
 /// [`RenderError::CheckTooLarge`], with the finest level that would fit.
@@ -86,7 +87,7 @@ pub fn check_fits(container: &Container, scene: &ResolvedScene, options: &Render
     })
 }
 
-/// Casts about `rays` rays of a picture of `scene` again by the reference integrator, and compares. Runs on as many
+/// Casts about `rays` rays of a picture of `scene` again with the reference integrator, and compares. Runs on as many
 /// threads as the frame; `progress` is called from any of them.
 ///
 /// # Errors
@@ -138,7 +139,7 @@ pub fn measure_error(
     })
 }
 
-/// The size that 99.9 % of the differences do not exceed.
+/// The absolute difference that 99.9 % of the differences do not exceed.
 fn percentile(differences: &[f64]) -> f64 {
     let mut sizes: Vec<f64> = differences.iter().map(|&d| greatest([d])).collect();
     sizes.sort_by(f64::total_cmp);
@@ -146,17 +147,17 @@ fn percentile(differences: &[f64]) -> f64 {
     sizes[rank.clamp(1, sizes.len()) - 1]
 }
 
-/// `count` different pixels of a picture, or all of them where it has no more; at least one.
+/// `count` different pixels of a picture, or all of them if it has fewer; at least one.
 fn spread_pixels([width, height]: [u32; 2], count: u64, seed: u64) -> Vec<[u32; 2]> {
     let (w, h) = (u64::from(width), u64::from(height));
     let count = count.clamp(1, w * h);
-    // Fields as square as the picture allows; where that leaves too few of them, more columns.
+    // Fields are as square as the picture allows; more columns if that gives too few fields.
     let columns = ((count as f64 * w as f64 / h as f64).sqrt().ceil() as u64).clamp(count.div_ceil(h), w);
     let rows = count.div_ceil(columns);
     let mut random = Random::new(seed);
     (0..count)
         .map(|i| {
-            // Where the grid has more fields than are wanted, those left out are spread as well.
+            // If the grid has more fields than needed, the skipped ones are spread as well.
             let field = (2 * i + 1) * rows * columns / (2 * count);
             let mut within = |i: u64, fields: u64, size: u64| {
                 let (low, high) = (i * size / fields, (i + 1) * size / fields);

@@ -1,4 +1,4 @@
-//! The ray caster in Rust as an engine: reads bricks where the host cache holds them.
+//! The CPU ray caster as an engine: reads bricks directly from the host cache.
 
 use std::ops::Range;
 use std::time::Instant;
@@ -29,13 +29,13 @@ use crate::stream::budget::HostPlan;
 use crate::stream::counters::RayCounters;
 use crate::stream::streamer::{HostView, Streamer};
 
-/// What all rays of the CPU ray caster share in a frame.
+/// Data that all rays of the CPU ray caster share in a frame.
 #[must_use]
 pub fn cpu_frame(container: &Container, scene: &ResolvedScene, options: &RenderOptions, plan: &HostPlan) -> CpuFrame {
     cpu_frame_of(container, scene, options, options.lod(), (plan.made_bytes, None))
 }
 
-/// The same with levels of its own, and with plans of another picture's frame.
+/// The same with its own level choice, and with plans from another picture's frame.
 pub(crate) fn cpu_frame_of(
     container: &Container,
     scene: &ResolvedScene,
@@ -55,8 +55,8 @@ pub(crate) fn cpu_frame_of(
     frame.with_deviations(with_data_scale(container, |data| Deviations::new(scene, data)))
 }
 
-/// Makes the picture on the CPU in one go, on the calling thread's pool, from what the streamer has and fetches. What a
-/// [`Renderer`](crate::render::renderer::Renderer) adds to the statistics is missing.
+/// Draws the picture on the CPU in one go, on the calling thread's pool, with bricks that the streamer has or fetches.
+/// The statistics lack the fields that a [`Renderer`](crate::render::renderer::Renderer) adds.
 ///
 /// # Errors
 /// As [`crate::render::renderer::render`].
@@ -73,13 +73,13 @@ pub fn render_cpu(
     Ok((image, FrameStats { backend: "cpu", ..walk.into_stats() }))
 }
 
-/// The ray caster in Rust: reads bricks where the host cache holds them.
+/// The CPU ray caster: reads bricks directly from the host cache.
 pub struct CpuCaster {
     frame: CpuFrame,
     /// The rays of the present band; `None` before the first one.
     rays: Option<CpuRays>,
     counters: RayCounters,
-    /// How many of `counters.rays_terminated_early` are the present band's: it is noted whenever it is interrupted.
+    /// Share of the current band in `counters.rays_terminated_early`: it is counted at every interruption.
     terminated_in_band: u64,
     errors: ErrorsByReason,
 }
@@ -97,7 +97,7 @@ impl CpuCaster {
         }
     }
 
-    /// What rays may be off by at most, reason by reason.
+    /// Largest errors of rays, by reason.
     #[must_use]
     pub fn errors_by_reason(&self) -> ErrorsByReason {
         self.errors

@@ -36,46 +36,47 @@ use crate::stream::counters::DeviceCounters;
 use crate::stream::field::FieldBrick;
 use crate::stream::streamer::{OnMissing, Streamer};
 
-/// A device, and what it holds from picture to picture: bricks, tables, pipelines.
+/// A device, with the data that it keeps from picture to picture: bricks, tables, pipelines.
 pub(crate) struct GpuBackend {
     device: GpuDevice,
     caster: Option<GpuEngine>,
     /// What its page table holds.
     answers: Option<Answers>,
-    /// The picture whose rays stopped where they were.
+    /// The picture whose rays were paused.
     paused: Option<Paused>,
-    /// Pixels that nobody looks at any more: the next picture is written over them.
+    /// Pixels of a picture that is no longer needed: the next picture reuses their memory.
     spare: Vec<[f32; 4]>,
-    /// Bytes that it may hold where nobody says how many.
+    /// Bytes of device memory to use by default.
     default_memory: u64,
 }
 
-/// A picture that goes on: how it is made, and what of it is finished.
+/// A paused picture: its setting and its finished parts.
 struct Paused {
     scene: ResolvedScene,
     lod: LodChoice,
     bands: FinishedBands,
 }
 
-/// What decides which answers a page table holds.
+/// Key of the answers in a page table.
 #[derive(PartialEq)]
 struct Answers {
-    /// Those of the streamer, which are others for another look: [`Streamer::answers`].
+    /// Version of the streamer's answers, which changes with the look: [`Streamer::answers`].
     number: u64,
-    /// Which levels are fine enough.
+    /// The choice of levels.
     lod: LodChoice,
-    /// Whether it says what bricks may be off by.
+    /// Whether deviations of bricks are included.
     states_errors: bool,
 }
 
 impl GpuBackend {
-    /// Nothing is there yet.
+    /// A backend that holds nothing yet.
     pub(crate) fn new(device: GpuDevice) -> Self {
         let default_memory = device.default_memory();
         Self { device, caster: None, answers: None, paused: None, spare: Vec::new(), default_memory }
     }
 
-    /// Bytes that it may hold where nobody says how many: [`GpuDevice::default_memory`], or as much of it as there is room for.
+    /// Device memory to use by default, bytes: [`GpuDevice::default_memory`], or the part of it that could be
+    /// allocated.
     pub(crate) fn default_memory(&self) -> u64 {
         self.default_memory
     }
@@ -85,23 +86,23 @@ impl GpuBackend {
         &self.device
     }
 
-    /// Takes a picture that nobody looks at any more; its memory is used for the next one.
+    /// Takes the memory of a picture that is no longer needed, for the next one.
     pub(crate) fn take_back(&mut self, picture: Image) {
         self.spare = picture.pixels;
     }
 
-    /// A picture of large pixels as one of so many small ones.
+    /// Enlarges a picture: each pixel becomes `factor` x `factor` pixels.
     pub(crate) fn enlarged(&mut self, picture: Image, factor: u32, size: [u32; 2]) -> Image {
         picture.enlarged_over(std::mem::take(&mut self.spare), factor, size)
     }
 
-    /// Makes a picture from what the device holds, and what the streamer has and fetches. Should the device be lost, once more
-    /// on what `reopen` gives, which takes its place: its memory is filled again. The statistics tell of the loss, and what the
-    /// lost device had done is not in them.
+    /// Draws a picture from bricks on the device and bricks that the streamer has or fetches. If the device is lost, it
+    /// is replaced by the device that `reopen` returns, and the picture is drawn once more. The statistics report the
+    /// loss; counters of the lost device are not in them.
     ///
     /// # Errors
-    /// As [`crate::render::renderer::render`], and whatever the GPU cannot do; the loss itself where the second device cannot be opened,
-    /// or is lost, too.
+    /// As [`crate::render::renderer::render`], and errors of the GPU. The device loss itself, if the second device
+    /// cannot be opened or is lost too.
     pub(crate) fn draw(
         &mut self,
         streamer: &mut Streamer,
@@ -119,7 +120,7 @@ impl GpuBackend {
     }
 
     fn draw_once(&mut self, streamer: &mut Streamer, picture: &GpuPicture<'_>) -> Result<GpuDrawn, RenderError> {
-        // Where something goes wrong, nothing half done is kept.
+        // After an error no unfinished picture is kept.
         let (caster, paused) = (self.caster.take(), self.paused.take());
         let GpuPicture { scene, options, plan, stop, .. } = *picture;
         let lod = options.lod();
@@ -133,7 +134,7 @@ impl GpuBackend {
                 let keeps_answers = self.answers == answers;
                 self.answers = answers;
                 let [width, height] = scene.image_size;
-                // Pictures of larger pixels leave it for the next one as large as it is.
+                // A picture of larger pixels leaves the memory for the next full-size one.
                 let is_as_large = self.spare.len() == width as usize * height as usize;
                 let spare = FinishedBands::over(if is_as_large { std::mem::take(&mut self.spare) } else { Vec::new() });
                 (self.begin(caster, streamer, picture, keeps_answers)?, spare)
@@ -157,7 +158,7 @@ impl GpuBackend {
         }
     }
 
-    /// The caster of the picture before where there is room in it, else a new one.
+    /// The caster of the previous picture if its memory suffices, else a new one.
     fn begin(
         &mut self,
         caster: Option<GpuEngine>,
@@ -228,7 +229,8 @@ impl GpuBackend {
     }
 }
 
-/// What is made with so much memory; where the device has no room for it, with half of that, and so on down to [`SHARED_MEMORY`].
+/// Calls `make` with `memory` bytes. If the device has no room, tries half of that, and so on down to
+/// [`SHARED_MEMORY`].
 fn with_what_fits<T>(memory: &mut u64, make: impl Fn(u64) -> Result<T, GpuError>) -> Result<T, GpuError> {
     loop {
         match make(*memory) {
@@ -238,7 +240,7 @@ fn with_what_fits<T>(memory: &mut u64, make: impl Fn(u64) -> Result<T, GpuError>
     }
 }
 
-/// What the table of contents says of how far bricks may be off.
+/// Function that computes deviations of bricks from the table of contents.
 fn deviation_of(container: Arc<Container>, deviations: Arc<Deviations>) -> DeviationOf {
     Box::new(move |key| match container.entry(key) {
         Ok(entry) => deviations.of(key, &entry, may_have_holes(&container, key, &entry)),
@@ -246,10 +248,11 @@ fn deviation_of(container: Arc<Container>, deviations: Arc<Deviations>) -> Devia
     })
 }
 
-/// One picture on `device`, or on what `reopen` gives should that be lost, on the calling thread's pool.
+/// Draws one picture on `device`, on the calling thread's pool. If the device is lost, draws on the one that `reopen`
+/// returns.
 ///
 /// # Errors
-/// As any picture; the loss itself where the second device cannot be opened, or is lost, too.
+/// As any picture; the device loss itself, if the second device cannot be opened or is lost too.
 pub fn render_gpu_surviving(
     device: GpuDevice,
     reopen: &dyn Fn() -> Result<GpuDevice, GpuError>,
@@ -273,7 +276,7 @@ pub fn render_gpu_surviving(
     Ok((image, stats))
 }
 
-/// How bricks of this type are decoded: see [`crate::stream::residency::Voxels`].
+/// Storage of decoded bricks of this type: see [`crate::stream::residency::Voxels`].
 fn storage(voxel_type: VoxelType) -> VoxelStorage {
     match voxel_type.bytes() {
         1 => VoxelStorage::U8,

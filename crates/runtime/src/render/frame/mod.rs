@@ -5,12 +5,12 @@
 //! - [`walk`]: the passes of a frame, for any [`Engine`](crate::engines::engine::Engine).
 //!
 //! ```text
-//! plan the host budget --> for each band of rows: advance --> wanted --> fetch --> advance ... until nothing remains --> image
+//! plan the host budget --> for each band of rows: advance --> wanted --> fetch --> advance ... --> image
 //! ```
 //!
-//! Without a deadline the picture always converges: it depends neither on the budgets, nor on the number of threads, nor on
-//! the order in which bricks arrive. With one, rays that wait when the time is up go on through coarser bricks, or stop where
-//! they are, as [`crate::render::renderer`] wants it.
+//! Without a deadline the picture always converges. It does not depend on budgets, the number of threads, or the order
+//! in which bricks arrive. With a deadline, rays that still wait continue through coarser bricks, or pause, as
+//! [`crate::render::renderer`] decides.
 
 pub mod check;
 pub mod cpu;

@@ -1,17 +1,17 @@
-//! How far a picture may be from the exact one, by what is known without casting a ray again.
+//! Predicted error of a picture: an estimate that needs no ray to be cast again.
 //!
-//! Only the packet caster in mode `dvr` knows: each of its cells states an error, and what else it leaves out is a share of
-//! the error that it is aimed at. The exact picture is that of one level, as in [`super::check`]. Each term says whether it
-//! is a bound; the total is one if all terms are. What is no bound is an estimate to the upper side:
-//! - *cells*: what the rule of integration misses in each cell, refined cells as they are in the end, times the transmittance
-//!   in front, summed up along each ray; the ray with the greatest sum. Errors of either sign add up there, so that the sum is
-//!   usually several times the true error. It is no bound: that a cell's error is at most 1.5 times what it states is tested
-//!   on random chords, not proven.
-//! - *ray ends*: what lies behind the end of rays that end early: a bound, because no channel exceeds 1.
-//! - *transfer function*: extinction and emission are piecewise quadratic within a share of the extinction; it is looked at in
-//!   nine places between two control points, so that this is no bound.
-//! - *levels*: with levels chosen automatically, what coarser levels do, summed up brick by brick along each ray
-//!   ([`crate::lod::deviation`]); the ray with the greatest sum: a bound.
+//! Only the packet caster in mode `dvr` predicts it: each of its cells states an error, and its other errors are shares
+//! of the requested error. The exact picture is that of one level, as in [`super::check`]. Each term says whether it is
+//! a bound; the total is a bound if all terms are. A term that is no bound is an estimate from above:
+//! - *cells*: error of the integration rule in each cell (the final cells, after refinement), times the transmittance
+//!   in front, summed up along each ray. The ray with the greatest sum counts. Errors of both signs add up, so the sum
+//!   is usually several times the true error. It is no bound: tests on random chords show that a cell's error is at
+//!   most 1.5 times the stated one, but there is no proof.
+//! - *ray ends*: light behind the end of rays that end early. A bound, because no channel exceeds 1.
+//! - *transfer function*: extinction and emission are fitted by quadratic pieces, within a share of the extinction. The
+//!   fit is checked at nine places between two control points, so this is no bound.
+//! - *levels*: if levels are chosen automatically, the deviation of coarser levels, summed up brick by brick along each
+//!   ray ([`crate::lod::deviation`]). The ray with the greatest sum counts. A bound.
 //! - *rounding*: `f32` sums over the cells of a brick. No bound: values and positions are rounded, too.
 
 use serde::Serialize;
@@ -22,31 +22,31 @@ use crate::engines::totals::EngineErrors;
 use crate::render::options::{LevelChoice, RenderOptions};
 use crate::render::stats::FrameStats;
 
-/// One reason to be off.
+/// Error for one reason.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Term {
-    /// Most that any channel of any pixel may be off by for this reason, grey levels of 255; null where nothing is known.
+    /// Largest error of any channel of any pixel for this reason, grey levels of 255; null if unknown.
     pub grey_levels: Option<f64>,
-    /// Whether it is never more; otherwise it is an estimate.
+    /// Whether it is a bound; otherwise it is an estimate.
     pub is_bound: bool,
 }
 
-/// `error_predicted`: see the module.
+/// Predicted error, `error_predicted` in the statistics; see the module.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct ErrorPredicted {
-    /// The level of whose exact picture the distance is meant; the finest where levels are chosen automatically.
+    /// The level whose exact picture is meant; the finest if levels are chosen automatically.
     pub level: u8,
-    /// Sum of the others.
+    /// Sum of the other terms.
     pub total: Term,
     /// Integration of cells.
     pub cells: Term,
-    /// Rays that end before they leave the volume.
+    /// Rays that end inside the volume.
     pub ray_ends: Term,
     /// Fit of the transfer function's pieces.
     pub transfer_function: Term,
     /// Levels of detail.
     pub levels: Term,
-    /// `f32`.
+    /// Rounding in `f32`.
     pub rounding: Term,
 }
 
@@ -67,7 +67,8 @@ impl Term {
     }
 }
 
-/// The prediction for a frame with these statistics, from what its caster says; `level` is the one that it is held against.
+/// The prediction for a frame with these statistics and errors of its engine; `level` is the level of the exact
+/// picture.
 #[must_use]
 pub fn predict(errors: &EngineErrors, stats: &FrameStats, options: &RenderOptions, level: Lod) -> ErrorPredicted {
     let cells = Term::estimate(errors.cells);
@@ -82,7 +83,7 @@ pub fn predict(errors: &EngineErrors, stats: &FrameStats, options: &RenderOption
 fn levels(errors: &EngineErrors, stats: &FrameStats, options: &RenderOptions) -> Term {
     match options.level {
         LevelChoice::Auto => Term::bound(errors.levels),
-        // Nobody sums up how far a level that stands in is from the one that was asked for.
+        // The difference between a level that stands in and the requested level is not summed up.
         LevelChoice::Fixed(_) if stats.fallbacks > 0 || !stats.converged => Term::UNKNOWN,
         LevelChoice::Fixed(_) => Term::bound(0.0),
     }
@@ -113,7 +114,7 @@ mod tests {
         assert_eq!((found.ray_ends, found.levels), (Term::bound(0.001), Term::bound(0.003)));
         assert!(!found.cells.is_bound && !found.transfer_function.is_bound && !found.rounding.is_bound);
         assert!(Term::sum([Term::bound(1.0); 5]).is_bound);
-        // Rays that go on to the end leave nothing out.
+        // Rays that reach the end of the volume leave nothing out.
         assert_eq!(prediction(&self::stats(), LevelChoice::Auto).ray_ends, Term::bound(0.0));
     }
 
@@ -124,7 +125,7 @@ mod tests {
         let fixed = LevelChoice::Fixed(Lod(1));
         assert_eq!(prediction(&stats(), fixed).levels, Term::bound(0.0));
         for stats in [&stood_in, &late] {
-            // Against the finest level whatever is drawn is bounded, against another one it is not.
+            // Against the finest level every drawn brick has a bound; against another level it has none.
             assert_eq!(prediction(stats, LevelChoice::Auto).levels, Term::bound(0.003));
             let found = prediction(stats, fixed);
             assert!(found.levels == Term::UNKNOWN && found.total == Term::UNKNOWN, "{found:?}");

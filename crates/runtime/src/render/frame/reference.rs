@@ -1,7 +1,7 @@
-//! The reference backend: one whole level in memory, then the brute-force integrator.
+//! The reference backend: loads one whole level into memory, then runs the brute-force integrator.
 //!
-//! Eight bytes per voxel must fit the host budget; every brick of the level must be readable: a reference with fallbacks
-//! would be none.
+//! Eight bytes per voxel must fit the host budget. Every brick of the level must be readable: a reference has no
+//! fallbacks.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -39,7 +39,7 @@ pub fn reference_bytes(container: &Container, lod: Lod, scene: &ResolvedScene) -
 /// One level of a container, wholly in memory.
 ///
 /// # Errors
-/// If it does not fit `host_memory_bytes`, or a brick cannot be read.
+/// If it does not fit into `host_memory_bytes`, or a brick cannot be read.
 pub fn load_level(
     container: &Container,
     lod: Lod,
@@ -59,7 +59,7 @@ pub fn load_level(
     Ok(ReferenceVolume { dims: reader.whole().extent(), geometry, values, value_range })
 }
 
-/// Place of a level's grid in the world: its voxel 0 lies in the middle of the level-0 voxels that it covers.
+/// Geometry of a level's grid: its voxel 0 lies in the middle of the level-0 voxels that it covers.
 fn level_geometry(geometry: &Geometry, level: &Level) -> Geometry {
     let scale = level.scale.map(|s| s as f64);
     let first = DVec3::from_array(scale.map(|s| HALF_VOXEL * s - HALF_VOXEL));
@@ -68,7 +68,7 @@ fn level_geometry(geometry: &Geometry, level: &Level) -> Geometry {
     Geometry { spacing, origin: origin.to_array(), direction: geometry.direction }
 }
 
-/// The scene over a level: the clip box in the level's index space, and never beyond the domain of level 0.
+/// The scene for a level: the clip box in the level's index space, clipped to the domain of level 0.
 #[must_use]
 pub fn scene_of_level(container: &Container, lod: Lod, scene: &ResolvedScene) -> ResolvedScene {
     let level = container.pyramid().level_at(lod);
@@ -80,7 +80,7 @@ pub fn scene_of_level(container: &Container, lod: Lod, scene: &ResolvedScene) ->
     ResolvedScene { clip: Clip { index_box, ..scene.clip.clone() }, ..scene.clone() }
 }
 
-/// The picture by the reference integrator.
+/// Draws the picture with the reference integrator.
 ///
 /// # Errors
 /// If the level does not fit the host budget, or a brick cannot be read.

@@ -1,4 +1,4 @@
-//! What a frame of a scene is made with: memory divided, a streamer, and what both ray casters must know of levels.
+//! Setting of a frame: the memory plan, a streamer, and the facts that both ray casters need for their levels.
 
 use std::sync::Arc;
 
@@ -16,10 +16,10 @@ use crate::stream::classify::Classifier;
 use crate::stream::priority::BrickOrder;
 use crate::stream::streamer::Streamer;
 
-/// Divides the host budget for a frame that the CPU makes.
+/// Divides the host budget for a frame on the CPU.
 ///
 /// # Errors
-/// If it is too small.
+/// If the budget is too small.
 pub fn plan_host(
     container: &Container,
     scene: &ResolvedScene,
@@ -29,7 +29,7 @@ pub fn plan_host(
     plan_host_for(caster, container, scene, options, options.time_budget_ms.is_some())
 }
 
-/// Divides the host budget for a frame that a ray caster makes who holds so much, with or without a deadline.
+/// Divides the host budget for a frame with this ray caster, with or without a deadline.
 pub(crate) fn plan_host_for(
     caster: CasterBytes,
     container: &Container,
@@ -45,7 +45,7 @@ pub(crate) fn plan_host_for(
         has_deadline,
         threads: rayon::current_num_threads() as u64,
         toc_pages: toc::pages_for(container.pyramid().brick_count()),
-        // Meshes stay in memory as long as the scene does.
+        // Meshes stay in memory as long as the scene.
         process_bytes: options.process_bytes.saturating_add(scene.clip.bytes()),
     };
     let plan = HostPlan::new(options.host_memory_bytes, &demand)?;
@@ -55,7 +55,7 @@ pub(crate) fn plan_host_for(
     })
 }
 
-/// What comes of what the rules of levels must know of a container.
+/// Calls `make` with the container facts that the level rules need.
 pub(super) fn with_data_scale<T>(container: &Container, make: impl FnOnce(&DataScale<'_>) -> T) -> T {
     let InUnits { geometry, scale, offset, value_range } = InUnits::of(container);
     let voxel_error = container.descriptor().voxel_error() * scale.abs();
@@ -75,12 +75,12 @@ pub fn streamer_for(
     Streamer::new(container.clone(), value_map(container), classifier, order, plan)
 }
 
-/// What the table of contents decides about bricks, for frames of this scene.
+/// Classifier of bricks for frames of this scene.
 #[must_use]
 pub fn classifier_for(container: &Container, scene: &ResolvedScene, options: &RenderOptions) -> Classifier {
     let descriptor = container.descriptor();
     let classifier = Classifier::new(scene, descriptor.voxel_type, value_map(container), options.skipping);
-    // Who asks for a level gets it.
+    // A requested level is drawn as it is.
     if let LevelChoice::Fixed(_) = options.level {
         return classifier;
     }

@@ -1,36 +1,37 @@
-//! The stated error of a frame: how far each pixel may be from the exact picture of the source's own voxels, for all reasons.
+//! Stated error of a frame: the difference of each pixel from the exact picture of the source's own voxels, for all
+//! reasons.
 //!
-//! Per pixel, the mean over its rays of what [`super::predict`] lists, along that very ray: the errors of its cells, what lies
-//! behind its end, the fit of the transfer function, rounding, and what coarser levels do, and voxels that were moved ([`crate::lod::deviation`]). Pixels
-//! that are not finished yet are taken from a picture of larger pixels: of those nothing is known but that all channels lie
-//! in [0, 1]. Failed bricks need no word of their own: what stands in for them is a coarser level.
+//! The error of a pixel is the mean over its rays of the terms in [`super::predict`], each along that ray: cells, ray
+//! end, transfer function, rounding. It includes coarser levels and moved voxels ([`crate::lod::deviation`]).
+//! Unfinished pixels come from a picture of larger pixels; for them it is only known that all channels lie in [0, 1].
+//! Failed bricks have no term of their own: a coarser level stands in for them.
 //!
-//! It is no bound in the strict sense where the terms are not (see [`super::predict`]; in `mip`, `minip` and `mean` rounding of
-//! values, in `iso` the places of crossings, are estimates); what levels do always is one.
+//! It is no strict bound if a term is an estimate: see [`super::predict`], rounding of values in `mip`, `minip` and
+//! `mean`, and positions of crossings in `iso`. The term of levels is always a bound.
 
 use serde::Serialize;
 use supervol_scene::image::{GREY_LEVELS, Image};
 
 use crate::engines::totals::ErrorsByReason;
 
-/// See the module. A grey level is 1/255 of full scale.
+/// Stated error, see the module. A grey level is 1/255 of full scale.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct ErrorStated {
-    /// Most that any channel of any pixel may be off.
+    /// Largest error of any channel of any pixel.
     pub largest_grey_levels: f64,
-    /// Mean over all pixels of the most that a channel may be off.
+    /// Mean over all pixels of the largest error of a channel.
     pub mean_grey_levels: f64,
-    /// Most that coarser levels may do to any ray of a finished tile of pixels: a bound.
+    /// Largest error from coarser levels of any ray of a finished tile: a bound.
     pub levels_grey_levels: f64,
-    /// Whether some brick that was drawn from a coarser level may have a voxel where finer ones have none, or the other way
-    /// round: the bound then holds for both.
+    /// Whether a brick drawn from a coarser level may have a voxel where finer levels have none, or the reverse. The
+    /// bound then covers both.
     pub presence_may_change: bool,
-    /// Pixels that are not finished: of those nothing is known but what they show.
+    /// Unfinished pixels: only their shown colour is known.
     pub pixels_unknown: u64,
 }
 
 impl ErrorStated {
-    /// Of a picture of which so much is known; see [`complete`].
+    /// Stated error of a picture with these known errors; see [`complete`].
     #[must_use]
     pub fn of(known: &Image, picture: &Image, rays: ErrorsByReason, pixels_unknown: u64) -> Self {
         let of_pixels =
@@ -45,8 +46,7 @@ impl ErrorStated {
     }
 }
 
-/// What each pixel of a picture may be off by, grey, 1 being white, where `known` says it of finished pixels and is NaN
-/// elsewhere.
+/// Error of each pixel of a picture, grey, 1 is white. `known` holds it for finished pixels and NaN elsewhere.
 #[must_use]
 pub fn complete(mut known: Image, picture: &Image) -> Image {
     for (error, &shown) in known.pixels.iter_mut().zip(&picture.pixels) {
@@ -64,7 +64,7 @@ fn error_of(known: [f32; 4], shown: [f32; 4]) -> f32 {
     }
 }
 
-/// The colours of [`in_colors`]: grey levels and red, green, blue.
+/// The colours of [`in_colors`]: grey levels, and red, green, blue.
 const COLORS: [(f64, [f32; 3]); 6] = [
     (0.1, [0.0, 0.0, 0.0]),
     (0.5, [0.1, 0.2, 0.7]),
@@ -74,7 +74,7 @@ const COLORS: [(f64, [f32; 3]); 6] = [
     (255.0, [1.0, 1.0, 1.0]),
 ];
 
-/// An error map for people to look at: black up to a tenth of a grey level, then by the logarithm through blue (0.5), green
+/// Error map in colours: black up to a tenth of a grey level, then on a logarithmic scale through blue (0.5), green
 /// (2), yellow (16) and red (64) to white (255).
 #[must_use]
 pub fn in_colors(mut map: Image) -> Image {

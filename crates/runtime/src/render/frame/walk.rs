@@ -1,4 +1,4 @@
-//! The passes of one frame: streamer and engine in turn.
+//! The passes of one frame: streamer and engine alternate.
 
 use std::ops::Range;
 use std::time::{Duration, Instant};
@@ -20,17 +20,17 @@ use crate::stream::streamer::{OnMissing, Room, Streamer};
 
 /// Most passes of one band. Each pass but the last answers at least one brick that a ray waits for.
 pub const PASS_LIMIT: u64 = 10_000_000;
-/// Part of the host cache, as a divisor, that coarse levels kept for a deadline may fill.
+/// Divisor of the host cache: the share of coarse levels kept for a deadline.
 const KEPT_SHARE: u64 = 8;
-/// Part of the time budget, as a divisor, that fetching coarse levels for a deadline may take.
+/// Divisor of the time budget: the share of fetching coarse levels for a deadline.
 const KEPT_TIME_SHARE: u32 = 4;
 
 /// Least time that a pass waits for bricks, once it could begin.
 const LEAST_PATIENCE: Duration = Duration::from_millis(10);
 
-/// Takes one engine through the passes of one frame.
+/// Runs one engine through the passes of one frame.
 ///
-/// The streamer outlives the walk: what it holds serves the next frame.
+/// The streamer outlives the walk: its bricks serve the next frame.
 pub struct FrameWalk<'a> {
     streamer: &'a mut Streamer,
     plan: HostPlan,
@@ -38,13 +38,13 @@ pub struct FrameWalk<'a> {
     start: Instant,
     stop: Stop,
     stats: FrameStats,
-    /// Time that went into fetching bricks.
+    /// Time spent fetching bricks.
     fetching: Duration,
     rows: u32,
     rows_finished: u32,
 }
 
-/// How far the bands of a picture have come that is cast with interruptions.
+/// Progress through the bands of a picture that is cast with interruptions.
 #[derive(Debug, Clone, Default)]
 pub struct Bands {
     /// Pixel rows of the band in progress; empty between two bands.
@@ -56,24 +56,25 @@ pub struct Bands {
 /// The bands of a picture that were finished before its walk was cancelled.
 #[derive(Debug, Default)]
 pub struct FinishedBands {
-    /// Of the whole picture, from the first band on.
+    /// Pixels of the picture, from the first band on.
     pixels: Vec<[f32; 4]>,
-    /// What else is asked for of them.
+    /// Further maps requested of these pixels.
     maps: Maps,
     rows: u32,
     count: u64,
-    /// What the rays of the band in progress wait for.
+    /// Bricks that the rays of the band in progress wait for.
     wanted: Vec<FieldBrick>,
 }
 
 impl FinishedBands {
-    /// None yet, of a picture that is written over this one: new memory costs a picture's time on fast devices.
+    /// No finished bands, with the memory of an older picture: new memory would cost as much time as a picture on fast
+    /// devices.
     #[must_use]
     pub fn over(pixels: Vec<[f32; 4]>) -> Self {
         Self { pixels, ..Self::default() }
     }
 
-    /// What is known of the pixels of the picture besides; unknown of those of other bands.
+    /// The maps of the picture's pixels; unknown in bands that are not finished.
     #[must_use]
     pub fn into_maps(self) -> Maps {
         self.maps
@@ -99,31 +100,31 @@ impl<'a> FrameWalk<'a> {
         }
     }
 
-    /// The same walk that stops then, whatever the options say.
+    /// The same walk with this stop condition instead of the options'.
     #[must_use]
     pub fn until(self, stop: Stop) -> Self {
         Self { stop, ..self }
     }
 
-    /// The same walk after others for the same picture that have these statistics.
+    /// The same walk, continuing from these statistics of earlier walks for the same picture.
     #[must_use]
     pub fn after(self, stats: FrameStats) -> Self {
         Self { stats: FrameStats { converged: true, ..stats }, ..self }
     }
 
-    /// Statistics of the walk; what the streamer counts, it counts since it was made.
+    /// Statistics of the walk. The streamer's counters count since the streamer was made.
     #[must_use]
     pub fn into_stats(self) -> FrameStats {
         self.stats
     }
 
-    /// Time that went into fetching bricks, and waiting for them.
+    /// Time spent fetching bricks, waiting included.
     #[must_use]
     pub fn fetching(&self) -> Duration {
         self.fetching
     }
 
-    /// Casts until the picture is complete. When the time is up, rays that wait take coarser bricks.
+    /// Casts until the picture is complete. After the deadline, rays that wait take coarser bricks.
     ///
     /// # Errors
     /// If a device fails, memory does not suffice, there is no progress, or the walk is cancelled.
@@ -132,7 +133,8 @@ impl<'a> FrameWalk<'a> {
         self.run_on(engine, image_size, &mut bands)
     }
 
-    /// The same, behind the bands that an earlier walk has finished; where this one is cancelled, `bands` has those that are finished by then.
+    /// The same, after the bands that an earlier walk has finished. If this walk is cancelled, `bands` holds the bands
+    /// finished by then.
     ///
     /// # Errors
     /// As [`Self::run`].
@@ -172,8 +174,8 @@ impl<'a> FrameWalk<'a> {
         Ok(Image { width, height, pixels: std::mem::take(&mut bands.pixels) })
     }
 
-    /// Casts until the picture is finished or the walk is to stop, and writes the pixels that are finished over those of
-    /// `picture`, and what else is known of them over those of `maps`; how many those are by now. `bands` says where an earlier walk with the same engine has stopped.
+    /// Casts until the picture is finished or the walk must stop. Finished pixels are written into `picture`, their
+    /// maps into `maps`; returns their number. `bands` says where an earlier walk with the same engine stopped.
     ///
     /// # Errors
     /// If memory does not suffice, or there is no progress.
@@ -221,8 +223,8 @@ impl<'a> FrameWalk<'a> {
         self.streamer.begin_frame();
     }
 
-    /// The passes of a band until nothing of it waits. Where it is cancelled, `wanted` has what its rays wait for: that is
-    /// fetched first when it goes on, since a pass may take longer than there is time.
+    /// Runs the passes of a band until none of its rays waits. If cancelled, `wanted` holds the bricks that its rays
+    /// wait for. They are fetched first when the walk resumes, because a pass may take longer than there is time.
     fn complete_band(&mut self, engine: &mut dyn Engine, wanted: &mut Vec<FieldBrick>) -> Result<(), RenderError> {
         let mut remaining = 0;
         for pass in 1..=PASS_LIMIT {
@@ -230,7 +232,7 @@ impl<'a> FrameWalk<'a> {
                 return Err(RenderError::Cancelled);
             }
             let is_going_on = pass > 1 || !wanted.is_empty();
-            // When the time is up nothing more is fetched: the next pass waits for nothing.
+            // After the deadline nothing more is fetched: the next pass does not wait.
             if is_going_on && !self.stop.is_late() {
                 self.fetch(pass, (wanted, remaining), engine, None)?;
             }
@@ -238,7 +240,7 @@ impl<'a> FrameWalk<'a> {
             let on_missing = if is_late { OnMissing::UseParent } else { OnMissing::Wait };
             let report = match self.pass(engine, on_missing) {
                 Err(RenderError::Cancelled) if !wanted.is_empty() => {
-                    // Asked for, not waited for: the next picture wants most of it, too.
+                    // Requested without waiting: the next picture wants most of these bricks, too.
                     self.fetch(pass, (wanted, remaining), engine, None)?;
                     return Err(RenderError::Cancelled);
                 }
@@ -250,7 +252,7 @@ impl<'a> FrameWalk<'a> {
             }
             (*wanted, remaining) = (report.wanted, report.remaining);
             if report.is_stopped {
-                // Asked for, not waited for.
+                // Requested without waiting.
                 self.fetch(pass, (wanted, remaining), engine, None)?;
                 return Err(RenderError::Cancelled);
             }
@@ -265,8 +267,8 @@ impl<'a> FrameWalk<'a> {
         Err(RenderError::TooManyPasses { remaining })
     }
 
-    /// The passes of a band until it is finished or the walk is to stop: whether it is finished. Bricks are read while rays
-    /// are cast; a pass waits for more of them as long as the last one took.
+    /// Runs the passes of a band until it is finished or the walk must stop; returns whether it is finished. Bricks are
+    /// read while rays are cast. A pass waits for more bricks as long as the last pass took.
     fn cast_band(&mut self, engine: &mut dyn InSteps) -> Result<bool, RenderError> {
         let mut remaining = 0;
         for pass in 1..=PASS_LIMIT {
@@ -277,8 +279,8 @@ impl<'a> FrameWalk<'a> {
                 return Ok(true);
             }
             remaining = report.remaining;
-            // Also when the time is up, so that what rays wait for is there in the next step, however short steps are; then nobody
-            // waits for it.
+            // Fetches also after the deadline, without waiting, so that the bricks are there in the next step, however
+            // short steps are.
             self.fetch(pass, (&report.wanted, remaining), engine, Some(patience))?;
             if self.stop.is_due() {
                 return Ok(false);
@@ -307,7 +309,7 @@ impl<'a> FrameWalk<'a> {
         Ok(report)
     }
 
-    /// Fetches what so many rays wait for, and hands it to the caster; see [`Room::patience`].
+    /// Fetches the bricks that `remaining` rays wait for, and gives them to the caster; see [`Room::patience`].
     fn fetch(
         &mut self,
         pass: u64,
@@ -325,8 +327,8 @@ impl<'a> FrameWalk<'a> {
         Ok(engine.update(&self.streamer.view(OnMissing::Wait), &fetched)?)
     }
 
-    /// Fetches the coarsest level, whatever it takes, and finer ones while they are small and the time allows: what rays
-    /// fall back to when the time is up.
+    /// Fetches the coarsest level in any case, and finer ones while they are small and the time allows. Rays fall back
+    /// to them after the deadline.
     fn keep_coarse_levels(&mut self, engine: &mut dyn Engine) -> Result<(), RenderError> {
         let container = self.streamer.container().clone();
         let pyramid = container.pyramid();
@@ -347,7 +349,7 @@ impl<'a> FrameWalk<'a> {
                 break;
             }
             let keys = Field::FIRST.bricks(pyramid.keys_of(lod));
-            // A level that there is no time for is kept as far as it came.
+            // A level that takes too long is kept as far as it was read.
             let stop = self.stop.instead_at(is_optional.then(|| self.start + time));
             let room = Room { bricks: engine.room(), stop, patience: None };
             let fetched = self.streamer.fetch_to_keep(&keys, room)?;
@@ -367,7 +369,7 @@ impl<'a> FrameWalk<'a> {
     }
 }
 
-/// A mistake of ours: the engine waits, and nothing could be done for it.
+/// A bug: the engine waits, and no brick could be answered for it.
 fn no_progress(pass: u64, wanted: &[FieldBrick], remaining: u64) -> RenderError {
     let first = wanted.first().map_or("none".into(), ToString::to_string);
     RenderError::NoProgress { pass, remaining, wanted: wanted.len(), first }

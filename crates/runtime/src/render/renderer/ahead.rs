@@ -1,7 +1,7 @@
-//! What the next picture will want, if the camera goes on as it does: read while nobody waits for a picture.
+//! Prefetch for the next picture: reads its bricks while no picture is wanted, if the camera keeps moving as it does.
 //!
-//! A picture of large pixels, seen from where the camera comes to next, with the levels of small ones: its rays find the bricks
-//! that are wanted, what hides what included. Only room that is spare is taken: no brick of the last picture leaves the cache.
+//! It casts a picture of large pixels, from the camera's next position, with the levels of small pixels. Its rays find
+//! the wanted bricks, occlusion included. Only spare room is used: no brick of the last picture leaves the cache.
 
 use std::time::Instant;
 
@@ -19,19 +19,19 @@ use crate::render::options::{LevelChoice, RenderOptions};
 use crate::stop::Stop;
 use crate::stream::streamer::StreamError;
 
-/// What looking ahead has brought.
+/// Result of the prefetch.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Ahead {
     /// Bricks that came into the cache.
     pub page_ins: u64,
     /// Bytes read for them.
     pub bytes_read: u64,
-    /// Whether all that was looked for is there now.
+    /// Whether all bricks that it looked for are resident.
     pub is_complete: bool,
 }
 
-/// Brings the bricks of a picture of this scene into the cache, as far as there is time and spare room. Whoever draws next has to
-/// aim the streamer again.
+/// Brings the bricks of a picture of this scene into the cache, as far as time and spare room allow. Aim the streamer
+/// again before the next picture.
 ///
 /// # Errors
 /// If threads cannot be started.
@@ -52,7 +52,7 @@ pub(super) fn look_ahead(
         ..options.clone()
     };
     let lod = match options.level {
-        // Seen through the large pixels, voxels are as large as in the picture through its own.
+        // With this factor, voxels look as large through the large pixels as in the picture through its own pixels.
         LevelChoice::Auto => LodChoice::Auto { voxel_pixels: 1.0 / f64::from(next.subgrid * pixel) },
         LevelChoice::Fixed(lod) => LodChoice::Fixed(lod),
     };
@@ -69,7 +69,7 @@ pub(super) fn look_ahead(
     streamer.keep_last_frame(false);
     let is_complete = match result {
         Ok(_) => stats.converged,
-        // What is spare is taken.
+        // All spare room is used.
         Err(RenderError::Stream(StreamError::NoRoom { .. })) => false,
         Err(error) => return Err(error),
     };

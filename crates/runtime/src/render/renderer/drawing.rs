@@ -1,15 +1,15 @@
-//! A picture in the making, by packets on the CPU: ever smaller pixels, until it is the one that is wanted.
+//! Progressive picture by packets on the CPU: its pixels become smaller until the requested picture is reached.
 //!
 //! ```text
 //! sketch: large pixels, the coarsest level --> smaller pixels, finer levels --> ... --> the picture that is wanted
 //! ```
 //!
-//! The sketch is always finished. Each later picture begins as the last one, enlarged, and its tiles are written over as they
-//! are finished; levels follow the size of its pixels, so that it takes some eight times as long as one of pixels twice as
-//! large. How long the last one took says which are left out; none is after one that waited for bricks, since nobody knows how
-//! long the next one will. When the time is up, rays stop between two bricks: what has been finished stands, the rest is what
-//! the picture before shows there ([`FrameStats::pixels_unfinished`]), and with more time
-//! they go on. Without a deadline the picture that is wanted is drawn at once.
+//! The sketch is always finished. Each later picture (a stage) begins as the last one, enlarged; its tiles are
+//! overwritten as they are finished. Levels follow the pixel size, so halving the pixel size takes about eight times as
+//! long. The time of the last stage decides which sizes are skipped. After a stage that waited for bricks none is
+//! skipped, because its time predicts nothing. At the deadline, rays pause between two bricks. Finished pixels stay,
+//! the others show the stage before ([`FrameStats::pixels_unfinished`]), and with more time the rays continue. Without
+//! a deadline the requested picture is drawn at once.
 
 use std::borrow::Cow;
 use std::time::{Duration, Instant};
@@ -31,39 +31,39 @@ use crate::render::options::{LevelChoice, RenderOptions};
 use crate::render::stats::FrameStats;
 use crate::stop::{LEAST_STEP, Stop};
 
-/// Rays of a sketch, at most: some milliseconds.
+/// Most rays of a sketch: some milliseconds.
 const SKETCH_RAYS: u64 = 8192;
-/// A picture of half as large pixels takes so many times as long: four times the rays, through twice the cells.
+/// Time factor for half the pixel size: four times the rays, through twice the cells.
 const TIME_PER_HALVING: f64 = 8.0;
-/// The picture that is wanted takes so many times as long as one whose levels follow the size of its pixels alone.
+/// Time factor of the requested picture over one whose levels follow the pixel size alone.
 const TIME_PER_ERROR: f64 = 1.5;
-/// Share of the time left that a picture may be expected to take.
+/// Share of the remaining time that a picture may be expected to take.
 pub(super) const LEAST_SURE_SHARE: f64 = 0.6;
 
-/// A picture of one scene in the making.
+/// Progressive picture of one scene.
 pub struct Drawing {
     scene: ResolvedScene,
-    /// The best so far; NaN where nothing is known.
+    /// The best picture so far; NaN where nothing is known.
     picture: Option<Image>,
-    /// What else is asked for of the pixels of the picture that is wanted; NaN where they are not finished.
+    /// Maps of the pixels of the requested picture; NaN where they are not finished.
     maps: Maps,
-    /// Of its rays, reason by reason.
+    /// Errors of its rays, by reason.
     by_reason: ErrorsByReason,
     /// Size of its pixels.
     pixel: u32,
-    /// Size of the pixels that those are taken from which are not finished; `None` where nothing is known of them.
+    /// Pixel size of the picture that unfinished pixels are taken from; `None` if nothing is known of them.
     behind: Option<u32>,
-    /// Time that the last finished picture took.
+    /// Time that the last finished stage took.
     took: Duration,
-    /// Whether all that it wanted was there: else a finer one will take as long as it takes to read.
+    /// Whether it waited for no brick: otherwise the time of a finer one depends on reading.
     was_all_there: bool,
     stage: Option<Stage>,
-    /// Pixels that are finished as they are wanted.
+    /// Finished pixels of the requested picture.
     finished: u64,
     stats: FrameStats,
 }
 
-/// Pictures of one size of pixels, as far as they have come.
+/// Stage: a picture of one pixel size, as far as it has come.
 struct Stage {
     pixel: u32,
     scene: ResolvedScene,
@@ -71,12 +71,12 @@ struct Stage {
     caster: CpuCaster,
     bands: Bands,
     spent: Duration,
-    /// Bricks that had come for this picture before it was begun.
+    /// Page-ins for this picture before the stage began.
     page_ins_before: u64,
 }
 
 impl Drawing {
-    /// Nothing yet.
+    /// A picture that is not begun.
     #[must_use]
     pub fn new(scene: ResolvedScene) -> Self {
         Self {
@@ -94,19 +94,19 @@ impl Drawing {
         }
     }
 
-    /// Whether every pixel is as it is wanted.
+    /// Whether every pixel is finished.
     #[must_use]
     pub fn is_finished(&self) -> bool {
         self.finished == self.scene.pixels()
     }
 
-    /// Whether something is known of each pixel.
+    /// Whether each pixel is known at least coarsely.
     #[must_use]
     pub fn has_picture(&self) -> bool {
         self.picture.is_some() && self.behind.is_some()
     }
 
-    /// The picture so far, with as many pixels as are wanted; none before something is known of each.
+    /// The picture so far, with the requested number of pixels; `None` until each pixel is known.
     #[must_use]
     pub fn picture(&self) -> Option<Cow<'_, Image>> {
         let picture = self.picture.as_ref().filter(|_| self.has_picture())?;
@@ -116,7 +116,7 @@ impl Drawing {
         })
     }
 
-    /// The same, with [`Self::error_map`] and [`Self::work_map`], for who needs nothing else.
+    /// Consumes the drawing: returns the picture, with its maps.
     #[must_use]
     pub fn into_pictures(self) -> Option<(Image, Maps)> {
         let picture = self.picture.filter(|_| self.behind.is_some())?;
@@ -125,27 +125,27 @@ impl Drawing {
         Some((picture, Maps { errors, work: self.maps.work.map(of_work) }))
     }
 
-    /// What each pixel of the picture may be off by, grey, 1 being white: where errors are summed up, once there is a picture.
+    /// Error map: the error of each pixel, grey, 1 is white. Present if errors are summed up and there is a picture.
     #[must_use]
     pub fn error_map(&self) -> Option<Image> {
         Some(complete(self.maps.errors.clone()?, self.picture()?.as_ref()))
     }
 
-    /// What the rays of each pixel cost ([`of_work`]): where that is counted, once there is a picture.
+    /// Work map: cost of the rays of each pixel ([`of_work`]). Present if work is counted and there is a picture.
     #[must_use]
     pub fn work_map(&self) -> Option<Image> {
         self.picture()?;
         self.maps.work.clone().map(of_work)
     }
 
-    /// The same in numbers.
+    /// The stated errors in numbers.
     #[must_use]
     pub fn error_stated(&self) -> Option<ErrorStated> {
         let pixels_unfinished = self.scene.pixels() - self.finished;
         Some(ErrorStated::of(self.maps.errors.as_ref()?, self.picture()?.as_ref(), self.by_reason, pixels_unfinished))
     }
 
-    /// What it cost so far, and what is not finished.
+    /// Statistics so far, including unfinished parts.
     #[must_use]
     pub fn stats(&self) -> FrameStats {
         let mut stats = FrameStats { backend: "cpu", ..self.stats.clone() };
@@ -153,14 +153,14 @@ impl Drawing {
         if stats.pixels_unfinished > 0 {
             stats.coarsest_pixel = self.behind.unwrap_or(0);
             stats.converged = false;
-            // What a coarser picture is off by, nobody has summed up.
+            // The error of a coarser picture is not summed up.
             stats.error_predicted = None;
         }
         stats
     }
 
-    /// Makes the picture better until it is finished or that is to stop: a little, if the time is already up. With a deadline there is a
-    /// whole picture afterwards, however little time there was.
+    /// Improves the picture until it is finished or `stop` is due; a little even if it is already due. With a deadline
+    /// there is always a whole picture afterwards.
     ///
     /// # Errors
     /// If memory does not suffice, there is no progress, or it is cancelled before there is a whole picture.
@@ -179,11 +179,11 @@ impl Drawing {
         }
         while !self.is_finished() && !stop.is_due() {
             let mut stage = match self.stage.take() {
-                // Without a deadline nobody needs the pictures between.
+                // Without a deadline intermediate pictures are not needed.
                 Some(stage) if stage.pixel == 1 || stop.deadline().is_some() => stage,
                 _ => self.next_stage(resident, options, &stop),
             };
-            // A sketch may have come between.
+            // A sketch may have been drawn in between.
             resident.aim(&stage.scene, &stage.options);
             let (began, plan) = (Instant::now(), resident.plan());
             let picture = self.picture.as_mut().expect("a stage has a picture");
@@ -208,7 +208,7 @@ impl Drawing {
         Ok(())
     }
 
-    /// The picture of the largest pixels, from what is there and the coarsest level.
+    /// Draws the picture of the largest pixels, from resident bricks and the coarsest level.
     fn sketch(&mut self, resident: &mut Resident, options: &RenderOptions, stop: &Stop) -> Result<(), RenderError> {
         let began = Instant::now();
         let pixel = sketch_pixel(&self.scene);
@@ -226,14 +226,14 @@ impl Drawing {
         self.was_all_there = self.stats.fallbacks == 0;
         (self.behind, self.took) = (Some(pixel), began.elapsed());
         match &mut self.picture {
-            // The picture that is wanted was begun without a deadline: what is finished of it stands.
+            // The requested picture was begun without a deadline: its finished pixels stay.
             Some(finest) => finest.fill_unknown(&sketch, pixel),
             None => (self.picture, self.pixel) = (Some(sketch), pixel),
         }
         Ok(())
     }
 
-    /// Begins the next picture.
+    /// Begins the next stage.
     fn next_stage(&mut self, resident: &mut Resident, options: &RenderOptions, stop: &Stop) -> Stage {
         let left = stop.deadline().map(|deadline| deadline.saturating_duration_since(Instant::now()));
         let pixel = left.map_or(1, |left| match self.was_all_there {
@@ -252,7 +252,7 @@ impl Drawing {
 }
 
 impl Stage {
-    /// Pictures of a scene through pixels of this size; no ray is cast yet.
+    /// A stage of a scene with this pixel size; no ray is cast yet.
     fn new(scene: &ResolvedScene, pixel: u32, resident: &mut Resident, options: &RenderOptions) -> Self {
         let mut scene = with_pixels(scene, pixel);
         let options = options_for(resident.container(), options, pixel);
@@ -270,15 +270,15 @@ impl Stage {
     }
 }
 
-/// How many pixels along an edge a pixel of the sketch covers: a power of two.
+/// Edge of a pixel of the sketch, in pixels of the picture: a power of two.
 pub(super) fn sketch_pixel(scene: &ResolvedScene) -> u32 {
     let [width, height] = scene.image_size;
     let rays = |pixel: u32| u64::from(width.div_ceil(pixel)) * u64::from(height.div_ceil(pixel));
     (0..16).map(|k| 1 << k).find(|&pixel| rays(pixel) <= SKETCH_RAYS).unwrap_or(1 << 16)
 }
 
-/// The smallest pixels whose picture there is likely time for, after one of these that took so long; at least half as large
-/// ones.
+/// The smallest pixel size whose picture likely fits into the time left, given that the last size took `took`. At most
+/// half the last size.
 pub(super) fn next_pixel(pixel: u32, took: Duration, left: Duration) -> u32 {
     let expected = |next: u32| {
         let halvings = (pixel / next).ilog2();
@@ -290,7 +290,7 @@ pub(super) fn next_pixel(pixel: u32, took: Duration, left: Duration) -> u32 {
     (0..=half.ilog2()).map(|k| 1 << k).find(|&next| expected(next) <= sure).unwrap_or(half)
 }
 
-/// The scene seen through pixels that cover so many along an edge; the scene itself for 1.
+/// The scene with pixels `pixel` times as large along an edge; the scene itself for 1.
 pub(super) fn with_pixels(scene: &ResolvedScene, pixel: u32) -> ResolvedScene {
     if pixel == 1 {
         return scene.clone();
@@ -299,7 +299,7 @@ pub(super) fn with_pixels(scene: &ResolvedScene, pixel: u32) -> ResolvedScene {
     ResolvedScene { camera, image_size: [camera.width, camera.height], subgrid: 1, ..scene.clone() }
 }
 
-/// What such a picture is made with: what was asked for where pixels have their size.
+/// Options of such a stage: the requested options for pixel size 1.
 pub(super) fn options_for(container: &Container, options: &RenderOptions, pixel: u32) -> RenderOptions {
     if pixel == 1 {
         return options.clone();
@@ -321,7 +321,7 @@ mod tests {
     #[test]
     fn pictures_that_there_is_time_for_anyway_are_left_out() {
         let ms = Duration::from_millis;
-        // 8^3 times 10 ms and half as much again for the picture itself.
+        // 8^3 times 10 ms, and half as much again for the requested picture itself.
         assert_eq!(next_pixel(8, ms(10), ms(20_000)), 1);
         assert_eq!(next_pixel(8, ms(10), ms(12_000)), 2);
         assert_eq!(next_pixel(8, ms(10), ms(1_000)), 4);

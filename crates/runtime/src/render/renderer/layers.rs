@@ -1,8 +1,9 @@
-//! A picture with slices: every ray is cut where it meets a slice, and its parts are put together again front to back.
+//! A picture with slices: every ray is cut where it meets a slice, and its parts are composited again front to back.
 //!
-//! The slices divide the volume into convex regions. In one region a ray has one part, which is what any picture of the volume clipped
-//! to that region shows: so each region is a picture of its own ([`Region`]), by the same packets or the same device, from the same
-//! bricks, with the same deadlines (docs/decisions/019-slices-cut-rays.md). Colours of the slices are sampled ray by ray (`sheet`, `sampling`).
+//! The slices divide the volume into convex regions. In one region a ray has one part: the same part as in a picture of
+//! the volume clipped to that region. So each region is a picture of its own ([`Region`]), drawn by the same packets or
+//! device, from the same bricks, with the same deadlines (docs/decisions/019-slices-cut-rays.md). Colours of the slices
+//! are sampled ray by ray (`sheet`, `sampling`).
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -32,25 +33,25 @@ use crate::render::stats::FrameStats;
 use crate::stop::{LEAST_STEP, Stop};
 use crate::stream::budget::CasterBytes;
 
-/// Bytes of a ray's colour on a slice, and of a pixel of a region's picture with what a deadline takes.
+/// Bytes of a ray's colour on a slice, and of a pixel of a region's picture including the memory for a deadline.
 const SHEET_BYTES: u64 = size_of::<[f32; 3]>() as u64;
 const PICTURE_BYTES: u64 = 20;
-/// Parts of a ray that are shorter than this share of it are none: two slices in one place.
+/// Least length of a part of a ray, as a share of it. Shorter parts, between two slices in one place, are ignored.
 const LEAST_PART: f64 = 1e-12;
 
-/// The sides of all slices that a region lies on: bit `i` is set where the normal of slice `i` points to.
+/// A region's side of each slice: bit `i` is set on the side that the normal of slice `i` points to.
 type Sides = u16;
 const _: () = assert!(SLICE_LIMIT <= Sides::BITS as usize);
 
-/// What a ray meets, front to back.
+/// A part of a ray, front to back.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Part {
     Volume(Sides),
-    /// Which slice, and where on the ray.
+    /// Slice number, and position on the ray.
     Slice(usize, f64),
 }
 
-/// Rays, and how slices cut them.
+/// Rays, and the slices that cut them.
 pub(super) struct Cut {
     rays: PixelRays,
     pub(super) to_index: ToIndex,
@@ -58,26 +59,26 @@ pub(super) struct Cut {
     pub(super) scene: ResolvedScene,
 }
 
-/// A picture with slices in the making.
+/// A progressive picture with slices.
 pub struct Layers {
     cut: Arc<Cut>,
-    /// Regions of the volume between slices, by the sides that they lie on.
+    /// Regions of the volume between slices, with their sides.
     regions: Vec<(Sides, Region)>,
     /// Colours of each slice, as far as they are known.
     sheets: Vec<Sheet>,
-    /// Slices whose colours are those that are wanted.
+    /// Number of slices whose colours are final.
     sampled: usize,
     /// Least distance of each slice.
     nearest: [f64; SLICE_LIMIT],
-    /// Whether slices are drawn from coarser levels, of which nobody knows how far they are off.
+    /// Whether slices are drawn from coarser levels, whose error is unknown.
     is_coarse: bool,
-    /// Whether somebody asked how far the picture is off.
+    /// Whether errors are to be stated.
     states_error: bool,
     stats: FrameStats,
 }
 
 impl Layers {
-    /// Nothing yet; the volume between the slices is drawn by a device or by the processor.
+    /// A picture that is not begun. The volume between the slices is drawn by a device or by the CPU.
     #[must_use]
     pub fn new(scene: &ResolvedScene, container: &Container, is_by_device: bool) -> Self {
         let geometry = InUnits::of(container).geometry;
@@ -121,13 +122,13 @@ impl Layers {
         }
     }
 
-    /// The scene that memory is divided for: one pixel for each ray.
+    /// The scene for the memory plan: one pixel for each ray.
     #[must_use]
     pub fn ray_scene(&self) -> ResolvedScene {
         self.cut.region(0)
     }
 
-    /// What it holds in host memory, where a picture by this caster holds so much.
+    /// Host memory of this picture, given that of one picture by this caster.
     #[must_use]
     pub fn bytes(&self, caster: CasterBytes) -> CasterBytes {
         let regions = self.regions.len() as u64;
@@ -135,13 +136,13 @@ impl Layers {
         CasterBytes { of_pixel: regions * (PICTURE_BYTES + caster.of_pixel) + sheets, ..caster }
     }
 
-    /// Whether every pixel is as it is wanted.
+    /// Whether every pixel is finished.
     #[must_use]
     pub fn is_finished(&self) -> bool {
         self.sampled == self.cut.scene.slices.len() && self.regions.iter().all(|(_, region)| region.is_finished())
     }
 
-    /// Whether something is known of each pixel.
+    /// Whether each pixel is known at least coarsely.
     fn has_picture(&self) -> bool {
         let has_colors = |sheet: &Sheet| !sheet.colors.is_empty();
         self.sheets.len() == self.cut.scene.slices.len()
@@ -149,7 +150,8 @@ impl Layers {
             && self.regions.iter().all(|(_, region)| region.has_picture())
     }
 
-    /// Makes the picture better until it is finished or that is to stop. With a deadline there is a whole picture afterwards.
+    /// Improves the picture until it is finished or `stop` is due. With a deadline there is always a whole picture
+    /// afterwards.
     ///
     /// # Errors
     /// If memory does not suffice, there is no progress, or it is cancelled before there is a whole picture.
@@ -184,12 +186,12 @@ impl Layers {
         Ok(())
     }
 
-    /// Finds the colours of the slices that are not known yet.
+    /// Finds the colours of slices that are not known yet.
     fn sample(&mut self, resident: &mut Resident, options: &RenderOptions, stop: &Stop) -> Result<(), RenderError> {
         let cut = self.cut.clone();
         while self.sampled < cut.scene.slices.len() {
             let is_late = stop.is_late();
-            // Where the time is up there is a picture all the same: of all slices from what is there.
+            // After the deadline there must still be a picture: all slices are sampled from resident bricks.
             let number = if is_late { self.sheets.len() } else { self.sampled };
             if number >= cut.scene.slices.len() {
                 return Ok(());
@@ -213,7 +215,7 @@ impl Layers {
         Ok(())
     }
 
-    /// The level that a slice is drawn from: the finest where an error is asked for; else voxels as large as a pixel.
+    /// The level of a slice: the finest if an error is requested; otherwise voxels are about as large as a pixel.
     fn level(&self, number: usize, container: &Container, options: &RenderOptions) -> Lod {
         let pyramid = container.pyramid();
         match options.level {
@@ -229,7 +231,7 @@ impl Layers {
         level_within(container, pixel)
     }
 
-    /// The picture so far; none before something is known of each of its pixels.
+    /// The picture so far; `None` until each pixel is known.
     #[must_use]
     pub fn picture(&self) -> Option<Image> {
         let scene = &self.cut.scene;
@@ -271,8 +273,8 @@ impl Layers {
         self.regions.binary_search_by_key(&sides, |(of, _)| *of).ok()
     }
 
-    /// What each pixel of the picture may be off by, grey, 1 being white, where errors are summed up: at most what each part may be
-    /// off by, in colour and in what it lets through.
+    /// Error of each pixel, grey, 1 is white, if errors are summed up: at most the sum over the parts' errors in colour
+    /// and transmittance.
     fn known_errors(&self) -> Option<Image> {
         if !self.states_error {
             return None;
@@ -297,7 +299,8 @@ impl Layers {
         Some(Image { width, height, pixels }.downsampled(self.cut.scene.subgrid))
     }
 
-    /// What the rays of each pixel cost, in all regions together: see [`crate::engines::maps::of_work`]. What slices cost is not among it.
+    /// Work map: cost of the rays of each pixel, summed over all regions; see [`crate::engines::maps::of_work`]. Slices
+    /// are not included.
     #[must_use]
     pub fn work_map(&self) -> Option<Image> {
         let maps: Option<Vec<Image>> = self.regions.iter().map(|(_, region)| region.work_map()).collect();
@@ -311,20 +314,20 @@ impl Layers {
         Some(sum.downsampled(self.cut.scene.subgrid))
     }
 
-    /// The same of a picture that is there.
+    /// Error map of a picture, if there is one.
     #[must_use]
     pub fn error_map(&self) -> Option<Image> {
         Some(complete(self.known_errors()?, &self.picture()?))
     }
 
-    /// The same in numbers.
+    /// The stated errors in numbers.
     #[must_use]
     pub fn error_stated(&self) -> Option<ErrorStated> {
         let unknown = self.stats.pixels_unfinished;
         Some(ErrorStated::of(&self.known_errors()?, &self.picture()?, ErrorsByReason::default(), unknown))
     }
 
-    /// What it cost so far, and what is not finished.
+    /// Statistics so far, including unfinished parts.
     #[must_use]
     pub fn stats(&self) -> FrameStats {
         self.stats.clone()
@@ -351,7 +354,7 @@ impl Layers {
         }
         // A ray of the picture is cast once in each region.
         stats.casting.rays = self.cut.rays_size().map(u64::from).iter().product();
-        // Rays of a pixel are finished one by one.
+        // The rays of a pixel are finished one by one.
         let per_pixel = u64::from(self.cut.scene.subgrid).pow(2);
         let unfinished = of_regions.iter().map(|region| region.pixels_unfinished).max().unwrap_or(0);
         stats.pixels_unfinished = unfinished.div_ceil(per_pixel);
@@ -364,12 +367,12 @@ impl Layers {
 }
 
 impl Cut {
-    /// Rays along x and y.
+    /// Number of rays along x and y.
     pub(super) fn rays_size(&self) -> [u32; 2] {
         [self.scene.camera.width, self.scene.camera.height]
     }
 
-    /// What a ray meets, front to back.
+    /// The parts of a ray, front to back.
     fn parts(&self, x: u32, y: u32) -> Vec<Part> {
         let ray = self.rays.ray(x, y);
         let Some(segment) = clip_ray(&ray, &self.to_index.ray(&ray), self.dims, &self.scene.clip) else {
@@ -395,7 +398,7 @@ impl Cut {
         parts
     }
 
-    /// The volume in one region, a pixel for each ray.
+    /// The scene of one region, with a pixel for each ray.
     fn region(&self, sides: Sides) -> ResolvedScene {
         let mut scene =
             ResolvedScene { image_size: self.rays_size(), subgrid: 1, slices: Vec::new(), ..self.scene.clone() };
@@ -406,7 +409,7 @@ impl Cut {
         scene
     }
 
-    /// Where a ray meets a slice.
+    /// The point at which a ray meets a slice.
     pub(super) fn point_on(&self, number: usize, x: u32, y: u32) -> Option<DVec3> {
         let at = self.parts(x, y).into_iter().find_map(|part| match part {
             Part::Slice(of, t) if of == number => Some(t),
@@ -417,12 +420,12 @@ impl Cut {
     }
 }
 
-/// The sides of the slices that a point lies on.
+/// The sides of the slices at a point.
 fn sides_of(slices: &[SlicePlane], p: DVec3) -> Sides {
     slices.iter().enumerate().map(|(i, slice)| Sides::from(slice.is_before(p)) << i).sum()
 }
 
-/// Place of a level's voxels in level 0's world: for texels.
+/// Geometry of level 0, and the voxels of level 0 along each axis of one voxel of this level: for texels.
 pub(super) fn scale_of(container: &Container, lod: Lod) -> (Geometry, [u64; 3]) {
     (InUnits::of(container).geometry, container.pyramid().level_at(lod).scale)
 }

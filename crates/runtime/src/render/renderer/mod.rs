@@ -1,15 +1,16 @@
-//! A renderer lives across pictures: what it has loaded serves the next one, whatever changes.
+//! Renderer of successive pictures: loaded data serves the next picture, whatever changes.
 //!
 //! ```text
 //! set_scene --> advance --> picture, stats --> advance --> better ones --> ... --> converged
 //!          (look or view changes: set_scene again; bricks and what is known of them stay)
 //! ```
 //!
-//! With a deadline, [`Renderer::advance`] leaves a whole picture behind, however little time there is; every further call makes
-//! it better, until it is the very picture that a new renderer makes without one (`drawing`). Other casters than packets on
-//! the CPU, with slices in `layers`, and on a GPU (`stages`) draw a picture in one go, and complete it from coarser bricks when the time is up.
+//! With a deadline, [`Renderer::advance`] always leaves a whole picture. Every further call improves it, until it
+//! equals the picture that a new renderer draws without a deadline (`drawing`; with slices `layers`; on a GPU
+//! `stages`). All other casters draw a picture in one go, and complete it from coarser bricks at the deadline.
 //!
-//! [`Renderer::look_ahead`] reads for the next picture when there is time (`ahead`). [`render`] is all of this for one picture.
+//! [`Renderer::look_ahead`] reads for the next picture in idle time (`ahead`). [`render`] does all of this for one
+//! picture.
 
 mod ahead;
 mod drawing;
@@ -56,30 +57,30 @@ pub use pick::{Picked, PickedOn};
 use resident::Resident;
 use stages::{Best, Device};
 
-/// Why the processor casts the rays on most machines ([`FrameStats::no_gpu_because`]): what nobody who did not ask needs to hear.
+/// Message for the usual case that no GPU is present ([`FrameStats::no_gpu_because`]); printed only on request.
 pub const NO_DEVICE: &str = "no graphics device is there";
 
-/// Draws pictures of one volume, one after the other.
+/// Draws successive pictures of one volume.
 pub struct Renderer {
     volume: PlacedVolume,
     options: RenderOptions,
     pool: rayon::ThreadPool,
     canceller: Canceller,
     drawer: Drawer,
-    /// Whether a deadline was ever set: from then on there is memory for what it takes.
+    /// Whether a deadline was ever set: from then on memory for deadlines is reserved.
     has_deadline: bool,
     resident: Option<Resident>,
     scene: Option<ResolvedScene>,
-    /// Where the camera came from, if nothing but the camera has changed.
+    /// The previous camera, if only the camera has changed.
     came_from: Option<Camera>,
     work: Work,
-    /// What streaming had cost before this picture.
+    /// Cost of streaming before this picture.
     before: FrameStats,
     spent: Duration,
     cpu: Duration,
 }
 
-/// Who casts the rays, once that is decided.
+/// The device or processor that casts the rays, once decided.
 enum Drawer {
     Undecided,
     Cpu { no_gpu_because: Option<String> },
@@ -97,7 +98,7 @@ enum Work {
 }
 
 impl Work {
-    /// What it cost so far, and what of the scene is not finished.
+    /// Statistics so far, including unfinished parts of the scene.
     fn stats(&self, scene: &ResolvedScene) -> FrameStats {
         match self {
             Self::Nothing => FrameStats { pixels_unfinished: scene.pixels(), ..FrameStats::default() },
@@ -109,26 +110,26 @@ impl Work {
     }
 }
 
-/// How far a picture has come.
+/// Result of one step of a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Step {
-    /// Nothing is left to do: every pixel is finished, from the bricks that it wants or, where these failed, from coarser ones.
+    /// Nothing is left to do: every pixel is finished, from its wanted bricks or, if these failed, from coarser ones.
     pub is_finished: bool,
-    /// Somebody cancelled the step.
+    /// The step was cancelled.
     pub is_cancelled: bool,
     /// Pixels that are taken from a coarser picture.
     pub pixels_unfinished: u64,
-    /// How many pixels along an edge a pixel of that covers; 0 where all are finished.
+    /// Edge of a pixel of that coarser picture, in pixels; 0 if all pixels are finished.
     pub coarsest_pixel: u32,
-    /// Bricks whose coarser parents stand in, because the time was up.
+    /// Missing bricks at the deadline, replaced by their coarser parents.
     pub bricks_missing: u64,
-    /// Bricks that could not be read or decoded. Their coarser parents stand in, and the picture is not what the data show
-    /// there, however converged it is.
+    /// Bricks that could not be read or decoded, replaced by their coarser parents. The picture then differs from the
+    /// data there, even if converged.
     pub bricks_failed: u64,
 }
 
 impl Step {
-    /// Whether the picture is finished, and every brick that it wants could be read.
+    /// Whether the picture is finished and no brick failed.
     #[must_use]
     pub fn is_converged(&self) -> bool {
         self.is_finished && self.bricks_failed == 0
@@ -136,10 +137,11 @@ impl Step {
 }
 
 impl Renderer {
-    /// A renderer that has loaded nothing. Its pictures are made as the options say; their `time_budget_ms` is for [`render`].
+    /// A renderer that has loaded nothing. `options` apply to its pictures, except that `time_budget_ms` applies to
+    /// [`render`] only.
     ///
     /// # Errors
-    /// If an option is wrong ([`RenderOptions::validate`]), or threads cannot be started.
+    /// If an option is invalid ([`RenderOptions::validate`]), or threads cannot be started.
     pub fn new(volume: PlacedVolume, options: RenderOptions) -> Result<Self, RenderError> {
         options.validate()?;
         let pool = options.thread_pool()?;
@@ -160,13 +162,13 @@ impl Renderer {
         })
     }
 
-    /// What it draws.
+    /// The volume that it draws.
     #[must_use]
     pub fn volume(&self) -> &PlacedVolume {
         &self.volume
     }
 
-    /// Stops [`Self::advance`] from another thread.
+    /// A canceller that stops [`Self::advance`] from another thread.
     #[must_use]
     pub fn canceller(&self) -> Canceller {
         self.canceller.clone()
@@ -184,11 +186,11 @@ impl Renderer {
         &self.options
     }
 
-    /// From now on pictures are made like this, the present one anew; what is loaded stays, as far as the budgets let it. The
-    /// number of threads stays what it was.
+    /// Changes the options and restarts the current picture. Loaded data stays, as far as the budgets allow. The number
+    /// of threads does not change.
     ///
     /// # Errors
-    /// If an option is wrong ([`RenderOptions::validate`]); nothing changes then.
+    /// If an option is invalid ([`RenderOptions::validate`]); nothing changes then.
     pub fn set_options(&mut self, options: RenderOptions) -> Result<(), RenderError> {
         options.validate()?;
         if options.backend != self.options.backend {
@@ -199,7 +201,7 @@ impl Renderer {
         Ok(())
     }
 
-    /// From now on this is drawn. Where it is what has been drawn all along, the picture stays.
+    /// Sets the scene. If it is the current scene, the picture stays.
     pub fn set_scene(&mut self, scene: ResolvedScene) {
         if self.scene.as_ref() != Some(&scene) {
             let is_moved = |before: &&ResolvedScene| before.has_look_of(&scene) && before.camera != scene.camera;
@@ -209,9 +211,10 @@ impl Renderer {
         }
     }
 
-    /// Brings into memory what the next picture will want if the camera goes on as it came here: for when the picture has
-    /// converged and nobody has anything else to do. It takes spare room only, and stops at the deadline or when it is cancelled.
-    /// Does nothing while there is no motion to go by, while the picture has not converged, with slices, and on a GPU.
+    /// Prefetches the bricks of the next picture, assuming that the camera keeps moving as before. Call it when the
+    /// picture has converged and the program is idle. It takes spare room only, and stops at the deadline or when
+    /// cancelled. It does nothing if the camera has not moved, if the picture has not converged, with slices, or on a
+    /// GPU.
     ///
     /// # Errors
     /// If threads cannot be started.
@@ -232,13 +235,17 @@ impl Renderer {
         result
     }
 
-    /// The first visible point under pixel (x, y) of the picture, (0, 0) being the one at the top left; `None` where nothing is to be
-    /// seen. In mode `dvr` that is where the ray has gathered half of its opacity, in `iso` the first surface, in `mip` and `minip`
-    /// the extreme, on slices the plane; mode `mean` has none. Found in the voxels of the finest level, or of the one that is asked
-    /// for, whatever has been drawn; bricks on the ray are fetched, others are not.
+    /// The first visible point under pixel (x, y) of the picture, (0, 0) being at the top left; `None` if nothing is
+    /// visible.
+    /// - mode `dvr`: the point at which the ray has gathered half of its opacity;
+    /// - `iso`: the first surface; `mip` and `minip`: the extreme; on slices: the plane; `mean` has none.
+    ///
+    /// It is computed from voxels of the finest level, or of the requested level, whatever has been drawn. Only bricks
+    /// on the ray are fetched.
     ///
     /// # Errors
-    /// If there is no scene, the picture has no such pixel, the mode no such point, a budget is too small, or somebody cancels.
+    /// If there is no scene, the picture has no such pixel, the mode has no such point, a budget is too small, or it is
+    /// cancelled.
     pub fn pick(&mut self, pixel: [u32; 2]) -> Result<Option<Picked>, RenderError> {
         let Self { volume, options, pool, resident, scene, has_deadline, .. } = self;
         let scene = scene.as_ref().ok_or(RenderError::NoScene)?;
@@ -259,7 +266,7 @@ impl Renderer {
         result
     }
 
-    /// The picture is drawn anew from what is loaded; bricks that failed long enough ago are tried again.
+    /// Restarts the picture from loaded data; bricks that failed long enough ago are tried again.
     pub fn begin_anew(&mut self) {
         let before = std::mem::replace(&mut self.work, Work::Nothing);
         if let (Work::InStages(best), Drawer::Gpu { device, .. }) = (before, &mut self.drawer) {
@@ -272,12 +279,13 @@ impl Renderer {
         (self.spent, self.cpu) = (Duration::ZERO, Duration::ZERO);
     }
 
-    /// Makes the picture better until it has converged, the time is up, or somebody cancels. With a deadline there is a whole
-    /// picture afterwards.
+    /// Improves the picture until it has converged, the deadline passes, or it is cancelled. With a deadline there is
+    /// always a whole picture afterwards.
     ///
     /// # Errors
-    /// If there is no scene, a budget is too small, or (reference backend only) a brick cannot be read: in all other backends bricks that cannot be
-    /// read are drawn from their parents and counted. What had been drawn of the picture is lost then.
+    /// If there is no scene, a budget is too small, or (reference backend only) a brick cannot be read. In all other
+    /// backends, unreadable bricks are drawn from their parents and counted. After an error the unfinished picture is
+    /// lost.
     pub fn advance(&mut self, deadline: Option<Instant>) -> Result<Step, RenderError> {
         let (start, cpu_start) = (Instant::now(), process::cpu_time());
         let scene = self.scene.clone().ok_or(RenderError::NoScene)?;
@@ -336,7 +344,7 @@ impl Renderer {
         }
     }
 
-    /// A hardware GPU where the backend may be chosen, or the CPU and the reason why not the GPU.
+    /// A hardware GPU if the options allow it; otherwise the CPU, with the reason why not the GPU.
     fn choose_drawer(&self) -> Result<Drawer, RenderError> {
         let no_gpu = |why: String| Drawer::Cpu { no_gpu_because: Some(why) };
         let gpu = |device, or_cpu| Drawer::Gpu { device: Box::new(Device::new(device)), or_cpu };
@@ -353,7 +361,7 @@ impl Renderer {
         })
     }
 
-    /// A picture with slices: the volume between them as any volume, their colours by the processor.
+    /// A picture with slices: the volume between them is drawn as usual, their colours on the CPU.
     fn draw_in_layers(&mut self, scene: &ResolvedScene, stop: &Stop) -> Result<(), RenderError> {
         let Self { volume, options, pool, drawer, has_deadline, resident, work, .. } = self;
         if !options.caster.is_default() {
@@ -361,7 +369,7 @@ impl Renderer {
         }
         let container = volume.container();
         let device = match drawer {
-            // A sheet of sections alone has no volume between them.
+            // A sheet of sections shows no volume between them.
             Drawer::Gpu { device, .. } if scene.mode != Mode::Slice => Some(&mut **device),
             _ => None,
         };
@@ -424,7 +432,7 @@ impl Renderer {
         })
     }
 
-    /// The picture so far: none before something is known of each of its pixels.
+    /// The picture so far; `None` until each pixel is known at least coarsely.
     #[must_use]
     pub fn picture(&self) -> Option<Cow<'_, Image>> {
         match &self.work {
@@ -436,13 +444,13 @@ impl Renderer {
         }
     }
 
-    /// The picture so far, for who draws no other.
+    /// Consumes the renderer and returns the picture so far.
     #[must_use]
     pub fn into_picture(self) -> Option<Image> {
         self.into_pictures().map(|(picture, _)| picture)
     }
 
-    /// The same, with [`Self::error_map`] and [`Self::work_map`].
+    /// Consumes the renderer: the picture so far, with [`Self::error_map`] and [`Self::work_map`].
     #[must_use]
     pub fn into_pictures(self) -> Option<(Image, Maps)> {
         match self.work {
@@ -456,8 +464,9 @@ impl Renderer {
         }
     }
 
-    /// How far each pixel of the picture may be from the exact one of the finest level: grey, 1 being white, opaque. None before
-    /// there is a picture, where nobody asked ([`RenderOptions::predict_error`]), and of backends that cannot say it.
+    /// Error map: how far each pixel may be from the exact picture of the finest level; grey, 1 is white, opaque.
+    /// `None` before there is a picture, if errors were not requested ([`RenderOptions::predict_error`]), and for
+    /// backends without errors.
     #[must_use]
     pub fn error_map(&self) -> Option<Image> {
         match &self.work {
@@ -468,8 +477,9 @@ impl Renderer {
         }
     }
 
-    /// What the rays of each pixel cost: red is the mean of the cells that they cross, green of the leaps that they take. None before there
-    /// is a picture, where nobody asked ([`RenderOptions::count_work`]), and of backends that do not count it.
+    /// Work map: cost of the rays of each pixel. Red is the mean number of cells crossed, green that of leaps. `None`
+    /// before there is a picture, if it was not requested ([`RenderOptions::count_work`]), and for backends without
+    /// these counts.
     #[must_use]
     pub fn work_map(&self) -> Option<Image> {
         match &self.work {
@@ -485,7 +495,7 @@ impl Renderer {
         Maps { errors: self.error_map(), work: self.work_map() }
     }
 
-    /// What the picture has cost since it was begun, and how far it has come.
+    /// Statistics of the picture since it was begun.
     #[must_use]
     pub fn stats(&self) -> FrameStats {
         let mut stats = self.counts();
@@ -498,7 +508,7 @@ impl Renderer {
         stats
     }
 
-    /// The same without the stated error, for which every pixel is looked at.
+    /// The same without the stated error, which needs a pass over all pixels.
     #[must_use]
     pub fn counts(&self) -> FrameStats {
         let stats = self.scene.as_ref().map_or_else(FrameStats::default, |scene| self.work.stats(scene));
@@ -535,14 +545,14 @@ impl Renderer {
         stats
     }
 
-    /// The streamer, to look at; none before the first picture.
+    /// The streamer, read-only; `None` before the first picture.
     #[must_use]
     pub fn streamer(&self) -> Option<&Streamer> {
         self.resident.as_ref().map(Resident::as_streamer)
     }
 }
 
-/// What is resident, with its memory divided for pictures of this scene.
+/// The resident data, with its memory divided for pictures of this scene.
 fn fitting<'a>(
     resident: &'a mut Option<Resident>,
     container: &Arc<Container>,
@@ -559,7 +569,7 @@ fn fitting<'a>(
     }
 }
 
-/// Makes the picture of a scene from a container, within the given memory and, if there is one, time budget.
+/// Draws a picture of a scene from a container, within the memory and the time budget of the options.
 ///
 /// # Errors
 /// As [`Renderer::advance`].
@@ -572,7 +582,7 @@ pub fn render(
     Ok((picture, stats))
 }
 
-/// The same, with what each pixel may be off by: [`Renderer::error_map`].
+/// The same, with the error of each pixel: [`Renderer::error_map`].
 ///
 /// # Errors
 /// As [`Renderer::advance`].
@@ -585,7 +595,7 @@ pub fn render_with_errors(
     Ok((picture, maps.errors, stats))
 }
 
-/// The same, with all that the options ask for of each pixel.
+/// The same, with all maps that the options request.
 ///
 /// # Errors
 /// As [`Renderer::advance`].
@@ -604,8 +614,8 @@ pub fn render_with_maps(
     Ok((picture, maps, stats))
 }
 
-/// Makes the picture of a scene by an engine from outside, with the streamer, the budgets and the passes of all others. The time
-/// budget of the options begins at `start`.
+/// Draws a picture of a scene with an engine from outside, with the usual streamer, budgets and passes. The time budget
+/// of the options begins at `start`.
 ///
 /// # Errors
 /// If a budget is too small, threads cannot be started, or the engine fails.

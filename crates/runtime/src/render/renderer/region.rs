@@ -1,4 +1,4 @@
-//! The volume in one region between slices: a picture of its own, by the processor or by a device.
+//! The volume in one region between slices: a picture of its own, drawn by the CPU or by a device.
 
 use std::borrow::Cow;
 
@@ -13,22 +13,22 @@ use crate::render::options::RenderOptions;
 use crate::render::stats::FrameStats;
 use crate::stop::Stop;
 
-/// A region's picture in the making.
+/// A region's progressive picture.
 pub enum Region {
-    /// By the processor.
+    /// Drawn by the CPU.
     InSteps(Box<Drawing>),
-    /// By a device: the scene, and what there is of it.
+    /// Drawn by a device: the scene, and its best picture so far.
     InStages(Box<ResolvedScene>, Option<Box<Best>>),
 }
 
 impl Region {
-    /// Nothing yet of a scene that a device draws, or else the processor.
+    /// A picture that is not begun, for a device or for the CPU.
     #[must_use]
     pub fn new(scene: ResolvedScene, is_by_device: bool) -> Self {
         if is_by_device { Self::InStages(Box::new(scene), None) } else { Self::InSteps(Box::new(Drawing::new(scene))) }
     }
 
-    /// Whether every pixel is as it is wanted.
+    /// Whether every pixel is finished.
     #[must_use]
     pub fn is_finished(&self) -> bool {
         match self {
@@ -37,7 +37,7 @@ impl Region {
         }
     }
 
-    /// Whether something is known of each pixel.
+    /// Whether each pixel is known at least coarsely.
     #[must_use]
     pub fn has_picture(&self) -> bool {
         match self {
@@ -73,7 +73,7 @@ impl Region {
         }
     }
 
-    /// What it cost so far, and what is not finished.
+    /// Statistics so far, including unfinished parts.
     #[must_use]
     pub fn stats(&self) -> FrameStats {
         match self {
@@ -85,7 +85,7 @@ impl Region {
         }
     }
 
-    /// Makes the picture better until it is finished or that is to stop; `device` draws those that are a device's.
+    /// Improves the picture until it is finished or `stop` is due. `device` draws the regions that are a device's.
     ///
     /// # Errors
     /// As [`Drawing::advance`] and [`stages::draw`].

@@ -1,4 +1,4 @@
-//! What stays in memory from picture to picture: decoded bricks, and what is known of all others.
+//! Data kept in memory from picture to picture: decoded bricks, and the states of all others.
 
 use std::sync::Arc;
 
@@ -21,7 +21,7 @@ use crate::stream::priority::BrickOrder;
 use crate::stream::residency::{BrickView, Resident as Brick};
 use crate::stream::streamer::{OnMissing, Room, Streamer};
 
-/// Part of what is kept of bricks, as a divisor, that is for pictures of large pixels: they show coarse levels, of few bricks.
+/// Divisor of the memory for data derived from bricks: the share of pictures of large pixels, which show few bricks.
 const SKETCHES_SHARE: u64 = 8;
 
 /// A streamer that outlives its pictures.
@@ -30,15 +30,15 @@ pub struct Resident {
     streamer: Streamer,
     plan: HostPlan,
     aimed: Aim,
-    /// What coarse voxels stand for; `None` where nothing is lost, or nobody has looked.
+    /// Spread of values within coarse voxels; `None` if nothing is lost, or before it was computed.
     spread: Option<Spread>,
-    /// Whether the coarsest level has been read for that.
+    /// Whether the coarsest level was read for it.
     is_spread_read: bool,
-    /// How packets went through bricks in the last picture through pixels of the size that was wanted.
+    /// Plans of packets through bricks, from the last full-resolution picture.
     plans: Option<Arc<BrickPlans>>,
 }
 
-/// What the streamer was told last.
+/// The streamer's last aim.
 #[derive(Debug, Clone, PartialEq)]
 struct Aim {
     scene: ResolvedScene,
@@ -51,7 +51,7 @@ impl Aim {
         Self { scene: scene.clone(), level: options.level, max_error: options.max_error }
     }
 
-    /// Whether the table of contents decides the same for both. Where the level is asked for, nothing depends on the camera.
+    /// Whether bricks are classified equally for both. For a fixed level nothing depends on the camera.
     fn classifies_as(&self, other: &Self) -> bool {
         let is_fixed = |aim: &Self| matches!(aim.level, LevelChoice::Fixed(_));
         self == other || (is_fixed(self) && is_fixed(other) && self.scene.has_look_of(&other.scene))
@@ -59,7 +59,7 @@ impl Aim {
 }
 
 impl Resident {
-    /// Nothing yet.
+    /// An empty store.
     ///
     /// # Errors
     /// If the host budget is too small for pictures of this size.
@@ -75,7 +75,7 @@ impl Resident {
         Ok(Self { streamer, plan, aimed: Aim::new(scene, options), spread: None, is_spread_read: false, plans: None })
     }
 
-    /// Divides the memory anew, for a picture of another size, by another caster, or with a deadline.
+    /// Divides the memory again: for a picture of another size, by another caster, or with a deadline.
     ///
     /// # Errors
     /// If the host budget is too small.
@@ -95,7 +95,7 @@ impl Resident {
         Ok(())
     }
 
-    /// From now on bricks are fetched for this scene.
+    /// Aims the streamer: bricks are fetched for this scene from now on.
     pub fn aim(&mut self, scene: &ResolvedScene, options: &RenderOptions) {
         let geometry = InUnits::of(self.streamer.container()).geometry;
         self.streamer.set_order(BrickOrder::front_to_back(&scene.camera, &geometry));
@@ -106,7 +106,7 @@ impl Resident {
         self.aimed = aim;
     }
 
-    /// Looks at the coarsest level, whatever it takes to read it, if nobody has yet: that is the first thing a sketch needs.
+    /// Reads the coarsest level, unless it was read before: a sketch needs it first.
     ///
     /// # Errors
     /// If memory does not suffice for it.
@@ -134,7 +134,7 @@ impl Resident {
                 self.is_spread_read = true;
                 values_of(brick, &map)
             }
-            // Under the next transfer function it may be something. The ends of its range are values of it.
+            // It may become visible under the next transfer function. The ends of its range are values of it.
             _ => container.entry(coarsest).map_or(vec![], |entry| {
                 let ends = [entry.range.min, entry.range.max];
                 let value = |end| map.to_data(map.from_container(container.descriptor().voxel_type, end));
@@ -145,8 +145,8 @@ impl Resident {
         Ok(())
     }
 
-    /// The transfer function that shows in a picture of large pixels what the scene's shows in the one that is wanted, where that is
-    /// another one: for coarse levels. `options` are those of the picture.
+    /// The transfer function for coarse levels: it shows in a picture of large pixels what the scene's shows at full
+    /// resolution. `None` if the scene's own will do. `options` are those of the picture.
     #[must_use]
     pub fn coarse_transfer_function(&self, scene: &ResolvedScene, options: &RenderOptions) -> Option<TransferFunction> {
         let spread = self.spread.as_ref().filter(|_| scene.mode == Mode::Dvr)?;
@@ -163,7 +163,7 @@ impl Resident {
         spread.transfer_function(&scene.transfer_function, level, container.pyramid().coarsest())
     }
 
-    /// What the frame of a picture through pixels that cover so many along an edge may keep of bricks, and has been kept for it.
+    /// Budget and plans of data derived from bricks, for a picture with pixels of edge `pixel`.
     #[must_use]
     pub fn made_for(&self, pixel: u32) -> Made {
         let for_sketches = self.plan.made_bytes / SKETCHES_SHARE;
@@ -173,12 +173,12 @@ impl Resident {
         }
     }
 
-    /// What the frame of a picture finds out of bricks is kept for the next.
+    /// Keeps the plans of a frame for the next one.
     pub fn keep_plans(&mut self, frame: &CpuFrame) {
         self.plans = frame.plans();
     }
 
-    /// How the memory is divided.
+    /// The memory plan.
     #[must_use]
     pub fn plan(&self) -> HostPlan {
         self.plan
@@ -189,7 +189,7 @@ impl Resident {
         &mut self.streamer
     }
 
-    /// The streamer, to look at.
+    /// The streamer, read-only.
     #[must_use]
     pub fn as_streamer(&self) -> &Streamer {
         &self.streamer
@@ -202,7 +202,7 @@ impl Resident {
     }
 }
 
-/// The coarsest level whose voxels are not larger than a length, in units; the finest where those of all are.
+/// The coarsest level whose voxels are not larger than `length`, in units; the finest if all are larger.
 #[must_use]
 pub fn level_within(container: &Container, length: f64) -> Lod {
     let edges = edges(&InUnits::of(container).geometry);

@@ -1,7 +1,7 @@
-//! Values of a volume at points, through the streamer: what slices show.
+//! Samples values of a volume at points, through the streamer: for slices.
 //!
-//! In passes, as rays are cast: every point whose brick is resident gets its value, the bricks that the others lie in are fetched. Where
-//! there is no time, coarser bricks stand in, and where there are none, nothing.
+//! Sampling runs in passes, like ray casting. Points in resident bricks get their values; the bricks of all others are
+//! fetched. At the deadline coarser bricks stand in, or the point stays absent.
 
 use std::collections::BTreeSet;
 use std::time::Instant;
@@ -20,7 +20,7 @@ use crate::stream::field::{Field, FieldBrick};
 use crate::stream::residency::{BrickView, DecodedBrick, Resident, Voxels};
 use crate::stream::streamer::{HostView, OnMissing, Room, Streamer};
 
-/// Points that one task looks up.
+/// Points per task.
 const TASK_POINTS: usize = 4096;
 
 /// Samples one level.
@@ -34,7 +34,7 @@ pub struct Sampler<'a> {
     passes: u64,
 }
 
-/// Points on their way.
+/// A chunk of points in progress.
 #[derive(Debug, Default)]
 pub struct Chunk {
     /// Render values; NaN is absent, or not known yet.
@@ -42,10 +42,10 @@ pub struct Chunk {
     waiting: Vec<usize>,
 }
 
-/// What a task found.
+/// Result of one task.
 #[derive(Default)]
 struct Found {
-    /// Render values by number of the point; NaN is absent.
+    /// Number of a point, and its render value; NaN is absent.
     values: Vec<(usize, f32)>,
     /// Points whose brick is missing.
     waiting: Vec<usize>,
@@ -54,17 +54,17 @@ struct Found {
 }
 
 impl<'a> Sampler<'a> {
-    /// A sampler of a level; the streamer is aimed at it.
+    /// A sampler of a level; aims the streamer at it.
     ///
     /// # Errors
-    /// If memory does not suffice for the coarsest level, where there is a deadline.
+    /// If there is a deadline and memory does not suffice for the coarsest level.
     pub fn new(streamer: &'a mut Streamer, lod: Lod, stop: Stop) -> Result<Self, RenderError> {
         let container = streamer.container().clone();
         let pyramid = container.pyramid().clone();
         streamer.begin_frame();
         streamer.begin_band();
         if stop.deadline().is_some() {
-            // What stands in when the time is up.
+            // The coarsest level stands in at the deadline.
             let coarsest = Field::FIRST.bricks(pyramid.keys_of(pyramid.coarsest()));
             streamer
                 .fetch_to_keep(&coarsest, Room { bricks: usize::MAX, stop: stop.instead_at(None), patience: None })?;
@@ -73,25 +73,26 @@ impl<'a> Sampler<'a> {
         Ok(Self { map: value_map(&container), streamer, pyramid, lod, stop, on_missing, passes: 0 })
     }
 
-    /// The same, taking coarser bricks where those that are wanted are not there.
+    /// The same, with coarser bricks in place of missing ones.
     #[must_use]
     pub fn of_what_is_there(self) -> Self {
         Self { on_missing: OnMissing::UseParent, ..self }
     }
 
-    /// What render values mean.
+    /// Map from stored values to render values.
     #[must_use]
     pub fn map(&self) -> &ValueMap {
         &self.map
     }
 
-    /// Place of level 0, and how many of its voxels one of this level covers along each axis.
+    /// Geometry of level 0, and the voxels of level 0 along each axis of one voxel of this level.
     #[must_use]
     pub fn grid(&self) -> (Geometry, [u64; 3]) {
         scale_of(self.streamer.container(), self.lod)
     }
 
-    /// Goes on with what is waiting of a chunk of index points of level 0, until nothing is, or the time is up; whether nothing is.
+    /// Samples the waiting points of a chunk (index coordinates of level 0) until none waits or the deadline passes.
+    /// Returns whether none waits.
     ///
     /// # Errors
     /// If memory does not suffice, there is no progress, or it is cancelled.
@@ -147,7 +148,7 @@ impl<'a> Sampler<'a> {
     }
 }
 
-/// The value at a point, from the brick that its nearest voxel lies in, or from a coarser one that stands in.
+/// The value at a point, from the brick that holds its nearest voxel, or from a coarser one that stands in.
 fn look_up(
     view: &HostView<'_>,
     (pyramid, map, finest): (&Pyramid, &ValueMap, Lod),
@@ -181,7 +182,7 @@ fn look_up(
         found.values.push((number, value));
         return;
     }
-    // Nothing is there, however coarse.
+    // No brick covers it, however coarse.
     found.values.push((number, f32::NAN));
 }
 

@@ -1,4 +1,4 @@
-//! The colours of one slice, ray by ray: from whatever bricks are there where there is no time, then chunk by chunk as they are wanted.
+//! Colours of one slice, ray by ray: after the deadline from resident bricks, else chunk by chunk at full quality.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -10,25 +10,25 @@ use super::layers::Cut;
 use super::sampling::{Chunk, Sampler};
 use crate::render::error::RenderError;
 
-/// Points that are sampled at a time.
+/// Points sampled at a time.
 const CHUNK_POINTS: usize = 1 << 16;
 
-/// See the module.
+/// Colours of one slice, see the module.
 #[derive(Default)]
 pub struct Sheet {
-    /// NaN where there is no slice.
+    /// Colour of each ray; NaN where there is no slice.
     pub colors: Vec<[f32; 3]>,
-    /// Rows of rays whose colours are those that are wanted.
+    /// Rows of rays whose colours are final.
     rows: usize,
-    /// Texels of a filtered slice as they are wanted, as far as they are known.
+    /// Final texels of a filtered slice, as far as they are known.
     texels: Vec<f32>,
     filtered: Option<FilteredSlice>,
-    /// What is on its way.
+    /// The chunk in progress.
     chunk: Chunk,
 }
 
 impl Sheet {
-    /// Colours from what is there; none of them is as it is wanted.
+    /// Colours from resident bricks; none of them is final.
     ///
     /// # Errors
     /// As [`Sampler::advance`].
@@ -38,7 +38,7 @@ impl Sheet {
         Ok(Self { colors: sheet.colors, ..Self::default() })
     }
 
-    /// Samples what is not yet as it is wanted, until the time is up; whether all is.
+    /// Samples the colours that are not final, until the deadline; returns whether all are final.
     ///
     /// # Errors
     /// As [`Sampler::advance`].
@@ -46,7 +46,7 @@ impl Sheet {
         Ok(self.sample_texels(cut, number, sampler)? && self.sample_rays(cut, number, sampler)?)
     }
 
-    /// Texels of a slice with a filter, until the time is up; whether that is all of them.
+    /// Samples texels of a slice with a filter, until the deadline; returns whether all are done.
     fn sample_texels(&mut self, cut: &Cut, number: usize, sampler: &mut Sampler<'_>) -> Result<bool, RenderError> {
         let slice = &cut.scene.slices[number];
         let Some(filter) = slice.filter.filter(|_| self.filtered.is_none()) else { return Ok(true) };
@@ -65,7 +65,7 @@ impl Sheet {
         Ok(true)
     }
 
-    /// Colours of rays, until the time is up; whether that is all of them.
+    /// Samples colours of rays, until the deadline; returns whether all are done.
     fn sample_rays(&mut self, cut: &Cut, number: usize, sampler: &mut Sampler<'_>) -> Result<bool, RenderError> {
         let slice = &cut.scene.slices[number];
         let [width, height] = cut.rays_size().map(|n| n as usize);
@@ -103,7 +103,7 @@ impl Sheet {
     }
 }
 
-/// The colours of a slice: its own, or those that suit what its filter has made.
+/// The colours of a slice: its own, or those that suit its filter.
 fn colors_of(slice: &SlicePlane, filtered: Option<(&FilteredSlice, FilterSpec)>) -> TransferFunction {
     let by_filter = || filtered.map(|(made, filter)| made.colors(filter.kind));
     slice.colors.clone().or_else(by_filter).expect("a slice without a filter has colours")

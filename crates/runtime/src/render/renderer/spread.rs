@@ -1,12 +1,12 @@
-//! What coarse voxels stand for, where a transfer function shows nothing of them.
+//! Spread of fine values within coarse voxels, for transfer functions that show nothing of averages.
 //!
-//! A coarse voxel is the average of many. Amplitudes of a survey average to zero, which its transfer function leaves clear: a sketch
-//! from the coarsest level would show nothing of what fills the picture. So where most opacity is lost that way, voxels of coarse
-//! levels are classified by what they stand for: values that are spread around them as those of the volume are around their mean,
-//! and as far as the averaging has taken away of their variance. The transfer function of a level is then the mean over that
-//! spread (after Younesy, Möller and Carr 2006, "Improving the quality of multi-resolution volume rendering", who store mean and
-//! deviation of each voxel). It is for pictures that somebody looks at until there is a better one, never for the one that is
-//! wanted.
+//! A coarse voxel is the average of many. Seismic amplitudes average to zero, which their transfer function leaves
+//! transparent: a sketch from the coarsest level would be empty. If most opacity is lost that way, voxels of coarse
+//! levels are classified by the values they average. These are modelled as spread around the voxel as the volume's
+//! values are around their mean, scaled to the variance that averaging removed. The transfer function of a level is
+//! then the mean over that spread (after Younesy, Möller and Carr 2006, "Improving the quality of multi-resolution
+//! volume rendering", who store mean and deviation of each voxel). It is used for intermediate pictures only, never for
+//! the final one.
 
 use supervol_format::{Container, Lod};
 use supervol_scene::facts::histogram::Histogram;
@@ -16,29 +16,29 @@ use supervol_scene::value_map::ValueMap;
 
 use crate::stream::residency::{DecodedBrick, Voxels};
 
-/// Points of a transfer function for coarse levels: half as many as a manifest's histogram has bins.
+/// Points of a transfer function for coarse levels: half the bins of a manifest's histogram.
 const POINTS: usize = 128;
-/// Every so many voxels of the coarsest level are looked at: some ten thousand.
+/// Stride of the voxels of the coarsest level that are sampled: about ten thousand samples.
 const STRIDE: usize = 23;
-/// Spreads narrower than this share of the volume's own change nothing that can be seen in large pixels.
+/// Least useful spread, as a share of the volume's: narrower ones change nothing visible in large pixels.
 const LEAST_SPREAD: f64 = 0.1;
 
-/// See the module. Values are those of a picture's units.
+/// Spread of values, see the module. Values are in a picture's units.
 #[derive(Debug, Clone)]
 pub struct Spread {
-    /// Values of level 0 less their mean, and their shares.
+    /// Values of level 0 minus their mean, and their shares.
     around_mean: Vec<(f64, f64)>,
     mean: f64,
     /// Values of voxels of the coarsest level.
     coarsest: Vec<f64>,
-    /// Standard deviation that the coarsest level has lost, as a share of level 0's.
+    /// Standard deviation lost in the coarsest level, as a share of level 0's.
     lost: f64,
     /// Ends of the range of values.
     range: [f64; 2],
 }
 
 impl Spread {
-    /// That of a volume whose coarsest level has voxels of these values; `None` where nothing varies or nothing is lost.
+    /// The spread of a volume whose coarsest level has these voxel values; `None` if nothing varies or nothing is lost.
     #[must_use]
     pub fn of(container: &Container, coarsest: Vec<f64>) -> Option<Self> {
         let (counts, range) = (&container.manifest().histogram, InUnits::of(container).value_range);
@@ -51,14 +51,15 @@ impl Spread {
         let count = coarsest.len() as f64;
         let coarse_mean = coarsest.iter().sum::<f64>() / count;
         let left = coarsest.iter().map(|value| (value - coarse_mean).powi(2)).sum::<f64>() / count;
-        // The variance of all voxels is that of the averages, and what lies within them.
+        // Total variance is the variance of the averages plus the variance within them.
         let lost = (1.0 - left / variance).max(0.0).sqrt();
         let around_mean = fine.into_iter().map(|(value, share)| (value - mean, share)).collect();
-        // Not so where there are no voxels, or all are equal.
+        // False also if there are no voxels, or all are equal.
         (lost >= LEAST_SPREAD).then_some(Self { around_mean, mean, coarsest, lost, range: [range.min, range.max] })
     }
 
-    /// The transfer function that shows of the `level`th of `levels` levels what one shows of level 0; `None` where its own will do.
+    /// The transfer function that shows of level `level` of `levels` what `function` shows of level 0; `None` if
+    /// `function` itself will do.
     #[must_use]
     pub fn transfer_function(
         &self,
@@ -66,7 +67,8 @@ impl Spread {
         level: Lod,
         coarsest: Lod,
     ) -> Option<TransferFunction> {
-        // Half of the variance is lost from level to level, until all that the coarsest has lost is: nobody has measured it.
+        // Assumption, not measured: each level loses half of the variance, until the loss of the coarsest level is
+        // reached.
         let halvings = f64::from(coarsest.0.saturating_sub(level.0));
         let scale = self.lost * (-0.5 * halvings).exp2();
         let fine = self.around_mean.iter().map(|(offset, share)| (self.mean + offset, *share));
@@ -90,7 +92,7 @@ impl Spread {
     }
 }
 
-/// Values of some voxels of a brick, evenly spread; absent ones left out.
+/// Values of some voxels of a brick, evenly spread, without absent ones.
 #[must_use]
 pub fn values_of(brick: &DecodedBrick, map: &ValueMap) -> Vec<f64> {
     let of_number =

@@ -1,10 +1,10 @@
-//! A picture by a GPU and a deadline: large pixels first, then as small ones as there is time for.
+//! Progressive picture by a GPU with a deadline: large pixels first, then smaller ones as time allows.
 //!
-//! A sketch is always finished, from the bricks that are there and the coarsest level. Pictures of smaller pixels follow while
-//! there is time; rays that stop when it is up go on when the same scene is drawn next.
+//! A sketch is always finished, from resident bricks and the coarsest level. Pictures of smaller pixels follow while
+//! there is time. Rays that pause at the deadline continue when the same scene is drawn next.
 //!
-//! Graphics hardware may draw a whole picture in less time than there is. What pictures took is remembered from scene to scene there
-//! ([`Pace`]), and the first one has pixels as small as there was time for last time; bricks are waited for until it must be begun.
+//! Graphics hardware may draw a whole picture before the deadline. So [`Pace`] remembers drawing times across scenes,
+//! and the first picture begins with the pixel size that fitted last time. It waits for bricks until it must begin.
 
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
@@ -28,29 +28,29 @@ use crate::stop::{LEAST_STEP, Stop};
 /// The best picture of a scene so far.
 #[derive(Debug, Clone)]
 pub struct Best {
-    /// As large as it is wanted, once [`draw`] hands it over.
+    /// The image, at full size once [`draw`] returns it.
     pub image: Image,
-    /// What it and those before it have cost.
+    /// Statistics of it and the pictures before it.
     pub stats: FrameStats,
-    /// How many pixels along an edge one of its pixels covers.
+    /// Edge of one of its pixels, in pixels of the full picture.
     pixel: u32,
-    /// The size of pixels that was begun and is not finished.
+    /// Pixel size of the picture that was begun and is not finished.
     begun: Option<u32>,
     took: Duration,
-    /// What its pixels may be off by, where that is asked for; NaN where nothing is known.
+    /// Errors of its pixels, if requested; NaN where unknown.
     errors: Option<Image>,
-    /// What its rays may be off by, reason by reason.
+    /// Errors of its rays, by reason.
     by_reason: ErrorsByReason,
 }
 
 impl Best {
-    /// What each pixel may be off by, grey, 1 being white, where that is asked for.
+    /// Error map: error of each pixel, grey, 1 is white, if requested.
     #[must_use]
     pub fn error_map(&self) -> Option<Image> {
         Some(complete(self.errors.clone()?, &self.image))
     }
 
-    /// The same in numbers.
+    /// The stated errors in numbers.
     #[must_use]
     pub fn error_stated(&self) -> Option<ErrorStated> {
         let unknown = self.stats.pixels_unfinished;
@@ -65,10 +65,10 @@ impl Best {
     }
 }
 
-/// What pictures took, but for fetching bricks, by the size of their pixels, when they were drawn last.
+/// Drawing times of the last pictures by pixel size, without fetching bricks.
 #[derive(Debug, Default)]
 pub struct Pace {
-    /// Of the whole picture.
+    /// Size of the full picture, pixels.
     size: [u32; 2],
     took: BTreeMap<u32, Duration>,
 }
@@ -81,7 +81,7 @@ impl Pace {
         self.took.insert(pixel, took);
     }
 
-    /// The smallest pixels whose picture there is time for, and what it took, if any is known.
+    /// The smallest pixel size whose picture fits into the time left, with its drawing time; `None` if none is known.
     fn fitting(&self, size: [u32; 2], left: Duration) -> Option<(u32, Duration)> {
         let sure = left.mul_f64(LEAST_SURE_SHARE);
         let fitting = self.took.iter().find(|(_, took)| **took <= sure).filter(|_| self.size == size);
@@ -89,25 +89,25 @@ impl Pace {
     }
 }
 
-/// A device, and how fast it is.
+/// A device and its speed.
 pub struct Device {
-    /// The device, and what it holds.
+    /// The device and the data on it.
     pub backend: GpuBackend,
     pace: Pace,
 }
 
 impl Device {
-    /// Nothing is known of it yet.
+    /// A device of unknown speed.
     #[must_use]
     pub fn new(device: GpuDevice) -> Self {
         Self { backend: GpuBackend::new(device), pace: Pace::default() }
     }
 }
 
-/// The first picture of a scene that has a deadline: its pixels, and until when bricks are waited for.
+/// The first picture of a scene with a deadline: its pixel size, and how long to wait for bricks.
 fn first_picture(Device { backend, pace }: &Device, scene: &ResolvedScene, deadline: Instant) -> (u32, Instant) {
     let now = Instant::now();
-    // What software adapters take varies too much: nothing stops a picture that is to be completed.
+    // Times of software adapters vary too much, and a picture that must be completed cannot be stopped.
     let known = pace
         .fitting(scene.image_size, deadline.saturating_duration_since(now))
         .filter(|_| !backend.device().deals_as_software());
@@ -117,10 +117,10 @@ fn first_picture(Device { backend, pace }: &Device, scene: &ResolvedScene, deadl
     }
 }
 
-/// Makes the picture better while there is time; without a deadline, until it is finished.
+/// Improves the picture while there is time; without a deadline, until it is finished.
 ///
 /// # Errors
-/// As any picture; [`RenderError::Cancelled`] where there is none yet.
+/// As any picture; [`RenderError::Cancelled`] if there is no picture yet.
 pub fn draw(
     device: &mut Device,
     resident: &mut Resident,
@@ -130,7 +130,7 @@ pub fn draw(
     best: Option<Best>,
 ) -> Result<Best, RenderError> {
     let (mut best, stop) = match (best, stop.deadline()) {
-        // However short steps are, each comes some way.
+        // Each step makes progress, however short it is.
         (Some(best), _) => (best, stop.not_before(Instant::now() + LEAST_STEP)),
         (None, Some(deadline)) => {
             let (pixel, latest) = first_picture(device, scene, deadline);
@@ -172,15 +172,15 @@ pub fn draw(
     Ok(best)
 }
 
-/// What a picture is begun with.
+/// Parameters of a stage that begins.
 struct Begun {
     pixel: u32,
-    /// Whether its rays stop when it is time to; if not, it is completed from what is there.
+    /// Whether its rays pause at the deadline; otherwise it is completed from resident bricks.
     is_paused_when_due: bool,
     before: FrameStats,
 }
 
-/// The picture of pixels of one size.
+/// Draws the picture of one pixel size.
 fn stage(
     device: &mut Device,
     resident: &mut Resident,
@@ -192,7 +192,7 @@ fn stage(
     let began = Instant::now();
     let Begun { pixel, is_paused_when_due, before } = begun;
     let room = ([scene.camera.width, scene.camera.height], options.predict_error);
-    // Shaders that sum up errors are others: whoever wants that of the last picture has all drawn by the same.
+    // Shaders that sum up errors differ. If the final picture needs errors, all stages use these shaders.
     let options =
         RenderOptions { predict_error: options.predict_error, ..options_for(resident.container(), options, pixel) };
     let seen = with_pixels(scene, pixel);
@@ -209,7 +209,7 @@ fn stage(
     }
     let took = began.elapsed();
     device.pace.note(scene.image_size, pixel, took.saturating_sub(fetching));
-    // Of pixels that are taken from larger ones nothing is known.
+    // Pixels taken from larger ones have no known error.
     let (errors, by_reason) = match pixel {
         1 => (maps.errors, by_reason),
         _ => (maps.errors.map(|_| Image::unknown(scene.image_size)), ErrorsByReason::default()),

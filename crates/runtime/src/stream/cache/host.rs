@@ -1,30 +1,33 @@
-//! Things kept by field and brick in host memory, within a number of bytes: decoded bricks. The bytes are those of all fields together.
+//! Host cache: decoded bricks, kept by field and brick within a number of bytes. The limit covers all fields together.
 //!
-//! Least recently used by *pass*: all bricks that one pass used are equally recent. Who may leave is the caller's to say
-//! ([`Victims`]); who leaves first among those is decided here. The budget is never exceeded: room is made before
+//! Eviction is least recently used by *pass*: all bricks that one pass used are equally recent. The caller says which
+//! bricks may leave ([`Victims`]); the cache chooses their order. The budget is never exceeded: room is made before
 //! anything is read for it.
 //!
-//! Protocol of one pass: [`HostCache::begin_pass`]; rays look up with [`HostCache::get`]; [`HostCache::note_uses`] with
-//! what they used; [`HostCache::victims`], [`HostCache::make_room`], [`HostCache::reserve`]; when a brick is here,
-//! [`HostCache::take_spares`] for its memory, [`HostCache::release`], [`HostCache::insert`].
+//! Protocol of one pass:
+//! 1. [`HostCache::begin_pass`]; rays look up bricks with [`HostCache::get`].
+//! 2. [`HostCache::note_uses`] with the bricks they used.
+//! 3. [`HostCache::victims`], [`HostCache::make_room`], [`HostCache::reserve`] for bricks to be read.
+//! 4. For each brick that arrives: [`HostCache::take_spares`] for its memory, [`HostCache::release`],
+//!    [`HostCache::insert`].
 
 use super::KeyMap;
 use crate::stream::counters::StreamCounters;
 use crate::stream::field::FieldBrick;
 
-/// Bytes that a brick costs besides its voxels and ranges: table entry and allocations.
+/// Bytes of a brick besides its voxels and ranges: table entry and allocations.
 pub const BRICK_OVERHEAD_BYTES: u64 = 256;
 
-/// Bricks within a budget.
+/// Bricks within a budget of bytes.
 #[derive(Debug)]
 pub struct HostCache<T> {
     bricks: KeyMap<Held<T>>,
     budget_bytes: u64,
     bytes: u64,
-    /// Bytes kept free for bricks on their way.
+    /// Bytes kept free for bricks being loaded.
     reserved: u64,
-    /// Bricks that have left, whose memory waits for those on their way: never more bytes than are reserved. Given back to the
-    /// allocator and asked for again by whichever thread decodes next, it would be torn to pieces.
+    /// Evicted bricks whose memory is kept for bricks being loaded; never more bytes than are reserved. Freeing it and
+    /// allocating it again on the next decoding thread would fragment memory.
     spares: Vec<Held<T>>,
     pass: u64,
     counters: StreamCounters,
@@ -39,24 +42,24 @@ struct Held<T> {
     last_used: u64,
 }
 
-/// How readily a brick may leave.
+/// Eviction priority of a brick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Standing {
     /// No ray of this frame will want it: leaves first, the least recently used first.
     Free,
-    /// Rays of this frame may want it again, those of lesser number sooner: leaves only for what rays wait for now, the
-    /// greatest number first.
+    /// Rays of this frame may want it again; lesser numbers are wanted sooner. It leaves only for bricks that rays wait
+    /// for now, the greatest number first.
     Live(i64),
-    /// Stays.
+    /// It stays.
     Kept,
 }
 
-/// Bricks that may leave, in the order in which they do.
+/// Bricks that may leave, in their order of eviction.
 #[derive(Debug, Default)]
 pub struct Victims {
-    /// The next to leave last.
+    /// The last element leaves next.
     free: Vec<(FieldBrick, u64)>,
-    /// The next to leave last.
+    /// The last element leaves next.
     live: Vec<(FieldBrick, u64)>,
     free_bytes: u64,
     live_bytes: u64,
@@ -92,7 +95,7 @@ impl<T> HostCache<T> {
         }
     }
 
-    /// A new pass begins: what is used from now on is more recent than everything before.
+    /// Begins a pass: bricks used from now on are more recent than all others.
     pub fn begin_pass(&mut self) {
         self.pass += 1;
     }
@@ -103,14 +106,14 @@ impl<T> HostCache<T> {
         self.pass
     }
 
-    /// The brick, if it is here.
+    /// The brick, if it is in the cache.
     #[inline]
     #[must_use]
     pub fn get(&self, key: FieldBrick) -> Option<&T> {
         self.bricks.get(&key).map(|held| &held.brick)
     }
 
-    /// Notes which bricks the current pass used, and how many it wanted in vain.
+    /// Records the bricks that the current pass used, and the number of its misses.
     pub fn note_uses(&mut self, used: &[FieldBrick], missed: u64) {
         for key in used {
             if let Some(held) = self.bricks.get_mut(key) {
@@ -121,7 +124,7 @@ impl<T> HostCache<T> {
         self.counters.misses += missed;
     }
 
-    /// Bricks that may leave. `standing` is told the key and the pass in which the brick was last used.
+    /// Bricks that may leave. `standing` receives the key and the pass in which the brick was last used.
     pub fn victims(&self, standing: impl Fn(FieldBrick, u64) -> Standing) -> Victims {
         let mut free = Vec::new();
         let mut live = Vec::new();
@@ -132,7 +135,7 @@ impl<T> HostCache<T> {
                 Standing::Kept => {}
             }
         }
-        // The key breaks ties, so that the order does not depend on the table's.
+        // The key breaks ties, so that the order does not depend on the hash table.
         free.sort_unstable_by(|a, b| b.cmp(a));
         live.sort_unstable();
         let strip =
@@ -143,11 +146,11 @@ impl<T> HostCache<T> {
         Victims { free_bytes: sum(&free), live_bytes: sum(&live), free, live }
     }
 
-    /// Drops bricks until `bytes` more fit, live ones only when there are no free ones left. Returns what was dropped. Their memory is kept
-    /// for as much as is reserved next.
+    /// Drops bricks until `bytes` more fit; live ones only when no free ones are left. Returns the dropped bricks.
+    /// Their memory is kept for the next reservation.
     ///
     /// # Errors
-    /// The bytes that are missing where even all victims do not make enough room; then nothing was dropped.
+    /// The number of missing bytes if all victims together do not make enough room; then nothing was dropped.
     pub fn make_room(&mut self, bytes: u64, victims: &mut Victims) -> Result<Vec<FieldBrick>, u64> {
         let available = self.free_bytes() + victims.free_bytes + victims.live_bytes;
         if bytes > available {
@@ -175,8 +178,8 @@ impl<T> HostCache<T> {
         Ok(dropped)
     }
 
-    /// From now on the cache holds so many bytes. Returns what was dropped; the least recently used first, those that `stays`
-    /// names last.
+    /// Changes the budget. Returns the dropped bricks. The least recently used leave first, those that `stays` selects
+    /// last.
     pub fn set_budget(&mut self, budget_bytes: u64, stays: impl Fn(FieldBrick) -> bool) -> Vec<FieldBrick> {
         let rank = |key| if stays(key) { Standing::Live(0) } else { Standing::Free };
         let mut victims = self.victims(|key, _| rank(key));
@@ -187,7 +190,7 @@ impl<T> HostCache<T> {
         dropped
     }
 
-    /// Keeps bytes free for bricks on their way.
+    /// Keeps bytes free for bricks being loaded.
     ///
     /// # Panics
     /// If no room was made for them.
@@ -202,13 +205,13 @@ impl<T> HostCache<T> {
         self.drop_spares(self.reserved);
     }
 
-    /// Bricks that have left, one for the memory of each that has come and has so many bytes; none where none has as many.
+    /// Takes one spare brick of equal size for each size, `None` if there is none.
     ///
     /// # Panics
-    /// If less is reserved than they take together.
+    /// If less is reserved than the sizes' sum.
     pub fn take_spares(&mut self, sizes: &[u64]) -> Vec<Option<T>> {
         let spares = sizes.iter().map(|&bytes| self.take_spare(bytes)).collect();
-        // Those that come are in memory beside what is left.
+        // The arriving bricks are in memory beside the remaining spares.
         self.drop_spares(self.reserved - sizes.iter().sum::<u64>());
         spares
     }
@@ -218,7 +221,7 @@ impl<T> HostCache<T> {
         Some(self.spares.swap_remove(at).brick)
     }
 
-    /// Drops spares until they have at most so many bytes.
+    /// Drops spares until they hold at most `most_bytes`.
     fn drop_spares(&mut self, most_bytes: u64) {
         let mut bytes = self.spare_bytes();
         while bytes > most_bytes {
@@ -230,22 +233,22 @@ impl<T> HostCache<T> {
         self.spares.iter().map(|spare| spare.bytes).sum()
     }
 
-    /// Bytes that are reserved.
+    /// Reserved bytes.
     #[must_use]
     pub fn reserved_bytes(&self) -> u64 {
         self.reserved
     }
 
-    /// Bytes that were reserved are free again: the brick is here to be put in, or will not come.
+    /// Frees reserved bytes: their brick is about to be inserted, or will not come.
     pub fn release(&mut self, bytes: u64) {
         self.reserved -= bytes;
         self.drop_spares(self.reserved);
     }
 
-    /// Puts a brick in; `bytes` includes [`BRICK_OVERHEAD_BYTES`].
+    /// Inserts a brick; `bytes` includes [`BRICK_OVERHEAD_BYTES`].
     ///
     /// # Panics
-    /// If it is here already, or no room was made for it.
+    /// If it is already in the cache, or no room was made for it.
     pub fn insert(&mut self, key: FieldBrick, brick: T, bytes: u64) {
         assert!(bytes <= self.free_bytes(), "{key} has {bytes} bytes, but only {} are free", self.free_bytes());
         let before = self.bricks.insert(key, Held { brick, bytes, last_used: self.pass });
@@ -290,13 +293,13 @@ impl<T> HostCache<T> {
         self.bricks.is_empty()
     }
 
-    /// Most bytes held at once, or reserved.
+    /// Most bytes held and reserved at once.
     #[must_use]
     pub fn peak_bytes(&self) -> u64 {
         self.peak_bytes
     }
 
-    /// What happened so far: uses, misses, bricks that came and left.
+    /// Counters: uses, misses, page-ins and evictions.
     #[must_use]
     pub fn counters(&self) -> &StreamCounters {
         &self.counters
@@ -376,7 +379,7 @@ mod tests {
         let mut keys: Vec<FieldBrick> = cache.keys().collect();
         keys.sort_unstable();
         assert_eq!(keys, [a, b]);
-        // The older one is used once more: the other leaves for the third field, and it alone.
+        // The older one is used once more: only the other leaves for the third field.
         cache.begin_pass();
         cache.note_uses(&[a, c], 0);
         assert_eq!(cache.counters().uses, 1);

@@ -1,7 +1,7 @@
-//! Where decoded bricks are kept: [`host`] memory first; a graphics device copies from there.
+//! Cache of decoded bricks in [`host`] memory; a graphics device copies from there.
 //!
-//! A cache holds what it is handed, within a number of bytes, and says what it dropped. It reads no file, ranks nothing
-//! and knows no state of a brick: the streamer does.
+//! A cache holds the data it is given, within a number of bytes, and reports what it dropped. It reads no file, ranks
+//! nothing and knows no brick state: the streamer does.
 
 pub mod host;
 
@@ -10,11 +10,11 @@ use std::hash::{BuildHasherDefault, Hasher};
 
 use crate::stream::field::FieldBrick;
 
-/// A map from bricks of fields. Rays look bricks up millions of times per frame; keys come from our own arithmetic and need no
-/// protection against chosen collisions, so one multiplication replaces the standard hash.
+/// Map keyed by bricks of fields. Rays look bricks up millions of times per frame. Keys come from our own arithmetic
+/// and need no protection against chosen collisions, so one multiplication replaces the standard hash.
 pub type KeyMap<T> = HashMap<FieldBrick, T, BuildHasherDefault<KeyHasher>>;
 
-/// Hash of the one word that stands for a brick of a field: the two halves of a product with an odd constant, folded.
+/// Hash of the one word that identifies a brick of a field: the two halves of a product with an odd constant, folded.
 #[derive(Debug, Default, Clone, Copy)]
 pub struct KeyHasher(u64);
 

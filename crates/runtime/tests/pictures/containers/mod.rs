@@ -26,7 +26,8 @@ use supervol_scene::scene::ResolvedScene;
 
 use crate::support::Volume;
 
-/// The bytes of a container of this volume. Coarser levels are means; error bounds are the volume's range, which is safe.
+/// The bytes of a container of this volume. Coarser levels are means. Error bounds are the volume's range, which is a
+/// safe choice.
 pub fn container_bytes(volume: &Volume, core: u32) -> Vec<u8> {
     let mut levels = vec![volume.clone()];
     let mut factors = vec![];
@@ -83,7 +84,7 @@ fn manifest(volume: &Volume) -> Manifest {
     }
 }
 
-/// 256 counts over the range of values.
+/// A histogram of 256 bins over the range of values.
 fn histogram(volume: &Volume) -> Vec<u64> {
     let (range, mut counts) = (volume.range(), vec![0; 256]);
     for value in volume.values.iter().filter(|v| !v.is_nan()) {
@@ -113,21 +114,21 @@ fn stored_voxels(level: &Volume, pyramid: &Pyramid, key: BrickKey) -> Vec<u8> {
     bytes
 }
 
-/// What a faulty source does with a read.
+/// Behaviour of a faulty source at a read.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum Fault {
     None,
     /// `EIO`.
     Error,
-    /// A network that stumbles.
+    /// A temporary network error.
     TimedOut,
-    /// The source ends first.
+    /// The source ends too early.
     Short,
 }
 
 type Rule = Box<dyn Fn(u64, Range<u64>) -> Fault + Send + Sync>;
 
-/// A source that counts its reads and may be slow or fail by a rule over (number of the read, bytes read).
+/// A source that counts its reads. A rule over (number of the read, bytes read) makes it slow or fail.
 pub struct Faulty {
     bytes: Vec<u8>,
     rule: Rule,

@@ -6,14 +6,14 @@ use supervol_runtime::engines::gpu::shaders::ShaderModule;
 use supervol_runtime::engines::gpu::table::Table;
 use supervol_runtime::engines::gpu::texels::{TEXEL_BYTES, VoxelStorage};
 
-/// What a test shader reads in group 0, by binding.
+/// A resource that a test shader reads in group 0, by binding.
 pub enum Resource<'a> {
     Storage(&'a [u8]),
-    /// A table's words, and how many of them a texel has.
+    /// A table's words, and the number of words per texel.
     Table(&'a [u32], usize),
     /// Voxels of a cube of one slot, x fastest; its edge.
     Voxels(&'a [f32], u32),
-    /// One texel, for what is bound and not read.
+    /// One texel, for bindings that are not read.
     Nothing,
 }
 

@@ -30,7 +30,7 @@ use supervol_scene::scene::{ResolvedScene, Scene};
 use supervol_scene::value_map::ValueMap;
 
 #[allow(clippy::print_stderr, reason = "a skipped test must be seen")]
-/// The GPU, or `None` with a loud word where there is none; with `SUPERVOL_REQUIRE_GPU=1` that is a failure.
+/// The GPU, or `None` with a printed message if there is none; with `SUPERVOL_REQUIRE_GPU=1` that is a failure.
 pub fn gpu() -> Option<GpuDevice> {
     match GpuDevice::open() {
         Ok(gpu) => Some(gpu),
@@ -186,7 +186,7 @@ impl TestVolume {
         panic!("not converged after {pass_limit} passes: {:?}", renderer.stats());
     }
 
-    /// The least budget with which this many slots fit.
+    /// The least budget that fits this many slots.
     pub fn memory_for(&self, gpu: &GpuDevice, scene: &ResolvedScene, lod: LodChoice, slots: u64) -> u64 {
         let options = GpuOptions { memory_bytes: 0, ..GpuOptions::default() };
         match GpuRenderer::new(gpu, &self.gpu_volume(), scene, lod, options, None) {
@@ -314,7 +314,7 @@ pub fn noise(voxel: [usize; 3]) -> f64 {
     Random::new(x | y << 20 | z << 40).unit()
 }
 
-/// The greatest difference of a channel, in 1/255; infinite where a pixel is not finite.
+/// The greatest difference of a channel, in 1/255; infinite if a pixel is not finite.
 pub fn greatest_difference(a: &Image, b: &Image) -> f64 {
     a.distance(b)
 }

@@ -31,7 +31,7 @@ pub struct Volume {
 }
 
 impl Volume {
-    /// A field evaluated at voxel indices, rounded to the voxel type (f32, or u8 and u16 as they are).
+    /// A field evaluated at voxel indices, rounded to the voxel type (f32, or u8 and u16 without scaling).
     pub fn new(dims: [usize; 3], voxel_type: VoxelType, field: impl Fn([f64; 3]) -> f64) -> Self {
         let mut values = Vec::new();
         for k in 0..dims[2] {
@@ -132,7 +132,7 @@ impl Bricked {
         Self::scaled(volume, core, [1.0, 0.0])
     }
 
-    /// The same, but what is stored means `stored * scale + offset`.
+    /// The same, with the data value `stored * scale + offset`.
     pub fn scaled(volume: &Volume, core: u32, [scale, offset]: [f64; 2]) -> Self {
         let layout = BrickLayout::new(core).unwrap();
         let mut levels = vec![volume.clone()];
@@ -232,7 +232,7 @@ fn brick_of(level: &Volume, pyramid: &Pyramid, key: BrickKey, map: &ValueMap) ->
     DecodedBrick::from_stored(key, shape, &bytes, ranges.into_iter(), map, absence, None)
 }
 
-/// A view in which only `limit` new bricks become resident between passes, and old ones may go.
+/// A view in which at most `limit` new bricks become resident between passes, and old ones may leave.
 pub struct Trickle<'a> {
     pub all: &'a Bricked,
     pub resident: Mutex<Vec<BrickKey>>,
@@ -244,7 +244,7 @@ impl BrickView for Trickle<'_> {
     }
 }
 
-/// Greatest difference of any channel, in grey levels of 255; infinite where a pixel is not finite.
+/// Greatest difference of any channel, in grey levels of 255; infinite if a pixel is not finite.
 pub fn difference(a: &Image, b: &Image) -> f64 {
     a.distance(b)
 }
@@ -279,7 +279,7 @@ pub fn marschner_lobb(n: usize) -> impl Fn([f64; 3]) -> f64 {
     }
 }
 
-/// Where the reference does not change when the eye moves by a ten-thousandth of a voxel: not on silhouettes.
+/// Pixels at which the reference does not change when the eye moves by a ten-thousandth of a voxel: not on silhouettes.
 pub fn stable(volume: &Volume, scene: &ResolvedScene, exact: &Image) -> Vec<bool> {
     let moved = [(1e-4, 0.0), (-1e-4, 0.0), (0.0, 1e-4), (0.0, -1e-4)].map(|(x, y)| {
         let mut moved = scene.clone();

@@ -1,12 +1,12 @@
-//! Numbers side by side: the one place that knows instruction sets.
+//! SIMD lanes: the one place that knows instruction sets.
 //!
-//! [`Simd`] is a set of [`Simd::LANES`] lanes of `f32` and `i32`, and masks over them. An algorithm is written once,
-//! generic over it, with `#[inline(always)]` all the way down; [`dispatch`] enters it with the processor's features
-//! switched on. Three sets: AVX-512 (16 lanes), AVX2 with FMA (8), and plain arrays that the compiler vectorises as it can
-//! (4; right everywhere). Lanes never influence each other: a lane's result does not depend on its neighbours, nor on
-//! how many there are. Results differ between sets only where one fuses a multiplication and an addition.
+//! [`Simd`] has [`Simd::LANES`] lanes of `f32` and `i32`, and masks over them. An algorithm is written once, generic
+//! over it, with `#[inline(always)]` on all its functions; [`dispatch`] calls it with the processor's features switched
+//! on. There are three sets: AVX-512 (16 lanes), AVX2 with FMA (8), and plain arrays for the compiler's vectoriser (4;
+//! correct everywhere). Lanes are independent: a lane's result does not depend on its neighbours or their number.
+//! Results differ between sets only where one fuses a multiplication and an addition.
 //!
-//! All `unsafe` of the ray caster is in this folder, and on the way to [`Simd::gather`], whose callers know the array.
+//! All `unsafe` of the ray caster is in this folder and in callers of [`Simd::gather`], which know the array.
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
@@ -30,7 +30,7 @@ pub trait Simd: Copy + Send + Sync + 'static {
     type F: Copy + Add<Output = Self::F> + Sub<Output = Self::F> + Mul<Output = Self::F> + Div<Output = Self::F>;
     /// One `i32` per lane; sums and products wrap.
     type I: Copy + Add<Output = Self::I> + Mul<Output = Self::I>;
-    /// One truth per lane.
+    /// One boolean per lane.
     type M: Copy + BitAnd<Output = Self::M> + BitOr<Output = Self::M> + Not<Output = Self::M>;
 
     /// The same number in every lane.
@@ -41,13 +41,13 @@ pub trait Simd: Copy + Send + Sync + 'static {
     fn load(values: &[f32; LANES_LIMIT]) -> Self::F;
     /// See [`Simd::load`].
     fn load_int(values: &[i32; LANES_LIMIT]) -> Self::I;
-    /// Into the first lanes of an array.
+    /// Stores into the first lanes of an array.
     fn store(values: Self::F, into: &mut [f32; LANES_LIMIT]);
     /// See [`Simd::store`].
     fn store_int(values: Self::I, into: &mut [i32; LANES_LIMIT]);
-    /// The lanes of the mask into an array from its beginning, in their order; anything behind them.
+    /// Stores the lanes of the mask at the beginning of an array, in their order; the rest is arbitrary.
     fn compress(values: Self::F, mask: Self::M, into: &mut [f32; LANES_LIMIT]);
-    /// The first values into the lanes of the mask, in their order; the other lanes from `others`.
+    /// Moves the first values into the lanes of the mask, in their order; the other lanes come from `others`.
     fn expand(values: Self::F, mask: Self::M, others: Self::F) -> Self::F;
 
     /// `a * b + c`.
@@ -58,15 +58,15 @@ pub trait Simd: Copy + Send + Sync + 'static {
     fn max(a: Self::F, b: Self::F) -> Self::F;
     /// Magnitude.
     fn abs(a: Self::F) -> Self::F;
-    /// Of all lanes.
+    /// Sum of all lanes.
     fn sum(a: Self::F) -> f32;
     /// Square root.
     fn sqrt(a: Self::F) -> Self::F;
-    /// The greatest whole number not above.
+    /// The greatest integer that is not above.
     fn floor(a: Self::F) -> Self::F;
-    /// `2^n` for whole n in [-126, 127].
+    /// `2^n` for integers n in [-126, 127].
     fn exp2_whole(n: Self::F) -> Self::F;
-    /// Whole numbers, exactly; the rest toward zero.
+    /// Exact for integers; others round toward zero.
     fn to_int(a: Self::F) -> Self::I;
     /// Exact up to 2^24.
     fn to_float(a: Self::I) -> Self::F;
@@ -79,7 +79,7 @@ pub trait Simd: Copy + Send + Sync + 'static {
     fn lt(a: Self::F, b: Self::F) -> Self::M;
     /// `a <= b`; false where one is NaN.
     fn le(a: Self::F, b: Self::F) -> Self::M;
-    /// Where a is NaN.
+    /// Lanes where a is NaN.
     fn is_nan(a: Self::F) -> Self::M;
     /// `a < b`.
     fn lt_int(a: Self::I, b: Self::I) -> Self::M;
@@ -104,10 +104,11 @@ pub trait Simd: Copy + Send + Sync + 'static {
     /// # Safety
     /// The 4 bytes at the offset of every lane of the mask can be read.
     unsafe fn gather(base: *const u8, offsets: Self::I, mask: Self::M) -> Self::I;
-    /// The 4 bytes at each of `N` distances from each of the first places, lowest first; places and distances in items of `size` bytes
-    /// from `base`.
+    /// The 4 bytes at each of `N` distances from each of the first places, lowest first. Places and distances are in
+    /// items of `size` bytes from `base`.
     ///
-    /// Word by word, from places in memory: two thirds of the time of as many gathers on Zen 5, whose gathers are microcode.
+    /// Reads word by word, with places in memory: two thirds of the time of as many gathers on Zen 5, whose gathers are
+    /// microcode.
     ///
     /// # Safety
     /// The 4 bytes at all distances from the first [`Simd::LANES`] places can be read.
@@ -120,14 +121,14 @@ pub trait Simd: Copy + Send + Sync + 'static {
     ) -> [Self::I; N] {
         let mut rows = [base; N];
         for (row, distance) in rows.iter_mut().zip(distances) {
-            // Need not lie in the array: the words do.
+            // The pointer may lie outside of the array: the words do not.
             *row = base.wrapping_offset((distance * size) as isize);
         }
         let mut words = [[0; LANES_LIMIT]; N];
         for (lane, &place) in places.iter().enumerate().take(Self::LANES) {
             for (words, row) in words.iter_mut().zip(rows) {
                 let word = row.wrapping_offset((place * size) as isize).cast::<Word>();
-                // Volatile, or compilers make a gather of it, in one build and not in the next.
+                // Volatile, because compilers turn it into a gather in some builds.
                 // SAFETY: the caller's promise; a `Word` may lie anywhere.
                 words[lane] = i32::from_le(unsafe { word.read_volatile() }.0);
             }
@@ -138,7 +139,7 @@ pub trait Simd: Copy + Send + Sync + 'static {
         }
         out
     }
-    /// Begins to load the memory around an address, if that is some.
+    /// Begins to load the memory around an address, if it is valid.
     #[inline(always)]
     fn prefetch(_address: *const u8) {}
     /// The bits of integers as floats.
@@ -146,7 +147,7 @@ pub trait Simd: Copy + Send + Sync + 'static {
     /// The bits of floats as integers.
     fn bits_from_float(a: Self::F) -> Self::I;
 
-    /// Runs a task as a function of its own: what it keeps in registers does not crowd out its caller's.
+    /// Runs a task as a function of its own, so that its registers do not displace its caller's.
     fn apart<T: TaskOf<Self>>(task: T) -> T::Output;
 }
 
@@ -163,8 +164,8 @@ pub fn lanes(mask: u32) -> impl Iterator<Item = usize> {
 /// Integers of one packet, lane by lane.
 pub type Places = [i32; LANES_LIMIT];
 
-/// Integers in memory, for [`Simd::gather_around`]. A compiler that saw what was written would take it out of registers lane by lane
-/// instead, which takes as long as what it is meant to save.
+/// Stores integers in memory, for [`Simd::gather_around`]. It hides the values from the compiler, which would otherwise
+/// extract them from registers lane by lane and lose the gain.
 #[inline(always)]
 pub fn hidden_in_memory<S: Simd, const N: usize>(integers: [S::I; N]) -> [Places; N] {
     let mut places = [[0; LANES_LIMIT]; N];
@@ -184,17 +185,18 @@ pub fn load_from<S: Simd>(numbers: &[f32], first: usize) -> S::F {
     S::load(numbers[first..].first_chunk().expect("there is room for all lanes behind the last number"))
 }
 
-/// Something to be done with whatever lanes the processor has.
+/// A task for any number of lanes.
 pub trait Task {
-    /// What comes of it.
+    /// Its result.
     type Output;
-    /// Does it. Must be `#[inline(always)]`, and all that it calls with lanes, so that it is compiled for the set.
+    /// Runs the task. This function and all it calls with lanes must be `#[inline(always)]`, so that they are compiled
+    /// for the set.
     fn run<S: Simd>(self) -> Self::Output;
 }
 
-/// Something to be done with the lanes of one set.
+/// A task for the lanes of one set.
 pub trait TaskOf<S: Simd> {
-    /// What comes of it.
+    /// Its result.
     type Output;
     /// See [`Task::run`].
     fn run_lanes(self) -> Self::Output;
@@ -209,7 +211,7 @@ impl<S: Simd, T: Task> TaskOf<S> for T {
     }
 }
 
-/// A set of instructions.
+/// An instruction set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum InstructionSet {
@@ -217,7 +219,7 @@ pub enum InstructionSet {
     Avx512,
     /// AVX2 and FMA: 8 lanes.
     Avx2,
-    /// Whatever the compiler makes of arrays of 4.
+    /// Arrays of 4, vectorised by the compiler.
     Portable,
 }
 
@@ -249,13 +251,13 @@ impl InstructionSet {
         }
     }
 
-    /// The fastest one that this processor has.
+    /// The fastest set of this processor.
     #[must_use]
     pub fn best() -> Self {
         Self::ALL.into_iter().find(|set| set.is_available()).unwrap_or(Self::Portable)
     }
 
-    /// Those that this processor has, the fastest first.
+    /// The sets of this processor, the fastest first.
     pub fn available() -> impl Iterator<Item = Self> {
         Self::ALL.into_iter().filter(|set| set.is_available())
     }
@@ -277,7 +279,7 @@ impl FromStr for InstructionSet {
     }
 }
 
-/// An array of one value per axis (or place, or channel): where `[0, 1, 2].map(closure)` would leave it to the compiler
+/// An array of one value per axis (or place, or channel). With `[0, 1, 2].map(closure)` the compiler would decide
 /// whether the closure has the set's instructions.
 macro_rules! for_three {
     ($i:ident => $value:expr) => {
@@ -316,9 +318,9 @@ pub fn dispatch<T: Task>(set: InstructionSet, task: T) -> T::Output {
     }
 }
 
-/// `exp(-a)` for a >= 0, to 2e-7 of 1; 0 from a = 87 on.
+/// `exp(-a)` for a >= 0, error at most 2e-7; 0 from a = 87 on.
 ///
-/// `2^(n + x)` with n whole and x in [-1/2, 1/2]; Taylor's series of `2^x`, the first term left out below 2e-8.
+/// `2^(n + x)` with integer n and x in [-1/2, 1/2]; Taylor series of `2^x`, whose first omitted term is below 2e-8.
 #[inline(always)]
 pub fn exp_minus<S: Simd>(a: S::F) -> S::F {
     let z = S::max(a * S::splat(-std::f32::consts::LOG2_E), S::splat(-126.0));
@@ -331,9 +333,10 @@ pub fn exp_minus<S: Simd>(a: S::F) -> S::F {
     p * S::exp2_whole(n)
 }
 
-/// `-ln(a)` for a in [2^-126, 1], to 3e-7 of it and 2e-7.
+/// `-ln(a)` for a in [2^-126, 1], relative error at most 3e-7 plus 2e-7 absolute.
 ///
-/// `a = 2^n m` with m in [sqrt(1/2), sqrt(2)]; the series of `ln((1 + z) / (1 - z))`, the first term left out below 3e-8.
+/// `a = 2^n m` with m in [sqrt(1/2), sqrt(2)]; series of `ln((1 + z) / (1 - z))`, whose first omitted term is below
+/// 3e-8.
 #[inline(always)]
 pub fn minus_ln<S: Simd>(a: S::F) -> S::F {
     const ONE_BITS: i32 = 0x3f80_0000;

@@ -1,4 +1,4 @@
-//! Arrays of 4 lanes: no intrinsics, right everywhere; the compiler makes of them what the target has.
+//! Arrays of 4 lanes: no intrinsics, correct everywhere; the compiler vectorises them as the target allows.
 
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Not, Sub};
 
@@ -22,7 +22,8 @@ pub struct Ints([i32; LANES]);
 #[derive(Debug, Clone, Copy)]
 pub struct Mask([u32; LANES]);
 
-/// Something of each lane's number. Written out: a loop for every operation takes the compiler half of its time for this crate to undo.
+/// An array of `f` for each lane. Unrolled by hand: with loops, the compiler spends half of its time for this crate on
+/// unrolling.
 #[inline(always)]
 fn lanes<R>(f: impl Fn(usize) -> R) -> [R; LANES] {
     [f(0), f(1), f(2), f(3)]

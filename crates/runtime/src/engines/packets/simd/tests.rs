@@ -1,4 +1,4 @@
-//! Every set that this processor has does what plain arithmetic does, lane by lane.
+//! Tests that every available set equals plain arithmetic, lane by lane.
 
 use supervol_format::random::Random;
 
@@ -96,7 +96,7 @@ impl Task for Outcome<'_> {
     }
 }
 
-/// Words around places are those that stand there; `places`: 0 to 63.
+/// Checks that words around places are the words at those positions; `places`: 0 to 63.
 #[inline(always)]
 fn check_around<S: Simd>(places: S::I) {
     let bytes: [u8; 256] = std::array::from_fn(|i| (i * 37) as u8);
@@ -114,11 +114,11 @@ fn check_around<S: Simd>(places: S::I) {
             assert_eq!(found, i32::from_le_bytes(*word), "at {place} and {distance}");
         }
     }
-    // Wherever that is.
+    // Any address is allowed.
     S::prefetch(bytes.as_ptr().wrapping_sub(1 << 40));
 }
 
-/// Numbers that change their lanes go where the mask says; all lanes are summed.
+/// Checks that compress and expand follow the mask, and that all lanes are summed.
 #[inline(always)]
 fn check_moves<S: Simd>(inputs: &Inputs) {
     let numbers = inputs.i.map(|i| i as f32);
@@ -157,7 +157,7 @@ fn listed<S: Simd>(
     for &(name, value) in ints {
         let mut lanes = [0; LANES_LIMIT];
         S::store_int(value, &mut lanes);
-        // What NaN becomes is nobody's business.
+        // The result for NaN is unspecified.
         let unknown = |lane: usize| name == "to_int" && inputs.a[lane].is_nan() && inputs.c[lane].is_nan();
         out.extend((0..S::LANES).filter(|&lane| !unknown(lane)).map(|lane| (name, lane, lanes[lane] as u32)));
     }

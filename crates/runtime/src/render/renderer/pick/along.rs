@@ -4,13 +4,13 @@
 
 use supervol_scene::transfer_function::TransferFunction;
 
-/// Where a piece is sampled, in x: inside, so that no voxel of a neighbouring cell is asked for. The nodes of Chebyshev, from which
-/// the ends follow with hardly more rounding.
+/// Sampling positions in a piece, in x: all inside, so that no voxel of a neighbouring cell is read. They are Chebyshev
+/// nodes, which give the ends with hardly more rounding.
 pub const NODES: [f64; 4] =
     [0.038_060_233_744_356_6, 0.308_658_283_817_455, 0.691_341_716_182_545, 0.961_939_766_255_643_4];
-/// Halvings of an interval that leave nothing of it.
+/// Halvings after which an interval is empty in `f64`.
 const HALVINGS: usize = 60;
-/// Gauss's rule of six points: places from the middle of an interval in halves of it, and their weights.
+/// Gauss's rule of six points: distances from the middle of an interval, in halves of it, and weights.
 const GAUSS: [[f64; 2]; 3] = [
     [0.238_619_186_083_196_9, 0.467_913_934_572_691],
     [0.661_209_386_466_264_5, 0.360_761_573_048_138_6],
@@ -47,7 +47,7 @@ impl Iterator for Cells {
             let at = origin + self.t * direction;
             let (face, step) = if direction > 0.0 { (at.floor() + 1.0, 1.0) } else { (at.ceil() - 1.0, -1.0) };
             let t = (face - origin) / direction;
-            // Where rounding has left the ray on the near side of a face that it has passed.
+            // Rounding may have left the ray on the near side of a face that it has passed.
             if t > self.t { t } else { (face + step - origin) / direction }
         });
         let next = next.fold(self.end, f64::min);
@@ -90,20 +90,20 @@ impl Cubic {
         a + x * (b + x * (c + x * d))
     }
 
-    /// 0, the places between at which the field turns over, and 1.
+    /// 0, the extrema of the field in between, and 1.
     #[must_use]
     pub fn turns(&self) -> Vec<f64> {
         let [_, b, c, d] = self.0;
         let (a2, a1, a0) = (3.0 * d, 2.0 * c, b);
         let root = (a1 * a1 - 4.0 * a2 * a0).sqrt();
-        // Without cancellation, and for lines, where one of them is infinite.
+        // Avoids cancellation, and handles lines, for which one root is infinite.
         let q = -0.5 * (a1 + root.copysign(a1));
         let mut turns: Vec<f64> = [q / a2, a0 / q].into_iter().filter(|x| *x > 0.0 && *x < 1.0).collect();
         turns.sort_by(f64::total_cmp);
         [vec![0.0], turns, vec![1.0]].concat()
     }
 
-    /// Where the field passes a level between two places between which it does not turn over.
+    /// Position at which the field passes a level, between two positions without an extremum in between.
     #[must_use]
     pub fn crossing(&self, [mut low, mut high]: [f64; 2], level: f64) -> f64 {
         let before = self.at(low) >= level;
@@ -114,7 +114,7 @@ impl Cubic {
         high
     }
 
-    /// The piece cut where the field turns over and where it passes a control point: between, extinction is smooth.
+    /// The piece cut at the field's extrema and at control points: extinction is smooth in between.
     #[must_use]
     pub fn smooth_parts(&self, function: &TransferFunction) -> Vec<f64> {
         let mut cuts = self.turns();
@@ -131,7 +131,7 @@ impl Cubic {
         cuts
     }
 
-    /// Optical depth from x to x in a piece of this length.
+    /// Optical depth between two x in a piece of this length.
     #[must_use]
     pub fn depth(&self, [from, to]: [f64; 2], length: f64, function: &TransferFunction) -> f64 {
         let (middle, half) = (0.5 * (from + to), 0.5 * (to - from));

@@ -1,17 +1,17 @@
-//! What is under a pixel: the first visible point on the ray through its middle.
+//! Picking: the first visible point on the ray through the middle of a pixel.
 //!
-//! The ray is walked front to back, cell by cell, over the voxels of one level (the finest, or the one that the pictures are drawn
-//! from); bricks are fetched as they are wanted, a run of cells at a time, so that memory is bounded whatever the volume, and time
-//! by twice the cells on one ray. Nothing of the picture changes. The ray is one of those of the model, not of the picture:
-//! bricks that could not be read, and whose parents were drawn, are absent here.
+//! The ray is walked front to back, cell by cell, over the voxels of one level: the finest, or the one that pictures
+//! are drawn from. Bricks are fetched on demand, a run of cells at a time. So memory is bounded for any volume, and
+//! time by twice the cells on one ray. The picture does not change. The ray follows the rendering model: bricks that
+//! could not be read are absent here, although the picture shows their parents.
 //!
 //! | mode | the point |
 //! |---|---|
-//! | `dvr` | where the opacity that the ray has gathered first reaches half of what it gathers in all, or the surface or slice that takes it there |
-//! | `iso` | the first surface, or slice, that is not wholly clear |
+//! | `dvr` | where the gathered opacity first reaches half of the whole, or the surface or slice that takes it there |
+//! | `iso` | the first surface, or slice, that is not fully transparent |
 //! | `mip`, `minip` | the first place of the extreme |
-//! | `slice` | the first slice that is not wholly clear |
-//! | `mean` | there is none: all points of a ray count alike |
+//! | `slice` | the first slice that is not fully transparent |
+//! | `mean` | none: all points of a ray count alike |
 
 mod along;
 
@@ -33,16 +33,16 @@ use crate::render::frame::check::level_to_check;
 use crate::render::options::{LevelChoice, RenderOptions};
 use crate::stop::Stop;
 
-/// Cells that are sampled at a time.
+/// Cells sampled at a time.
 const RUN_CELLS: usize = 1024;
-/// Rays that gather less opacity show nothing: half a grey level.
+/// Least opacity of a ray that shows something: half a grey level.
 const LEAST_OPACITY: f64 = 0.5 / 255.0;
-/// Nothing behind such a transmittance changes where half of the opacity is reached.
+/// Transmittance below which nothing behind changes where half of the opacity is reached.
 const NOTHING_LEFT: f64 = 1e-9;
-/// Halvings of a piece of a ray that leave nothing of it.
+/// Halvings after which a piece of a ray is empty in `f64`.
 const HALVINGS: usize = 60;
 
-/// What a point belongs to.
+/// The object at a picked point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum PickedOn {
@@ -59,33 +59,33 @@ pub enum PickedOn {
 /// The first visible point under a pixel.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Picked {
-    /// What it belongs to.
+    /// The object at the point.
     pub on: PickedOn,
-    /// Value of the volume there, in units of the data; on a slice with a filter, of what it is made from.
+    /// Value of the volume there, data units; on a slice with a filter, the value before filtering.
     pub value: f64,
     /// World position.
     pub world: [f64; 3],
     /// Index position, level 0.
     pub index: [f64; 3],
-    /// The level that values were taken from.
+    /// The level that the value was read from.
     pub level: u8,
 }
 
-/// What a ray comes to, front to back.
+/// An event on a ray, front to back.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Event {
-    /// A piece of a ray in one cell, from t to t.
+    /// A piece of the ray in one cell, between two t.
     Cell([f64; 2], Cubic),
-    /// Something absent or cut away lies here.
+    /// An absent or clipped part.
     Gap,
     /// The slice of this number, at t, with its value.
     Slice(usize, f64, f64),
 }
 
-/// A place on the ray, and the value there in units.
+/// An object, its position t on the ray, and its value in units.
 type Place = (PickedOn, f64, f64);
 
-/// The point under pixel (x, y) of the finished picture; `None` where nothing is to be seen.
+/// The point under pixel (x, y) of the finished picture; `None` if nothing is visible.
 ///
 /// # Errors
 /// If the mode has no such point, bricks cannot be fetched, or it is cancelled.
@@ -118,16 +118,16 @@ pub(super) fn pick(
     }))
 }
 
-/// A ray on its way.
+/// Walk along a ray.
 struct Walk<'a> {
     scene: &'a ResolvedScene,
     sampler: Sampler<'a>,
-    /// Of level 0.
+    /// The ray in index space of level 0.
     index_ray: IndexRay,
-    /// Of the level that is sampled.
+    /// The ray in index space of the sampled level.
     level_ray: IndexRay,
     parts: Vec<Segment>,
-    /// Slices that are not cut away: number, t and value, front to back.
+    /// Slices that are not clipped: number, t and value, front to back.
     slices: Vec<(usize, f64, f64)>,
     chunk: Chunk,
 }
@@ -147,7 +147,7 @@ impl<'a> Walk<'a> {
             origin: level.from_level_0(index_ray.origin),
             direction: std::array::from_fn(|a| index_ray.direction[a] / level.scale[a] as f64),
         };
-        // In `dvr` bricks that show nothing need not be read; elsewhere every value counts.
+        // In `dvr`, invisible bricks need not be read; in other modes every value counts.
         let mode = if scene.mode == Mode::Dvr { Mode::Dvr } else { Mode::Slice };
         let aimed = ResolvedScene { mode, slices: Vec::new(), ..scene.clone() };
         let level = LevelChoice::Fixed(lod);
@@ -168,7 +168,7 @@ impl<'a> Walk<'a> {
         Ok(walk)
     }
 
-    /// Values in units at places of the ray; NaN where absent.
+    /// Values in units at positions of the ray; NaN where absent.
     fn values(&mut self, places: &[f64], how: Interpolation) -> Result<Vec<f64>, RenderError> {
         let points: Vec<[f64; 3]> = places.iter().map(|&t| self.index_ray.at(t)).collect();
         let mut chunk = std::mem::take(&mut self.chunk);
@@ -176,7 +176,7 @@ impl<'a> Walk<'a> {
         Ok(chunk.values.into_iter().map(|value| self.sampler.map().to_data(value)).collect())
     }
 
-    /// Tells of everything on the ray, front to back, until `visit` has what it wants.
+    /// Passes everything on the ray, front to back, to `visit`, until that breaks.
     fn events<T>(&mut self, mut visit: impl FnMut(Event) -> ControlFlow<T>) -> Result<Option<T>, RenderError> {
         let mut slices = self.slices.clone().into_iter().peekable();
         let mut left = f64::NAN;
@@ -203,7 +203,7 @@ impl<'a> Walk<'a> {
                 }
             }
         }
-        // On the very end of the ray.
+        // A slice at the very end of the ray.
         Ok(slices.find_map(|(number, t, value)| visit(Event::Slice(number, t, value)).break_value()))
     }
 
@@ -261,7 +261,7 @@ impl<'a> Walk<'a> {
         self.events(|event| {
             match event {
                 Event::Cell([t0, t1], field) => {
-                    // The cell in parts, between surfaces.
+                    // Walks the cell in parts, between surfaces.
                     let mut from = 0.0;
                     let surfaces = sides.cross(&field, scene).into_iter().map(|(x, number)| (x, Some(number)));
                     for (to, surface) in surfaces.chain([(1.0, None)]) {
@@ -295,7 +295,7 @@ impl<'a> Walk<'a> {
         })
     }
 
-    /// The first crossing of a surface that can be seen. A value on the surface counts as above it.
+    /// The first crossing of a visible surface. A value on the surface counts as above it.
     fn first_surface(&mut self) -> Result<Option<Place>, RenderError> {
         let scene = self.scene;
         let mut before: Option<f64> = None;
@@ -333,7 +333,7 @@ impl<'a> Walk<'a> {
         })
     }
 
-    /// The first place of the greatest (sign 1) or least value (sign -1).
+    /// The first position of the greatest (sign 1) or least value (sign -1).
     fn extreme(&mut self, sign: f64) -> Result<Option<Place>, RenderError> {
         let mut best: Option<Place> = None;
         self.events(|event| {
@@ -365,14 +365,14 @@ fn slice_that_shows(scene: &ResolvedScene, number: usize, t: f64, value: f64) ->
     if shows { ControlFlow::Break((PickedOn::Slice(number), t, value)) } else { ControlFlow::Continue(()) }
 }
 
-/// On which side of each surface's value the ray is, where that is known.
+/// The ray's side of each surface's value, if known.
 #[derive(Debug, Default)]
 struct Sides {
     value: Option<f64>,
 }
 
 impl Sides {
-    /// Where the ray crosses surfaces in a cell, in x, and their numbers: in order. A value on the surface counts as above it.
+    /// Crossings of surfaces in a cell, in order: x and surface number. A value on the surface counts as above it.
     fn cross(&mut self, field: &Cubic, scene: &ResolvedScene) -> Vec<(f64, usize)> {
         let mut found = Vec::new();
         for (number, surface) in scene.iso.iter().enumerate() {
@@ -399,20 +399,20 @@ fn depth_of(field: &Cubic, length: f64, scene: &ResolvedScene) -> f64 {
     depth_between(field, [0.0, 1.0], length, scene)
 }
 
-/// Optical depth from x to x in a piece of this length.
+/// Optical depth between two x in a piece of this length.
 fn depth_between(field: &Cubic, part: [f64; 2], length: f64, scene: &ResolvedScene) -> f64 {
     let function = &scene.transfer_function;
     smooth_parts(field, part, scene).windows(2).map(|ends| field.depth([ends[0], ends[1]], length, function)).sum()
 }
 
-/// The parts between which extinction is smooth, from x to x.
+/// Positions between two x at which extinction is not smooth.
 fn smooth_parts(field: &Cubic, [from, to]: [f64; 2], scene: &ResolvedScene) -> Vec<f64> {
     let cuts = field.smooth_parts(&scene.transfer_function);
     let inside = cuts.into_iter().filter(|x| from < *x && *x < to);
     std::iter::once(from).chain(inside).chain([to]).collect()
 }
 
-/// Where between x and x of a piece of this length so much optical depth has been gathered, in x.
+/// The position x, in a part of a piece of this length, at which the wanted optical depth has been gathered.
 fn place_of_depth(field: &Cubic, part: [f64; 2], (length, wanted): (f64, f64), scene: &ResolvedScene) -> f64 {
     let function = &scene.transfer_function;
     let mut gathered = 0.0;
