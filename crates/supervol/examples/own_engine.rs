@@ -115,7 +115,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let scene = Scene::from_json(&format!(
         r#"{{"image": {{"width": {width}, "height": {height}}}, "mode": "mip", "transfer_function": "grey"}}"#
     ))?;
-    let mut engine = Slabs::new(volume.placed_for(&scene).container());
+    let mut engine = Slabs::new(volume.placed_for(&scene)?.container());
     let options = Options { level: LevelChoice::Fixed(Lod::FINEST), ..Options::default() };
     let picture = volume.draw_by(&mut engine, &scene, &options)?;
     picture.save(output)?;

@@ -2,13 +2,13 @@
 
 use std::path::Path;
 
+use supervol_files::folder_of;
 use supervol_format::container::manifest::Source;
 use supervol_format::voxel_type::Voxel;
 use supervol_format::{Dims, VoxelBox, VoxelType};
+use supervol_preprocess::kept::Reading;
 use supervol_preprocess::report::{BuildReport, Progress};
-use supervol_preprocess::{BuildOptions, build, identify_source};
-use supervol_sources::input::spool::SpoolFolder;
-use supervol_sources::open::{OpenOptions, open};
+use supervol_preprocess::{BuildError, BuildOptions, build, identify_source};
 use supervol_sources::{SourceError, SourceInfo, VolumeSource};
 
 use crate::error::Error;
@@ -43,10 +43,9 @@ pub fn build_file(
     on_progress: &(dyn Fn(Progress) + Sync),
 ) -> Result<BuildReport, Error> {
     let (input, output) = (input.as_ref(), output.as_ref());
-    let beside = supervol_files::folder_of(output);
-    let opening = OpenOptions { spool: SpoolFolder::at(beside), ..OpenOptions::default() };
-    let source = open(input, &opening).map_err(supervol_preprocess::BuildError::from)?;
-    let origin = identify_source(input, &opening.selection, source.as_ref())?;
+    let reading = Reading::default();
+    let source = reading.open(input, folder_of(output)).map_err(BuildError::from)?;
+    let origin = identify_source(input, &reading.options.selection, source.as_ref())?;
     Ok(build(source.as_ref(), origin, output, options, on_progress)?)
 }
 

@@ -1,15 +1,12 @@
-//! Errors of the library, and whose fault they are.
+//! Errors of the library.
 
 use std::path::PathBuf;
 
-use supervol_format::Dims;
-use supervol_format::VoxelBox;
 use supervol_format::container::ContainerError;
+use supervol_format::{Dims, VoxelBox};
 #[cfg(feature = "sources")]
 use supervol_preprocess::BuildError;
-use supervol_runtime::engines::error::EngineError;
-use supervol_runtime::engines::gpu::error::GpuError;
-use supervol_runtime::render::error::RenderError;
+use supervol_runtime::render::error::{ErrorKind, RenderError};
 #[cfg(feature = "images")]
 use supervol_scene::image::ImageError;
 use supervol_scene::scene::SceneError;
@@ -68,19 +65,6 @@ pub enum Error {
     },
 }
 
-/// The side at fault, by which a program chooses what to tell its user.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ErrorKind {
-    /// A file is damaged, or does not follow its format.
-    Data,
-    /// The caller asked for something impossible: a file that is not there, a scene out of range, too little memory.
-    Request,
-    /// The machine failed: an I/O error, a full disk, a lost graphics device.
-    Machine,
-    /// A [`Canceller`](crate::Canceller) stopped the work.
-    Cancelled,
-}
-
 impl Error {
     /// The side at fault.
     #[must_use]
@@ -104,25 +88,7 @@ impl Error {
             Self::Image(ImageError::Format { .. }) => ErrorKind::Request,
             #[cfg(feature = "images")]
             Self::Image(_) => ErrorKind::Machine,
-            Self::Render(error) => kind_of_render(error),
+            Self::Render(error) => error.kind(),
         }
-    }
-}
-
-fn kind_of_render(error: &RenderError) -> ErrorKind {
-    match error {
-        RenderError::Cancelled => ErrorKind::Cancelled,
-        RenderError::Container(_) => ErrorKind::Data,
-        RenderError::Budget(_)
-        | RenderError::ReferenceTooLarge { .. }
-        | RenderError::CheckTooLarge { .. }
-        | RenderError::Engine(EngineError::Gpu(GpuError::Budget { .. }))
-        | RenderError::NoPlace
-        | RenderError::NoSuchPixel { .. }
-        | RenderError::SlicesOnGpu
-        | RenderError::Option { .. }
-        | RenderError::NoScene
-        | RenderError::Method { .. } => ErrorKind::Request,
-        _ => ErrorKind::Machine,
     }
 }

@@ -63,7 +63,7 @@ mod volume;
 pub use array::Array;
 #[cfg(feature = "sources")]
 pub use build::{ArraySource, build_file, build_source};
-pub use error::{Error, ErrorKind};
+pub use error::Error;
 pub use picture::Picture;
 pub use renderer::Renderer;
 pub use volume::Volume;
@@ -71,6 +71,7 @@ pub use volume::Volume;
 pub use supervol_format::canceller::Canceller;
 pub use supervol_format::{BrickKey, Container, Dims, Geometry, Lod, ValueRange, VoxelBox, VoxelType};
 pub use supervol_runtime::engines::engine::Engine;
+pub use supervol_runtime::render::error::ErrorKind;
 pub use supervol_runtime::render::frame::check::ErrorMeasured;
 pub use supervol_runtime::render::frame::stated::ErrorStated;
 pub use supervol_runtime::render::options::{Backend, LevelChoice, RenderOptions as Options};

@@ -51,7 +51,7 @@ impl std::fmt::Debug for Renderer {
 
 impl Renderer {
     pub(crate) fn new(volume: Volume, options: RenderOptions) -> Result<Self, Error> {
-        let inner = render::renderer::Renderer::new(volume.placed_for(&Scene::default()), options)?;
+        let inner = render::renderer::Renderer::new(volume.placed_for(&Scene::default())?, options)?;
         Ok(Self { volume, inner, exaggeration: 1.0, scene: None })
     }
 
@@ -84,12 +84,11 @@ impl Renderer {
     /// # Errors
     /// If the scene is not valid, or cannot be drawn of this volume; the scene before stays then.
     pub fn set_scene(&mut self, scene: &Scene) -> Result<(), Error> {
-        scene.validate()?;
         let exaggeration = scene.vertical_exaggeration.unwrap_or(1.0);
         let resolved = if exaggeration == self.exaggeration {
             self.inner.volume().resolve(scene)?
         } else {
-            let placed = self.volume.placed_for(scene);
+            let placed = self.volume.placed_for(scene)?;
             let resolved = placed.resolve(scene)?;
             let canceller = self.inner.canceller();
             let options = self.inner.options().clone();

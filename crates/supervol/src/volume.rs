@@ -119,12 +119,15 @@ impl Volume {
     }
 
     /// The volume at the place where a scene draws it: heights are as large as [`Scene::vertical_exaggeration`] says.
-    #[must_use]
-    pub fn placed_for(&self, scene: &Scene) -> PlacedVolume {
-        match scene.vertical_exaggeration {
+    ///
+    /// # Errors
+    /// If the scene is not valid.
+    pub fn placed_for(&self, scene: &Scene) -> Result<PlacedVolume, Error> {
+        scene.validate()?;
+        Ok(match scene.vertical_exaggeration {
             None | Some(1.0) => self.natural.clone(),
             Some(factor) => placed(&self.stored, self.kind, factor),
-        }
+        })
     }
 
     /// The scene with everything that it leaves open written out for this volume. The default scene gives the default picture.
@@ -143,8 +146,7 @@ impl Volume {
     /// # Errors
     /// If the scene is not valid.
     pub fn complete(&self, scene: &Scene) -> Result<Scene, Error> {
-        scene.validate()?;
-        Ok(self.placed_for(scene).complete(scene)?)
+        Ok(self.placed_for(scene)?.complete(scene)?)
     }
 
     /// Values of a box of voxels of one level, in data units; the end of the box is not included.
@@ -190,9 +192,7 @@ impl Volume {
     /// If the scene or an option is wrong, a budget is too small, or the machine fails. Bricks that cannot be read are no error:
     /// see [`Picture::failures`].
     pub fn draw(&self, scene: &Scene, options: &RenderOptions) -> Result<Picture, Error> {
-        scene.validate()?;
-        options.validate()?;
-        let volume = self.placed_for(scene);
+        let volume = self.placed_for(scene)?;
         let resolved = volume.resolve(scene)?;
         let (image, maps, stats) = render_with_maps(volume.container(), &resolved, options)?;
         Ok(Picture::new((volume, resolved, options.clone()), image, maps, stats))
@@ -208,9 +208,7 @@ impl Volume {
         scene: &Scene,
         options: &RenderOptions,
     ) -> Result<Picture, Error> {
-        scene.validate()?;
-        options.validate()?;
-        let volume = self.placed_for(scene);
+        let volume = self.placed_for(scene)?;
         let resolved = volume.resolve(scene)?;
         let (image, maps, stats) = render_by_engine(volume.container(), &resolved, options, engine, Instant::now())?;
         Ok(Picture::new((volume, resolved, options.clone()), image, maps, stats))

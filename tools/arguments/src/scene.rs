@@ -1,11 +1,8 @@
-//! Scenes on the command line: files or text with a scene, the default scene of a container, and modes by name.
+//! Scenes on the command line: files or text with a scene, and modes by name.
 
 use std::path::Path;
 
 use clap::ValueEnum;
-use supervol_format::Container;
-use supervol_scene::facts::VolumeFacts;
-use supervol_scene::preset::overview::Overview;
 use supervol_scene::scene::{Mode, Scene};
 
 use crate::failure::Failure;
@@ -35,17 +32,6 @@ impl From<ModeName> for Mode {
             ModeName::Iso => Self::Iso,
         }
     }
-}
-
-/// The scene of the default picture of a container, with every choice written out.
-pub fn default_scene(container: &Container) -> Scene {
-    let facts = VolumeFacts::of(container);
-    Scene::default().complete(&facts, overview(container, &facts).as_ref())
-}
-
-/// A coarse level, to frame what can be seen. `None` if it cannot be read: drawing the picture reports that.
-pub fn overview(container: &Container, facts: &VolumeFacts) -> Option<Overview> {
-    Overview::read(container, facts).ok().flatten()
 }
 
 /// The scene itself, if it stands on the command line in place of the name of its file.

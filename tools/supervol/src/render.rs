@@ -13,18 +13,16 @@ use supervol_arguments::failure::{Failure, with_container, with_output};
 use supervol_arguments::output::{self, Force, PictureFile, RenderOutputs};
 use supervol_arguments::progress::{RayBar, Reporter, announce_files};
 use supervol_arguments::quantity::{self, show_bytes};
-use supervol_arguments::scene::{name_of_scene, overview, read_scene};
+use supervol_arguments::scene::{name_of_scene, read_scene};
 use supervol_arguments::source::SourceArguments;
 use supervol_arguments::terminal;
 use supervol_format::readable::counted;
 use supervol_format::{Container, Lod};
 use supervol_runtime::engines::cpu::Caster;
-use supervol_runtime::engines::error::EngineError;
-use supervol_runtime::engines::gpu::error::GpuError;
 use supervol_runtime::engines::maps::work_in_colors;
 use supervol_runtime::engines::packets::PacketRule;
 use supervol_runtime::engines::packets::simd::InstructionSet;
-use supervol_runtime::render::error::RenderError;
+use supervol_runtime::render::error::{ErrorKind, RenderError};
 use supervol_runtime::render::frame::check;
 use supervol_runtime::render::frame::check::CheckProgress;
 use supervol_runtime::render::frame::stated::in_colors;
@@ -32,8 +30,8 @@ use supervol_runtime::render::options::{Backend, LevelChoice, RenderOptions};
 use supervol_runtime::render::process;
 use supervol_runtime::render::renderer::{NO_DEVICE, render_with_maps};
 use supervol_runtime::render::stats::FrameStats;
+use supervol_runtime::render::volume::PlacedVolume;
 use supervol_runtime::stream::classify::Skipping;
-use supervol_runtime::stream::loader::READERS;
 use supervol_scene::camera_path;
 use supervol_scene::camera_path::CameraPath;
 use supervol_scene::facts::VolumeFacts;
@@ -217,16 +215,6 @@ fn level(text: &str) -> Result<LevelChoice, String> {
     text.parse().map(|l| LevelChoice::Fixed(Lod(l))).map_err(|_| format!("'{text}': expected auto, 0, 1, 2, ..."))
 }
 
-/// What a thread takes beside what it casts with: its stack as far as it is used, and what the allocator keeps for it.
-const THREAD_BYTES: u64 = 2 << 20;
-
-/// What the process holds beside the picture that it is about to make.
-fn process_bytes(threads: Option<NonZero<usize>>) -> u64 {
-    let threads = threads.or_else(|| std::thread::available_parallelism().ok()).map_or(1, NonZero::get);
-    // Those that read are there, too.
-    process::resident_bytes() + THREAD_BYTES * (threads + READERS) as u64
-}
-
 impl Arguments {
     /// What the command line asks for; its time budget began at `start`.
     fn options(&self, start: Instant) -> RenderOptions {
@@ -242,7 +230,7 @@ impl Arguments {
             },
             level: self.level,
             host_memory_bytes: self.host_memory,
-            process_bytes: process_bytes(self.threads),
+            process_bytes: process::bytes_beside_pictures(self.threads.map(NonZero::get)),
             cache_bytes: None,
             gpu_memory_bytes: self.gpu_memory,
             threads: self.threads.map(NonZero::get),
@@ -346,21 +334,18 @@ impl Arguments {
     }
 
     /// What is drawn of the scene that was given, or of none in particular; and the cameras where there are several pictures.
-    fn shown(
-        &self,
-        scene: Scene,
-        container: &Container,
-        facts: &VolumeFacts,
-    ) -> Result<(Scene, Option<Motion>), Failure> {
-        // Memory is counted later on: what the overview took is given back first.
-        let overview = self.look.asks_overview(&scene).then(|| overview(container, facts)).flatten();
+    ///
+    /// Takes the volume, so that the memory of its overview is free before memory is counted.
+    fn shown(&self, scene: Scene, volume: PlacedVolume) -> Result<(Scene, Option<Motion>), Failure> {
+        let (container, facts) = (volume.container(), volume.facts());
+        let overview = if self.look.asks_overview(&scene) { volume.overview() } else { None };
         let has_camera = scene.camera.is_some();
-        let shown = self.look.scene(&scene, container, facts, overview.as_ref());
+        let shown = self.look.scene(&scene, container, facts, overview);
         let mut shown = shown.map_err(|failure| failure.named(self.scene.as_deref()))?;
         let motion = match (self.turntable, &self.path) {
             (Some(frames), _) => {
                 if !has_camera {
-                    shown.camera = Some(self.look.turning_camera(&shown, facts, overview.as_ref()));
+                    shown.camera = Some(self.look.turning_camera(&shown, facts, overview));
                 }
                 let first = shown.camera.as_ref().expect("a complete scene has a camera");
                 let cameras = camera_path::turntable(first, upright(facts), frames);
@@ -402,9 +387,9 @@ pub fn run(arguments: &Arguments, start: Instant) -> Result<(), Failure> {
         Some(file) => read_scene(file)?,
         None => Scene::default(),
     };
-    let container = Arc::new(arguments.look.placed(container, &scene));
+    let volume = arguments.look.placed(container, &scene)?;
+    let (container, facts) = (volume.container().clone(), volume.facts().clone());
     check_level(arguments.level, path, &container)?;
-    let facts = arguments.look.facts(&container);
     let inputs = [Some(path), Some(&arguments.volume), arguments.scene.as_ref(), arguments.path.as_ref()];
     let inputs: Vec<&Path> = inputs.into_iter().flatten().map(PathBuf::as_path).collect();
     if let Some((looks, grid)) = arguments.look.panels(&scene)? {
@@ -419,7 +404,7 @@ pub fn run(arguments: &Arguments, start: Instant) -> Result<(), Failure> {
         let panels = Panels { container: &container, facts: &facts, panels: &panels, grid, decorate, allow_failed };
         return panels.run(file, (path, output), &arguments.options(start));
     }
-    let (scene, motion) = arguments.shown(scene, &container, &facts)?;
+    let (scene, motion) = arguments.shown(scene, volume)?;
     let inputs: Vec<&Path> = inputs.into_iter().chain(scene.files()).collect();
     if arguments.print_scene {
         let text = serde_json::to_string_pretty(&scene).map_err(|e| Failure::Machine(e.to_string()))?;
@@ -608,13 +593,13 @@ pub fn with_render(error: RenderError) -> Failure {
                 needed_bytes.div_ceil(1 << 20),
             ))
         }
-        RenderError::Budget(_)
-        | RenderError::ReferenceTooLarge { .. }
-        | RenderError::Engine(EngineError::Gpu(GpuError::Budget { .. })) => Failure::Command(message),
         RenderError::NoPlace | RenderError::NoSuchPixel { .. } => Failure::Command(format!("--pick: {message}")),
         RenderError::SlicesOnGpu => Failure::Command(format!("--backend: {message}")),
-        RenderError::Container(_) => Failure::Data(message),
-        _ => Failure::Machine(message),
+        error => match error.kind() {
+            ErrorKind::Request => Failure::Command(message),
+            ErrorKind::Data => Failure::Data(message),
+            ErrorKind::Machine | ErrorKind::Cancelled => Failure::Machine(message),
+        },
     }
 }
 
@@ -702,6 +687,8 @@ fn print(output: &Path, stats: &FrameStats) -> std::io::Result<()> {
 
 #[cfg(test)]
 mod tests {
+    use supervol_runtime::engines::gpu::error::GpuError;
+
     use super::*;
 
     #[test]

@@ -61,6 +61,41 @@ pub enum RenderError {
     TooManyPasses { remaining: u64 },
 }
 
+/// The side at fault, by which a program chooses what to tell its user.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ErrorKind {
+    /// A file is damaged, or does not follow its format.
+    Data,
+    /// The caller asked for something impossible: a file that is not there, a scene out of range, too little memory.
+    Request,
+    /// The machine failed: an I/O error, a full disk, a lost graphics device.
+    Machine,
+    /// A [`Canceller`](crate::stop::Canceller) stopped the work.
+    Cancelled,
+}
+
+impl RenderError {
+    /// The side at fault.
+    #[must_use]
+    pub fn kind(&self) -> ErrorKind {
+        match self {
+            Self::Cancelled => ErrorKind::Cancelled,
+            Self::Container(_) => ErrorKind::Data,
+            Self::Budget(_)
+            | Self::ReferenceTooLarge { .. }
+            | Self::CheckTooLarge { .. }
+            | Self::Engine(EngineError::Gpu(GpuError::Budget { .. }))
+            | Self::NoPlace
+            | Self::NoSuchPixel { .. }
+            | Self::SlicesOnGpu
+            | Self::Option { .. }
+            | Self::NoScene
+            | Self::Method { .. } => ErrorKind::Request,
+            _ => ErrorKind::Machine,
+        }
+    }
+}
+
 impl From<EngineError> for RenderError {
     fn from(error: EngineError) -> Self {
         match error {

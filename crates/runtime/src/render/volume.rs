@@ -1,10 +1,8 @@
 //! A volume to be drawn: an open container at its place in the world, with its facts.
 
-use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
 use supervol_format::Container;
-use supervol_format::container::ContainerError;
 use supervol_scene::facts::{DataKind, VolumeFacts};
 use supervol_scene::preset::overview::Overview;
 use supervol_scene::scene::{ResolvedScene, Scene, SceneError};
@@ -19,14 +17,6 @@ pub struct PlacedVolume {
 }
 
 impl PlacedVolume {
-    /// Opens a container file at its stored place in the world; reads no brick.
-    ///
-    /// # Errors
-    /// If the file cannot be read, or is not a container.
-    pub fn open(path: &Path) -> Result<Self, ContainerError> {
-        Ok(Self::of(Arc::new(Container::open(path)?)))
-    }
-
     /// The volume of an open container. Recognises its kind of data.
     #[must_use]
     pub fn of(container: Arc<Container>) -> Self {

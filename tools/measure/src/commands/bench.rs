@@ -4,6 +4,7 @@
 use std::io::Write;
 use std::num::NonZero;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use supervol_arguments::bench::{Arguments, PathBackend, ShadingName, VirtualField};
 use supervol_arguments::failure::{Failure, with_container, with_output};
@@ -11,7 +12,6 @@ use supervol_arguments::input::read_text;
 use supervol_arguments::output::ReportFolder;
 use supervol_arguments::progress::{Reporter, announce};
 use supervol_arguments::sample::CARP;
-use supervol_arguments::scene::default_scene;
 use supervol_arguments::source::{open, refuse_for_container, refuse_without_file};
 use supervol_arguments::terminal::stdout;
 use supervol_files::unfinished::UnfinishedFolder;
@@ -26,6 +26,8 @@ use supervol_preprocess::kept::{Reading, is_container};
 use supervol_preprocess::{BuildOptions, Existing};
 use supervol_runtime::lod::by_error::ANY_ERROR;
 use supervol_runtime::render::options::Backend;
+use supervol_runtime::render::volume::PlacedVolume;
+use supervol_scene::scene::Scene;
 
 /// Size of the program's own default picture: that of `--volume`.
 const DEFAULT_PICTURE: [u32; 2] = [800, 600];
@@ -222,7 +224,8 @@ impl Bench<'_> {
         let Some(file) = &self.0.volume else { return Ok(Subject::Scenes(self.0.scene.clone())) };
         let path = if is_container(file) { file.clone() } else { built(file, &self.reading()?, context.folder)? };
         let container = Container::open(&path).map_err(|e| with_container(&path, e))?;
-        Ok(Subject::Own { container: path, scene: Box::new(default_scene(&container)) })
+        let scene = PlacedVolume::of(Arc::new(container)).complete(&Scene::default()).map_err(Failure::command)?;
+        Ok(Subject::Own { container: path, scene: Box::new(scene) })
     }
 }
 

@@ -9,6 +9,7 @@ mod slices;
 pub mod warnings;
 
 use clap::Args;
+use supervol::{PlacedVolume, Volume};
 use supervol_arguments::failure::Failure;
 use supervol_arguments::quantity;
 use supervol_arguments::scene::ModeName;
@@ -16,7 +17,7 @@ use supervol_format::Container;
 use supervol_scene::facts::{DataKind, VolumeFacts};
 use supervol_scene::preset::overview::Overview;
 use supervol_scene::preset::view::{Framed, View, upright};
-use supervol_scene::preset::{looks, placing, ramps};
+use supervol_scene::preset::{looks, ramps};
 use supervol_scene::scene::{
     CameraSpec, ImageSpec, IsoSpec, Mode, PointsSpec, Scene, ShadingSpec, SolidSpec, TransferFunctionSpec,
 };
@@ -103,16 +104,15 @@ const CLEAR_SURFACE: f64 = 0.35;
 const CLEAR_COLORS: [[f64; 3]; 4] = [[0.82, 0.50, 0.38], [0.35, 0.60, 0.85], [0.45, 0.75, 0.40], [0.85, 0.75, 0.35]];
 
 impl LookArguments {
-    /// The container with heights drawn as they are wanted, and a single line of voxels so wide that it can be seen.
-    pub fn placed(&self, container: Container, scene: &Scene) -> Container {
-        let facts = self.facts(&container);
-        let factor = self.vertical_exaggeration.or(scene.vertical_exaggeration);
-        placing::placed(container, &facts, factor.unwrap_or(1.0))
-    }
-
-    /// Facts of the container, of the kind that is given or recognised.
-    pub fn facts(&self, container: &Container) -> VolumeFacts {
-        self.kind.map_or_else(|| VolumeFacts::of(container), |kind| VolumeFacts::of_kind(container, kind))
+    /// The volume as it is drawn: of the given or recognised kind, with the requested vertical exaggeration.
+    pub fn placed(&self, container: Container, scene: &Scene) -> Result<PlacedVolume, Failure> {
+        let volume = Volume::of(container);
+        let volume = match self.kind {
+            Some(kind) => volume.with_kind(kind),
+            None => volume,
+        };
+        let vertical_exaggeration = self.vertical_exaggeration.or(scene.vertical_exaggeration);
+        volume.placed_for(&Scene { vertical_exaggeration, ..Scene::default() }).map_err(Failure::command)
     }
 
     /// Whether an overview of the volume has a say in [`Self::scene`]: in where the camera stands, or what projections show.

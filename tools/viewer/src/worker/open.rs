@@ -23,18 +23,18 @@ const PROGRESS_INTERVAL: Duration = Duration::from_millis(100);
 /// Opens a container and completes the scene for it, or returns the message of the failure.
 pub(super) fn open(path: &Path, wish: Open, number: u64) -> Result<Arc<Opened>, Message> {
     let container = Container::open(path).map_err(|e| Message::Failure(format!("{}: {e}", path.display())))?;
-    Ok(opened(container, wish, number, None))
+    opened(container, wish, number, None)
 }
 
 /// The open volume for a preview, which is used until the container is built.
-pub(super) fn open_preview(preview: Preview, wish: Open, number: u64) -> Arc<Opened> {
+pub(super) fn open_preview(preview: Preview, wish: Open, number: u64) -> Result<Arc<Opened>, Message> {
     opened(preview.container, wish, number, Some(preview.strides))
 }
 
-fn opened(container: Container, wish: Open, number: u64, preview_of: Option<[u64; 3]>) -> Arc<Opened> {
+fn opened(container: Container, wish: Open, number: u64, preview_of: Option<[u64; 3]>) -> Result<Arc<Opened>, Message> {
     let path = container.path().to_path_buf();
     let exaggerated = Scene { vertical_exaggeration: Some(wish.exaggeration), ..Scene::default() };
-    let volume = Volume::of(container).placed_for(&exaggerated);
+    let volume = Volume::of(container).placed_for(&exaggerated).map_err(|e| Message::Failure(e.to_string()))?;
     let (facts, overview) = (volume.facts().clone(), volume.overview().cloned());
     let mut scene = wish.scene.complete(&facts, overview.as_ref());
     scene.vertical_exaggeration = (wish.exaggeration != 1.0).then_some(wish.exaggeration);
@@ -42,7 +42,7 @@ fn opened(container: Container, wish: Open, number: u64, preview_of: Option<[u64
     let is_camera_asked = wish.scene.camera.is_some();
     let survey = Survey::of(container.manifest());
     let Open { path: source, reading, exaggeration, .. } = wish;
-    Arc::new(Opened {
+    Ok(Arc::new(Opened {
         number,
         source,
         reading,
@@ -55,7 +55,7 @@ fn opened(container: Container, wish: Open, number: u64, preview_of: Option<[u64
         exaggeration,
         scene,
         is_camera_asked,
-    })
+    }))
 }
 
 /// Starts a thread that builds the container of a source file. The thread reports a preview and then the container to

@@ -137,9 +137,9 @@ impl Studio {
         let Some((_, wish)) = self.building.as_ref().filter(|(number, _)| *number == build) else { return };
         self.volumes += 1;
         let opened = open::open_preview(*preview, wish.clone(), self.volumes);
-        match Easel::new(&self.desk, opened, &self.settings) {
+        match opened.and_then(|opened| Easel::new(&self.desk, opened, &self.settings).map_err(Message::Failure)) {
             Ok(easel) => self.easel = Some(easel),
-            Err(error) => self.desk.fail(error),
+            Err(message) => self.desk.tell(|news| news.message = Some(message)),
         }
     }
 

@@ -618,7 +618,7 @@ pub fn render_with_maps(
 /// of the options begins at `start`.
 ///
 /// # Errors
-/// If a budget is too small, threads cannot be started, or the engine fails.
+/// If an option is wrong, a budget is too small, threads cannot be started, or the engine fails.
 pub fn render_by_engine(
     container: &Arc<Container>,
     scene: &ResolvedScene,
@@ -626,6 +626,7 @@ pub fn render_by_engine(
     engine: &mut (dyn Engine + Send),
     start: Instant,
 ) -> Result<(Image, Maps, FrameStats), RenderError> {
+    options.validate()?;
     options.thread_pool()?.install(|| {
         let plan = plan_host(container, scene, options)?;
         let mut streamer = streamer_for(container, scene, options, plan);
