@@ -6,7 +6,9 @@
 //! (4; right everywhere). Lanes never influence each other: a lane's result does not depend on its neighbours, nor on
 //! how many there are. Results differ between sets only where one fuses a multiplication and an addition.
 //!
-//! All `unsafe` of the ray caster is in this folder, and on the way to [`Simd::gather`], whose callers know the array.
+//! All `unsafe` of the runtime is in this folder and on the way to its gathers: `fetch` (voxels), `leap` (clouds and ranges),
+//! `lookup` (tables), which promise what lies in memory; `walk`, whose rays stay in their brick; `packet`, `span`, `shaded_cells`,
+//! `values` and `surfaces`, which gather along these ways; `visit`, `value_tiles` and `trace`, which begin them.
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
