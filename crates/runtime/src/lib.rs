@@ -9,6 +9,8 @@
 //!
 //! Engines open no file, wait for nothing, and never change what is resident.
 
+#![warn(clippy::undocumented_unsafe_blocks)]
+
 pub mod engines;
 pub mod lod;
 pub mod render;

@@ -1,8 +1,12 @@
 //! Fetches the eight corner voxels of each lane's cell from a brick, as stored numbers.
 
+use std::marker::PhantomData;
+
+use supervol_format::brick::APRON;
 use supervol_scene::value_map::ValueMap;
 
 use super::simd::{Places, Simd};
+use crate::stream::residency::{DecodedBrick, Voxels};
 
 /// Corners of a cell: corner c has the offsets `(c & 1, c >> 1 & 1, c >> 2)`.
 pub const CORNERS: usize = 8;
@@ -53,72 +57,6 @@ impl Stored {
         }
     }
 
-    /// Gathers words that begin at `N` distances from each place, in voxels.
-    ///
-    /// The storage is tested for every cell: the processor predicts the branch, and one kernel serves all kinds.
-    ///
-    /// # Safety
-    /// As for [`Simd::gather_around`].
-    #[inline(always)]
-    unsafe fn words<S: Simd, const N: usize>(
-        self,
-        voxels: *const u8,
-        places: &Places,
-        distances: [i32; N],
-    ) -> [S::I; N] {
-        // SAFETY: the caller's promise.
-        unsafe {
-            match self {
-                Self::U8 => S::gather_around(voxels, 1, places, distances),
-                Self::U16 => S::gather_around(voxels, 2, places, distances),
-                Self::F32 => S::gather_around(voxels, 4, places, distances),
-            }
-        }
-    }
-
-    /// Gathers the cells whose first corners lie at `base`, in voxels from `voxels`; `strides` are those of y and z.
-    ///
-    /// # Safety
-    /// In every lane, all corners lie in the array, and two voxels after each row's first.
-    #[inline(always)]
-    pub unsafe fn gather<S: Simd>(self, voxels: *const u8, base: &Places, [dy, dz]: [i32; 2]) -> Raw<S> {
-        let mut raw = [S::splat_int(0); CORNERS];
-        // SAFETY: the caller's promise; a word holds both voxels of a row, or one.
-        let words = unsafe { self.words::<S, 4>(voxels, base, [0, dy, dz, dy + dz]) };
-        raw[..CORNERS / 2].copy_from_slice(&words);
-        if self == Self::F32 {
-            // SAFETY: as above.
-            let words = unsafe { self.words::<S, 4>(voxels, base, [1, dy + 1, dz + 1, dy + dz + 1]) };
-            raw[CORNERS / 2..].copy_from_slice(&words);
-        }
-        raw
-    }
-
-    /// As [`Stored::gather`], and for bytes also the voxels before and after each row, which shading needs.
-    ///
-    /// # Safety
-    /// As for [`Stored::gather`], and one voxel before each row's first.
-    #[inline(always)]
-    pub unsafe fn gather_rows<S: Simd>(
-        self,
-        voxels: *const u8,
-        base: &Places,
-        strides: [i32; 2],
-        rows: &mut Option<Rows<S>>,
-    ) -> Raw<S> {
-        if self != Self::U8 {
-            // SAFETY: the caller's promise.
-            return unsafe { self.gather::<S>(voxels, base, strides) };
-        }
-        // SAFETY: the caller's promise.
-        let mut raw = unsafe { self.gather::<S>(voxels.wrapping_offset(-1), base, strides) };
-        *rows = Some([raw[0], raw[1], raw[2], raw[3]]);
-        for word in &mut raw[..CORNERS / 2] {
-            *word = S::shift_right::<8>(*word);
-        }
-        raw
-    }
-
     /// The cell of [`Stored::corners`].
     #[inline(always)]
     pub fn cell<S: Simd>(self, raw: &Raw<S>, absent: Option<u16>, centre: f32) -> Cell<S> {
@@ -157,28 +95,155 @@ impl Stored {
     }
 }
 
-/// The voxels around cells whose first corners lie at `base`.
+/// The voxels of a brick, its apron included, x fastest: their number is checked once, so that gathers need not.
 #[derive(Clone, Copy)]
-pub struct Around<S: Simd> {
-    /// Their storage.
-    pub stored: Stored,
-    /// The brick's first voxel.
-    pub voxels: *const u8,
-    /// Offsets of the cells, in voxels from there.
-    pub base: S::I,
-    /// Stored number of holes.
-    pub absent: Option<u16>,
+pub struct BrickVoxels<'a> {
+    first: *const u8,
+    stored: Stored,
+    /// Voxels between neighbours along y and z.
+    strides: [i32; 2],
+    brick: PhantomData<&'a DecodedBrick>,
 }
 
-impl<S: Simd> Around<S> {
-    /// Differences of stored numbers over two voxels along each axis, at the eight corners of the cells; NaN if one is
-    /// absent. `dy` and `dz` are the distances between neighbours, in voxels; `rows` are the rows of the cells, if they
-    /// are known.
+impl<'a> BrickVoxels<'a> {
+    /// Voxels of a decoded brick whose core has `core` voxels along each axis.
+    ///
+    /// # Panics
+    /// If the brick has another extent or another number of voxels.
+    #[must_use]
+    pub fn new(brick: &'a DecodedBrick, core: [usize; 3]) -> Self {
+        let extent = brick.extent.map(|n| n as usize);
+        assert_eq!(extent, core.map(|n| n + 2 * APRON), "stored extent of {}", brick.key);
+        let (first, stored, count): (*const u8, _, _) = match &brick.voxels {
+            Voxels::U8(v) => (v.as_ptr(), Stored::U8, v.len()),
+            Voxels::U16(v) => (v.as_ptr().cast(), Stored::U16, v.len()),
+            Voxels::F32(v) => (v.as_ptr().cast(), Stored::F32, v.len()),
+        };
+        assert_eq!(count, extent.iter().product::<usize>(), "voxels of {}", brick.key);
+        Self { first, stored, strides: strides_of(core), brick: PhantomData }
+    }
+
+    /// Storage type of the voxels.
+    #[inline(always)]
+    #[must_use]
+    pub fn stored(&self) -> Stored {
+        self.stored
+    }
+
+    /// Voxels between neighbours along y and z.
+    #[inline(always)]
+    #[must_use]
+    pub fn strides(&self) -> [i32; 2] {
+        self.strides
+    }
+
+    /// Prefetches a voxel. Any offset is allowed: invalid addresses are not loaded.
+    #[inline(always)]
+    pub fn prefetch<S: Simd>(&self, place: i32) {
+        S::prefetch(self.first.wrapping_offset((place * self.stored.bytes()) as isize));
+    }
+
+    /// Gathers words that begin at `N` distances from each place, less `before`, all in voxels.
+    ///
+    /// The storage is tested for every cell: the processor predicts the branch, and one kernel serves all kinds.
     ///
     /// # Safety
-    /// As for [`Stored::gather`], and one voxel further on every side.
+    /// As for [`Simd::gather_around`].
     #[inline(always)]
-    pub unsafe fn slopes(&self, [dy, dz]: [i32; 2], rows: Option<&Rows<S>>) -> [Cell<S>; 3] {
+    unsafe fn words<S: Simd, const N: usize>(&self, places: &Places, distances: [i32; N], before: i32) -> [S::I; N] {
+        let first = self.first.wrapping_offset(-((before * self.stored.bytes()) as isize));
+        // SAFETY: the caller's promise.
+        unsafe {
+            match self.stored {
+                Stored::U8 => S::gather_around(first, 1, places, distances),
+                Stored::U16 => S::gather_around(first, 2, places, distances),
+                Stored::F32 => S::gather_around(first, 4, places, distances),
+            }
+        }
+    }
+
+    /// Gathers the cells whose first corners lie at `base`, in voxels from the first.
+    ///
+    /// # Safety
+    /// In every lane, it is a cell of the brick: from -1 to the last voxel of its core along each axis. The apron holds its corners,
+    /// and two voxels after each row's first.
+    #[inline(always)]
+    pub unsafe fn gather<S: Simd>(&self, base: &Places) -> Raw<S> {
+        // SAFETY: the caller's promise.
+        unsafe { self.gather_before::<S>(base, 0) }
+    }
+
+    /// The same, so many voxels earlier.
+    ///
+    /// # Safety
+    /// As for [`Self::gather`], and so many voxels before each row's first.
+    #[inline(always)]
+    unsafe fn gather_before<S: Simd>(&self, base: &Places, before: i32) -> Raw<S> {
+        let [dy, dz] = self.strides;
+        let mut raw = [S::splat_int(0); CORNERS];
+        // SAFETY: the caller's promise; a word holds both voxels of a row, or one.
+        let words = unsafe { self.words::<S, 4>(base, [0, dy, dz, dy + dz], before) };
+        raw[..CORNERS / 2].copy_from_slice(&words);
+        if self.stored == Stored::F32 {
+            // SAFETY: as above.
+            let words = unsafe { self.words::<S, 4>(base, [1, dy + 1, dz + 1, dy + dz + 1], before) };
+            raw[CORNERS / 2..].copy_from_slice(&words);
+        }
+        raw
+    }
+
+    /// Gathers as [`Self::gather`] does, of bytes with the voxels before and behind, which shading wants.
+    ///
+    /// # Safety
+    /// As for [`Self::gather`]: the apron holds one voxel before each row's first, too.
+    #[inline(always)]
+    pub unsafe fn gather_rows<S: Simd>(&self, base: &Places, rows: &mut Option<Rows<S>>) -> Raw<S> {
+        if self.stored != Stored::U8 {
+            // SAFETY: the caller's promise.
+            return unsafe { self.gather::<S>(base) };
+        }
+        // SAFETY: the caller's promise.
+        let mut raw = unsafe { self.gather_before::<S>(base, 1) };
+        *rows = Some([raw[0], raw[1], raw[2], raw[3]]);
+        for word in &mut raw[..CORNERS / 2] {
+            *word = S::shift_right::<8>(*word);
+        }
+        raw
+    }
+
+    /// The voxels around cells whose first corners lie at `base`; `absent`: stored number of holes.
+    #[inline(always)]
+    pub fn around<S: Simd>(&self, base: S::I, absent: Option<u16>) -> Around<'a, S> {
+        Around { voxels: *self, base, absent }
+    }
+}
+
+/// Voxels between neighbours along y and z of a brick whose core has so many along each axis.
+#[must_use]
+pub fn strides_of(core: [usize; 3]) -> [i32; 2] {
+    let [nx, ny, _] = core.map(|n| n + 2 * APRON);
+    [nx as i32, (nx * ny) as i32]
+}
+
+/// The voxels around cells whose first corners lie at `base`.
+#[derive(Clone, Copy)]
+pub struct Around<'a, S: Simd> {
+    voxels: BrickVoxels<'a>,
+    /// In voxels from the brick's first.
+    base: S::I,
+    /// Stored number of holes.
+    absent: Option<u16>,
+}
+
+impl<S: Simd> Around<'_, S> {
+    /// Differences of stored numbers over two voxels along each axis, at the eight corners of the cells; NaN where one is
+    /// absent. `rows` are those of the cells, if they are known.
+    ///
+    /// # Safety
+    /// As for [`BrickVoxels::gather`]: the apron holds one voxel further on every side.
+    #[inline(always)]
+    pub unsafe fn slopes(&self, rows: Option<&Rows<S>>) -> [Cell<S>; 3] {
+        let [dy, dz] = self.voxels.strides;
         // SAFETY: the caller's promise: rows from one voxel before the corners to one behind, and rows of two beside.
         let (rows, y, z) = unsafe {
             (
@@ -211,9 +276,9 @@ impl<S: Simd> Around<S> {
     /// In every lane, it lies in the array.
     #[inline(always)]
     unsafe fn word(&self, offset: i32) -> S::I {
-        let bytes = (self.base + S::splat_int(offset)) * S::splat_int(self.stored.bytes());
+        let bytes = (self.base + S::splat_int(offset)) * S::splat_int(self.voxels.stored.bytes());
         // SAFETY: the caller's promise.
-        unsafe { S::gather(self.voxels, bytes, S::mask_from_bits(u32::MAX)) }
+        unsafe { S::gather(self.voxels.first, bytes, S::mask_from_bits(u32::MAX)) }
     }
 
     /// The voxels at `offset` and `offset + 1`.
@@ -224,7 +289,7 @@ impl<S: Simd> Around<S> {
     unsafe fn two(&self, offset: i32) -> [S::F; 2] {
         // SAFETY: the caller's promise.
         let word = unsafe { self.word(offset) };
-        match self.stored {
+        match self.voxels.stored {
             Stored::U8 => self.numbers(split::<S, 8>(word)),
             Stored::U16 => self.numbers(split::<S, 16>(word)),
             // SAFETY: the caller's promise.
@@ -238,7 +303,7 @@ impl<S: Simd> Around<S> {
     /// In every lane, all four lie in the array.
     #[inline(always)]
     unsafe fn four(&self, offset: i32) -> [S::F; 4] {
-        if self.stored == Stored::U8 {
+        if self.voxels.stored == Stored::U8 {
             // SAFETY: the caller's promise.
             return self.bytes(unsafe { self.word(offset) });
         }

@@ -95,7 +95,7 @@ impl<const SIDE: usize> ProximityCloud<SIDE> {
     /// Whether it is the cloud of a brick with `core` voxels along each axis.
     #[must_use]
     pub fn covers(&self, core: [usize; 3]) -> bool {
-        self.cells == core.map(|n| n.div_ceil(SIDE))
+        self.cells == core.map(|n| n.div_ceil(SIDE)) && self.distances.len() >= self.cubes() + PADDING
     }
 
     /// Distances of cubes; 0 outside the mask.

@@ -122,7 +122,7 @@ impl Queues {
 /// Casts the host's rays through a brick, packet by packet.
 ///
 /// # Safety
-/// The voxels, strides and core of `brick` are those of one array with an apron of [`APRON`] voxels around.
+/// Rays that the host lends keep to the promise of [`Walker::new`]; `brick` walks through the brick whose voxels it holds.
 #[inline(always)]
 pub unsafe fn cast<S: Simd, L: Lookup>(
     brick: &PacketBrick<'_>,
@@ -162,7 +162,8 @@ unsafe fn cast_packet<S: Simd, L: Lookup>(
 ) -> RayCounters {
     let last = S::splat(precision.last_transmittance);
     let front = S::load(&packet.front);
-    let mut walker = Walker::<S>::new(packet, brick);
+    // SAFETY: the caller's promise.
+    let mut walker = unsafe { Walker::<S>::new(packet, &brick.walked) };
     let mut light = Light::<S>::new(front);
     let round = Round { brick, classifier, precision, front };
     let mut passed = S::splat(0.0);
@@ -171,9 +172,7 @@ unsafe fn cast_packet<S: Simd, L: Lookup>(
     let mut work = RayCounters::default();
     loop {
         walker.finish(light.ended(last));
-        if let Some(cloud) = brick.cloud {
-            work.macro_cells_skipped += u64::from(walker.leap(cloud, brick));
-        }
+        work.macro_cells_skipped += u64::from(walker.leap());
         let is_done = S::bits(walker.active()) == 0;
         if queues.pending.cells.len() > 0 && (is_done || queues.pending.is_enough()) {
             let (lighting, lanes, pending) = (brick.lighting.as_ref(), &lanes, &mut queues.pending);
@@ -260,7 +259,7 @@ pub struct Round<'a, S: Simd, L: Lookup> {
 impl<S: Simd, L: Lookup> Round<'_, S, L> {
     /// Data about the packet's rays for the later stages.
     #[inline(always)]
-    fn lanes(&self, packet: &Packet, walker: &Walker<S>) -> Lanes {
+    fn lanes(&self, packet: &Packet, walker: &Walker<'_, S>) -> Lanes {
         let zero = [0.0; LANES_LIMIT];
         let mut lanes = Lanes { rays: packet.rays, direction: packet.direction, in_plane: zero };
         S::store(S::select(walker.in_plane, S::splat(1.0), S::splat(0.0)), &mut lanes.in_plane);
@@ -287,7 +286,7 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
     #[inline(always)]
     unsafe fn classify(
         &self,
-        walker: &mut Walker<S>,
+        walker: &mut Walker<'_, S>,
         (stages, passed): (&mut Stages<S>, &mut S::F),
         parts: &mut RoundParts,
         queues: &mut Queues,
@@ -366,7 +365,7 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
         &self,
         lighting: &PacketLighting<'_>,
         steps: &[Step<S>; ROUND],
-        walker: &Walker<S>,
+        walker: &Walker<'_, S>,
         later: LaterStages<'_, S>,
     ) {
         let LaterStages { stages, passed, parts, queues, work } = later;
@@ -450,7 +449,7 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
     /// Fetches the field in each cell of a round.
     ///
     /// # Safety
-    /// In every lane, the corners of the cells lie in the brick's array.
+    /// In every lane, the steps are a walker's through this brick.
     #[inline(always)]
     pub unsafe fn fetch(
         &self,
@@ -464,7 +463,7 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
         // SAFETY: the caller's promise.
         let mut raw = unsafe { self.gather(&places[0], &mut rows[0]) };
         for i in 0..ROUND {
-            let cell = brick.stored.cell::<S>(&raw, brick.absent, brick.centre);
+            let cell = brick.voxels.stored().cell::<S>(&raw, brick.absent, brick.centre);
             if i + 1 < ROUND {
                 // SAFETY: as above.
                 raw = unsafe { self.gather(&places[i + 1], &mut rows[i + 1]) };
@@ -479,12 +478,12 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
     /// As for [`Round::fetch`].
     #[inline(always)]
     unsafe fn gather(&self, places: &Places, rows: &mut Option<Rows<S>>) -> Raw<S> {
-        let PacketBrick { stored, voxels, strides, .. } = *self.brick;
+        let voxels = &self.brick.voxels;
         // SAFETY: the caller's promise; the apron is wider than a voxel.
         unsafe {
             match self.brick.lighting {
-                Some(_) => stored.gather_rows::<S>(voxels, places, strides, rows),
-                None => stored.gather::<S>(voxels, places, strides),
+                Some(_) => voxels.gather_rows::<S>(places, rows),
+                None => voxels.gather::<S>(places),
             }
         }
     }

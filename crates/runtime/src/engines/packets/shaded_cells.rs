@@ -4,7 +4,7 @@
 //! If most lanes of a round are visible, its cells are shaded in place ([`ShadeRound`]). Otherwise the visible ones are
 //! packed densely first ([`ShadeCells`]). A cell's colour depends on its own numbers alone in both cases.
 
-use super::fetch::{Around, Rows};
+use super::fetch::Rows;
 use super::integrate::Part;
 use super::packet::{Lanes, Stages, queued};
 use super::pending::{RefineQueue, RoundParts};
@@ -69,12 +69,15 @@ pub struct CellShader<'a> {
 
 impl CellShader<'_> {
     /// Gathers the gradients around cells.
+    ///
+    /// # Safety
+    /// In every lane, the cell is one of the brick's.
     #[inline(always)]
-    pub fn gradients<S: Simd>(&self, cell: &Crossing<S>, along: &mut AlongRay<S>) {
+    pub unsafe fn gradients<S: Simd>(&self, cell: &Crossing<S>, along: &mut AlongRay<S>) {
         let (brick, lighting) = (self.brick, self.lighting);
-        let around = Around::<S> { stored: brick.stored, voxels: brick.voxels, base: cell.base, absent: brick.absent };
-        // SAFETY: the bases are those of cells of the core.
-        let slopes = unsafe { around.slopes(brick.strides, cell.rows.as_ref()) };
+        let around = brick.voxels.around::<S>(cell.base, brick.absent);
+        // SAFETY: the caller's promise.
+        let slopes = unsafe { around.slopes(cell.rows.as_ref()) };
         let places = places_along::<S>(&cell.fraction, &cell.travelled);
         for (gradient, at) in along.gradients.iter_mut().zip(places) {
             let differences = for_three!(a => slopes[a].at(at));
@@ -131,7 +134,7 @@ pub struct ShadeRound<'a, S: Simd> {
     /// The round.
     pub steps: &'a [Step<S>; ROUND],
     /// Its rays.
-    pub walker: &'a Walker<S>,
+    pub walker: &'a Walker<'a, S>,
     /// Visible lanes, step by step.
     pub shows: &'a [S::M; ROUND],
     /// Results of the earlier stages.
@@ -154,7 +157,8 @@ impl<S: Simd> TaskOf<S> for ShadeRound<'_, S> {
                 let base = S::select_int(step.crosses(), step.base, nowhere);
                 let travelled = for_three!(a => walker.direction[a] * step.length);
                 let cell = Crossing { base, fraction: step.fraction, travelled, rows: stages.rows[i] };
-                shader.gradients(&cell, &mut stages.along[i]);
+                // SAFETY: steps of a walker lie in its brick; other lanes look at its first cell.
+                unsafe { shader.gradients(&cell, &mut stages.along[i]) };
             }
         }
         let to_eye = shader.lighting.toward_eye::<S>(walker.direction);
@@ -225,8 +229,9 @@ impl ShadeCells<'_> {
         let base = S::select_int(self.cells.used::<S>(first), cell.base, nowhere);
         let direction = self.lanes.direction::<S>(cell.slot);
         let travelled = for_three!(a => direction[a] * cell.chord.length);
-        self.shader
-            .gradients(&Crossing { base, fraction: self.cells.three::<S>(0, first), travelled, rows: None }, along);
+        let cell = Crossing { base, fraction: self.cells.three::<S>(0, first), travelled, rows: None };
+        // SAFETY: cells are queued from steps through this brick; other lanes look at its first cell.
+        unsafe { self.shader.gradients(&cell, along) };
     }
 
     /// Shades the cells from number `first` on; cells that three positions do not settle go on to refinement.

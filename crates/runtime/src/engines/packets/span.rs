@@ -69,7 +69,8 @@ impl ChooseSpan<'_> {
         for lane in 0..S::LANES {
             self.place(first + lane, lane, &mut packet);
         }
-        let mut walker = Walker::<S>::new(&packet, self.brick);
+        // SAFETY: `place` begins and ends its rays between the first and the last voxel of the core.
+        let mut walker = unsafe { Walker::<S>::new(&packet, &self.brick.walked) };
         let steps = walker.round();
         let round = Round { brick: self.brick, classifier, precision: self.precision, front: S::splat(1.0) };
         let mut chords = [Chord::nothing(); ROUND];
@@ -102,7 +103,7 @@ impl ChooseSpan<'_> {
         const STEPS: [f64; 3] = [0.819_172_513_396_164_5, 0.671_043_606_703_789_2, 0.549_700_477_901_970_3];
         let mut length = f32::INFINITY;
         for (a, step) in STEPS.into_iter().enumerate() {
-            let last = (self.brick.core[a] - 1) as f32;
+            let last = (self.brick.walked.core()[a] - 1) as f32;
             let origin = last * (number as f64 * step).fract() as f32;
             let direction = self.direction[a];
             let ahead = if direction > 0.0 { last - origin } else { origin };

@@ -112,7 +112,7 @@ impl<S: Simd> Gather<S> for Surfaces<'_, S> {
             }
             rays.work.macro_cells_skipped += u64::from(S::bits(leaping).count_ones());
             let reach = S::max(S::to_float(distance), S::splat(1.0));
-            rays.walker.leave::<MACRO_CELL>(macro_cell, reach, leaping, rays.brick);
+            rays.walker.leave::<MACRO_CELL>(macro_cell, reach, leaping);
             let changes = leaping & ((unknown & !is_empty) | (is_empty & !unknown));
             if S::bits(changes) != 0 {
                 self.meet(rays, changes, changes, [low, high], S::splat_int(0));

@@ -12,7 +12,7 @@ use supervol_scene::transfer_function::TransferFunction;
 use supervol_scene::transfer_function::pieces::TransferPieces;
 
 use super::blocks::cloud_of_blocks;
-use super::fetch::Stored;
+use super::fetch::BrickVoxels;
 use super::leap::Ahead;
 use super::lookup::{FewPieces, ManyPieces};
 use super::order::{View, ways_through};
@@ -25,14 +25,14 @@ use super::simd::{InstructionSet, Simd, Task, dispatch};
 use super::span::ChooseSpan;
 use super::summaries::BrickSummaries;
 use super::tile::BrickGrid;
-use super::walk::PacketBrick;
+use super::walk::{PacketBrick, WalkedBrick};
 use crate::engines::ray_scene::RayScene;
 use crate::engines::rules::{
     END_SHARE, FIT_SHARE, LEAST_SHADED_SHARE, MAX_ERROR_LIMITS, cell_error, fit_error, rounding_error,
 };
 use crate::lod::deviation::Deviation;
 use crate::stream::classify::Skipping;
-use crate::stream::residency::{DecodedBrick, Voxels};
+use crate::stream::residency::DecodedBrick;
 
 /// What packets look up, the same for all rays of a frame.
 #[derive(Debug)]
@@ -195,7 +195,7 @@ impl PacketTables {
         brick: &'a DecodedBrick,
     ) -> (PacketBrick<'a>, BrickGrid) {
         let (packet_brick, grid) = packet_brick(scene, key, brick);
-        let [centre, scale, offset] = packet_brick.stored.to_values_from(self.origin, &scene.map);
+        let [centre, scale, offset] = packet_brick.voxels.stored().to_values_from(self.origin, &scene.map);
         (PacketBrick { centre, scale, offset, ..packet_brick }, grid)
     }
 
@@ -269,28 +269,17 @@ pub(super) fn packet_brick<'a>(
     key: BrickKey,
     brick: &'a DecodedBrick,
 ) -> (PacketBrick<'a>, BrickGrid) {
-    let extent = brick.extent.map(|n| n as usize);
     let core = scene.pyramid.core_box(key);
-    assert_eq!(extent, core.extent().map(|n| n + 2 * APRON), "stored extent of {key}");
-    let (voxels, stored, count): (*const u8, _, _) = match &brick.voxels {
-        Voxels::U8(v) => (v.as_ptr(), Stored::U8, v.len()),
-        Voxels::U16(v) => (v.as_ptr().cast(), Stored::U16, v.len()),
-        Voxels::F32(v) => (v.as_ptr().cast(), Stored::F32, v.len()),
-    };
-    assert_eq!(count, extent.iter().product::<usize>(), "voxels of {key}");
     let level = scene.pyramid.level_at(key.lod());
     let grid = BrickGrid { inverse_scale: level.scale.map(|s| 1.0 / s as f64), start: core.start.map(|s| s as f64) };
     let packet_brick = PacketBrick {
-        voxels,
-        stored,
-        strides: [extent[0] as i32, (extent[0] * extent[1]) as i32],
-        core: core.extent().map(|n| n as i32),
+        walked: WalkedBrick::new(core.extent()),
+        voxels: BrickVoxels::new(brick, core.extent()),
         centre: 0.0,
         scale: 1.0,
         offset: 0.0,
         span: 1,
         absent: scene.map.absent,
-        cloud: None,
         lighting: None,
     };
     (packet_brick, grid)

@@ -1,11 +1,13 @@
 //! Paths of rays through one brick, for tests: the walker of packets alone.
 
-use super::fetch::Stored;
 use super::leap::ProximityCloud;
 use super::simd::{InstructionSet, LANES_LIMIT, Simd, Task, dispatch};
 pub use super::walk::ROUND;
-use super::walk::{Packet, PacketBrick, Walker};
+use super::walk::{Packet, WalkedBrick, Walker};
 use crate::engines::blocks::BLOCK;
+
+/// Distance from the middle of the outermost voxels of a core beyond which a ray has left it: its faces, and some rounding.
+const BORDER: f32 = 0.6;
 
 /// A ray in a brick's own coordinates: voxel (0, 0, 0) is the first of its core.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -31,7 +33,7 @@ pub struct Stretch {
 /// stretches, in order.
 ///
 /// # Panics
-/// If the cloud is not that of a brick of this size.
+/// If the cloud is not that of a brick of this size, or a ray leaves it.
 #[must_use]
 pub fn stretches(
     set: InstructionSet,
@@ -39,13 +41,19 @@ pub fn stretches(
     core: [usize; 3],
     rays: &[LocalRay],
 ) -> Vec<Vec<Stretch>> {
-    assert!(cloud.covers(core), "a cloud of {:?} blocks for {core:?} voxels", cloud.cells);
-    dispatch(set, Trace { cloud, core, rays })
+    for ray in rays {
+        for a in 0..3 {
+            let ends = [ray.origin[a], ray.origin[a] + ray.length * ray.direction[a]];
+            let faces = -BORDER..=core[a] as f32 - 1.0 + BORDER;
+            assert!(ends.iter().all(|end| faces.contains(end)), "{ray:?} leaves a core of {core:?} voxels");
+        }
+    }
+    let brick = WalkedBrick::new(core).with_cloud(Some(cloud));
+    dispatch(set, Trace { brick, rays })
 }
 
 struct Trace<'a> {
-    cloud: &'a ProximityCloud<BLOCK>,
-    core: [usize; 3],
+    brick: WalkedBrick<'a>,
     rays: &'a [LocalRay],
 }
 
@@ -62,8 +70,8 @@ impl Trace<'_> {
     /// As in [`super::packet`]: leaps until no ray can, then a round of cells.
     #[inline(always)]
     fn packet<S: Simd>(&self, rays: &[LocalRay]) -> Vec<Vec<Stretch>> {
-        let brick = self.brick();
-        let mut walker = Walker::<S>::new(&packet_of(rays), &brick);
+        // SAFETY: `stretches` has looked at the ends of all rays.
+        let mut walker = unsafe { Walker::<S>::new(&packet_of(rays), &self.brick) };
         let mut found = vec![Vec::new(); rays.len()];
         let mut note = |lanes: u32, is_leap: bool, [before, after]: [S::F; 2]| {
             let mut t = [[0.0; LANES_LIMIT]; 2];
@@ -76,7 +84,7 @@ impl Trace<'_> {
         loop {
             loop {
                 let before = walker.t;
-                let leaping = walker.leap_once(self.cloud, &brick);
+                let leaping = walker.leap_once();
                 if leaping == 0 {
                     break;
                 }
@@ -88,24 +96,6 @@ impl Trace<'_> {
             }
             let _ = walker.round();
             note(active, false, [before, walker.t]);
-        }
-    }
-
-    /// A brick whose voxels are never read.
-    fn brick(&self) -> PacketBrick<'_> {
-        let extent = self.core.map(|n| n as i32);
-        PacketBrick {
-            voxels: std::ptr::null(),
-            stored: Stored::U8,
-            strides: [extent[0], extent[0] * extent[1]],
-            core: extent,
-            centre: 0.0,
-            scale: 1.0,
-            offset: 0.0,
-            span: 1,
-            absent: None,
-            cloud: None,
-            lighting: None,
         }
     }
 }

@@ -25,7 +25,13 @@ impl CastTile<'_> {
         let (frame, tables) = (self.frame, self.tables);
         let (packet_brick, grid) = packet_brick(&frame.scene, key, brick);
         let make = || {
-            BrickSummary::new(&frame.scene, brick, packet_brick.stored, tables.origin, tables.ahead(&frame.scene, key))
+            BrickSummary::new(
+                &frame.scene,
+                brick,
+                packet_brick.voxels.stored(),
+                tables.origin,
+                tables.ahead(&frame.scene, key),
+            )
         };
         let summary = tables.summaries.of(frame.scene.field.brick(key), BrickSummary::bytes, make);
         if frame.scene.skipping == Skipping::On && !self.may_change(&summary) {
@@ -107,14 +113,15 @@ impl Task for GatherBrick<'_> {
         let leaps = self.host.frame.scene.skipping == Skipping::On;
         let is_turned = summary.numbers.is_turned;
         let cloud = summary.cloud.as_ref();
-        // SAFETY, for all three: `packet_brick` compared strides, core and length of the voxels; the summary is the brick's.
         match self.host.frame.scene.mode {
             Mode::Mip | Mode::Minip => {
                 let mut extreme = Extreme::<S>::new(is_turned, leaps.then_some(&summary.ranges));
+                // SAFETY: as in `visit`; the summary is the brick's.
                 unsafe { cast::<S, _>(brick, &mut extreme, &mut self.host) }
             }
             Mode::Mean => {
                 let mut mean = Mean::<S>::new(summary.mean_scale(), cloud.filter(|cloud| !cloud.is_dense()));
+                // SAFETY: as in `visit`; the summary is the brick's.
                 unsafe { cast::<S, _>(brick, &mut mean, &mut self.host) }
             }
             Mode::Iso => {
@@ -124,6 +131,7 @@ impl Task for GatherBrick<'_> {
                     if stored == Stored::F32 { 0.0 } else { centre.abs() + (map.offset / map.scale).abs() };
                 let quiet = cloud.map(|cloud| (cloud, &summary.ranges));
                 let mut surfaces = Surfaces::<S>::new(is_turned, may_have_holes, offset_size, quiet);
+                // SAFETY: as in `visit`; the summary is the brick's.
                 unsafe { cast::<S, _>(brick, &mut surfaces, &mut self.host) }
             }
             Mode::Dvr | Mode::Slice => RayCounters::default(),

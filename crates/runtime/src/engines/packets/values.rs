@@ -64,7 +64,7 @@ pub struct Rays<'a, S: Simd> {
     /// The brick.
     pub brick: &'a PacketBrick<'a>,
     /// Their positions.
-    pub walker: Walker<S>,
+    pub walker: Walker<'a, S>,
     /// Their numbers in the tile.
     pub numbers: [u16; LANES_LIMIT],
     /// Their host.
@@ -148,7 +148,8 @@ pub unsafe fn cast<S: Simd, G: Gather<S>>(brick: &PacketBrick<'_>, gather: &mut 
         }
         packet.way.length[lent..].fill(0.0);
         gather.begin(&packet);
-        let walker = Walker::<S>::new(&packet.way, brick);
+        // SAFETY: the caller's promise.
+        let walker = unsafe { Walker::<S>::new(&packet.way, &brick.walked) };
         let mut rays = Rays { brick, walker, numbers: packet.way.rays, host: &mut *host, work };
         // SAFETY: the caller's promise.
         unsafe { cast_packet::<S, G>(&mut rays, gather) };
@@ -173,12 +174,12 @@ unsafe fn cast_packet<S: Simd, G: Gather<S>>(rays: &mut Rays<'_, S>, gather: &mu
         let steps = rays.walker.round();
         let places = brick.places_of(&steps);
         // SAFETY: the walk stays in cells of the core, whose corners the apron holds.
-        let mut raw = unsafe { brick.stored.gather::<S>(brick.voxels, &places[0], brick.strides) };
+        let mut raw = unsafe { brick.voxels.gather::<S>(&places[0]) };
         for i in 0..ROUND {
-            let corners = brick.stored.corners::<S>(&raw, brick.absent, brick.centre);
+            let corners = brick.voxels.stored().corners::<S>(&raw, brick.absent, brick.centre);
             if i + 1 < ROUND {
                 // SAFETY: as above.
-                raw = unsafe { brick.stored.gather::<S>(brick.voxels, &places[i + 1], brick.strides) };
+                raw = unsafe { brick.voxels.gather::<S>(&places[i + 1]) };
             }
             let crosses = S::lt(zero, steps[i].length);
             rays.work.cells += u64::from(S::bits(crosses).count_ones());
@@ -319,7 +320,7 @@ impl<S: Simd> Gather<S> for Extreme<'_, S> {
                 return;
             }
             rays.work.macro_cells_skipped += u64::from(S::bits(leaping).count_ones());
-            rays.walker.leave::<MACRO_CELL>(macro_cell, S::splat(1.0), leaping, rays.brick);
+            rays.walker.leave::<MACRO_CELL>(macro_cell, S::splat(1.0), leaping);
         }
     }
 
@@ -381,8 +382,10 @@ impl<S: Simd> Gather<S> for Mean<'_, S> {
     #[inline(always)]
     fn leap(&mut self, rays: &mut Rays<'_, S>) {
         if let Some(cloud) = self.cloud {
+            // SAFETY: the cloud is the brick's.
+            let leaps = unsafe { rays.walker.leap_by(cloud) };
             let before = rays.walker.t;
-            rays.work.macro_cells_skipped += u64::from(rays.walker.leap(cloud, rays.brick));
+            rays.work.macro_cells_skipped += u64::from(leaps);
             self.absent = self.absent + (rays.walker.t - before);
         }
     }

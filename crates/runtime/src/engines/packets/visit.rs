@@ -205,7 +205,8 @@ impl CastTile<'_> {
             PacketLighting::new(lighting, &frame.scene.geometry, level_scale, packet_brick.scale)
         });
         let cloud = plan.leaps.then_some(&plan.cloud);
-        let packet_brick = PacketBrick { cloud, span: plan.span, lighting, ..packet_brick };
+        let walked = packet_brick.walked.with_cloud(cloud);
+        let packet_brick = PacketBrick { walked, span: plan.span, lighting, ..packet_brick };
         let host = TileHost { frame, tables, key, brick, grid, corner: self.corner, rays: self.rays, next: 0 };
         let work = tables.dispatch(CastBrick { packet_brick, host, queues: self.queues });
         self.feedback.counters.add(&work);
@@ -253,7 +254,7 @@ impl ClassifyTask for CastBrick<'_> {
     #[inline(always)]
     fn run<S: Simd, L: Lookup>(mut self, classifier: &Classifier<'_, L>) -> RayCounters {
         let precision = self.host.tables.precision;
-        // SAFETY: `packet_brick` compared strides, core and length of the voxels.
+        // SAFETY: the tile lends the parts of its rays between the faces of the brick (`TileRays::enter`), to which voxels and walk belong.
         unsafe { cast::<S, L>(&self.packet_brick, classifier, precision, self.queues, &mut self.host) }
     }
 }

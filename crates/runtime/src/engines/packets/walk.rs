@@ -9,7 +9,7 @@
 
 use supervol_format::brick::{APRON, MACRO_CELL};
 
-use super::fetch::Stored;
+use super::fetch::{BrickVoxels, strides_of};
 use super::leap::ProximityCloud;
 use super::shade::PacketLighting;
 use super::simd::{LANES_LIMIT, Places, Simd, hidden_in_memory};
@@ -68,17 +68,49 @@ impl Default for Packet {
     }
 }
 
+/// The part of a brick that walking needs: its size, and the cloud for leaping.
+#[derive(Clone, Copy)]
+pub struct WalkedBrick<'a> {
+    /// Voxels of the core along each axis.
+    core: [i32; 3],
+    /// Voxels between neighbours along y and z.
+    strides: [i32; 2],
+    /// Cloud for leaping; it covers the core.
+    cloud: Option<&'a ProximityCloud<BLOCK>>,
+}
+
+impl<'a> WalkedBrick<'a> {
+    /// A brick whose core has `core` voxels along each axis, without a cloud.
+    #[must_use]
+    pub fn new(core: [usize; 3]) -> Self {
+        Self { core: core.map(|n| n as i32), strides: strides_of(core), cloud: None }
+    }
+
+    /// The same brick with a cloud for leaping.
+    ///
+    /// # Panics
+    /// If the cloud belongs to a brick of another size.
+    #[must_use]
+    pub fn with_cloud(self, cloud: Option<&'a ProximityCloud<BLOCK>>) -> Self {
+        let core = self.core.map(|n| n as usize);
+        assert!(cloud.is_none_or(|cloud| cloud.covers(core)), "the cloud does not cover a brick of {core:?} voxels");
+        Self { cloud, ..self }
+    }
+
+    /// Voxels of the core along each axis.
+    #[must_use]
+    pub fn core(&self) -> [i32; 3] {
+        self.core
+    }
+}
+
 /// One brick in the form that packets read.
 #[derive(Clone, Copy)]
 pub struct PacketBrick<'a> {
-    /// Voxels, apron included, x fastest.
-    pub voxels: *const u8,
-    /// Their storage.
-    pub stored: Stored,
-    /// Voxels between neighbours along y and z.
-    pub strides: [i32; 2],
-    /// Voxels of the core along each axis.
-    pub core: [i32; 3],
+    /// Size and cloud, for walking.
+    pub walked: WalkedBrick<'a>,
+    /// Voxels, for gathering.
+    pub voxels: BrickVoxels<'a>,
     /// Subtracted from stored numbers; an integer if they are.
     pub centre: f32,
     /// Value, relative to the pieces' origin, = (stored number - `centre`) * `scale` + `offset`.
@@ -89,8 +121,6 @@ pub struct PacketBrick<'a> {
     pub span: usize,
     /// Stored number of holes.
     pub absent: Option<u16>,
-    /// Cloud for leaping.
-    pub cloud: Option<&'a ProximityCloud<BLOCK>>,
     /// `None`: unshaded.
     pub lighting: Option<PacketLighting<'a>>,
 }
@@ -99,7 +129,8 @@ impl PacketBrick<'_> {
     /// Voxel offset of the first corner of cell (-1, -1, -1).
     #[must_use]
     pub fn first_base(&self) -> i32 {
-        (APRON as i32 - 1) * (1 + self.strides[0] + self.strides[1])
+        let [dy, dz] = self.voxels.strides();
+        (APRON as i32 - 1) * (1 + dy + dz)
     }
 
     /// Offsets of the cells of a round; prefetches the cells of the next round.
@@ -118,12 +149,11 @@ impl PacketBrick<'_> {
     /// their cache lines.
     #[inline(always)]
     fn prefetch_behind<S: Simd>(&self, places: &[Places; ROUND]) {
-        let ([dy, dz], size, row_of_rays) = (self.strides, self.stored.bytes(), BLOCK_SIDE as usize);
+        let ([dy, dz], row_of_rays) = (self.voxels.strides(), BLOCK_SIDE as usize);
         for lane in [0, row_of_rays - 1, S::LANES - row_of_rays, S::LANES - 1] {
             let behind = 2 * places[ROUND - 1][lane] - places[0][lane];
             for row in [0, dy, dz, dy + dz] {
-                // Any address is allowed: invalid ones are not loaded.
-                S::prefetch(self.voxels.wrapping_offset(((behind + row) * size) as isize));
+                self.voxels.prefetch::<S>(behind + row);
             }
         }
     }
@@ -141,8 +171,9 @@ pub fn places_along<S: Simd>(fraction: &[S::F; 3], travelled: &[S::F; 3]) -> [[S
     places
 }
 
-/// Rays walking through a brick.
-pub struct Walker<S: Simd> {
+/// Rays walking through a brick. The cells of unfinished rays are the brick's: from -1 to the last core voxel along each axis.
+pub struct Walker<'a, S: Simd> {
+    brick: WalkedBrick<'a>,
     origin: [S::F; 3],
     pub direction: [S::F; 3],
     inverse: [S::F; 3],
@@ -191,12 +222,18 @@ impl<S: Simd> Step<S> {
     }
 }
 
-impl<S: Simd> Walker<S> {
+impl<'a, S: Simd> Walker<'a, S> {
+    /// Rays at their entry into a brick.
+    ///
+    /// # Safety
+    /// Between `start` and `length`, every ray of the packet lies in the brick's core: along each axis from half a voxel before the
+    /// first to half a voxel behind the last, with at most a tenth of a cell of rounding.
     #[inline(always)]
-    pub fn new(packet: &Packet, brick: &PacketBrick<'_>) -> Self {
+    pub unsafe fn new(packet: &Packet, brick: &WalkedBrick<'a>) -> Self {
         let (zero, one) = (S::splat(0.0), S::splat(1.0));
         let zero_int = S::splat_int(0);
         let mut walker = Self {
+            brick: *brick,
             origin: [zero; 3],
             direction: [zero; 3],
             inverse: [zero; 3],
@@ -231,7 +268,7 @@ impl<S: Simd> Walker<S> {
             let cell = walker.cell_of(a, position, S::splat(-1.0), S::splat(brick.core[a] as f32 - 1.0));
             walker.plane[a] = cell + walker.ahead[a];
         }
-        walker.find_base(brick.strides);
+        walker.find_base();
         walker
     }
 
@@ -289,27 +326,54 @@ impl<S: Simd> Walker<S> {
         step
     }
 
-    /// Leaps rays over invisible cubes, to the face of the last invisible one ahead; returns the number of leaps.
+    /// Leaps rays over invisible blocks, to the face of the last invisible one ahead; returns the number of leaps.
     #[inline(always)]
-    pub fn leap<const SIDE: usize>(&mut self, cloud: &ProximityCloud<SIDE>, brick: &PacketBrick<'_>) -> u32 {
+    pub fn leap(&mut self) -> u32 {
+        match self.brick.cloud {
+            // SAFETY: the brick's cloud covers its core.
+            Some(cloud) => unsafe { self.leap_by(cloud) },
+            None => 0,
+        }
+    }
+
+    /// One leap of every ray that can; returns these as one bit per lane. Does not update the memory offsets of their
+    /// cells.
+    #[inline(always)]
+    pub fn leap_once(&mut self) -> u32 {
+        match self.brick.cloud {
+            // SAFETY: the brick's cloud covers its core.
+            Some(cloud) => unsafe { self.leap_once_by(cloud) },
+            None => 0,
+        }
+    }
+
+    /// As [`Self::leap`], by a cloud of cubes of another size.
+    ///
+    /// # Safety
+    /// The cloud covers the core of the walker's brick.
+    #[inline(always)]
+    pub unsafe fn leap_by<const SIDE: usize>(&mut self, cloud: &ProximityCloud<SIDE>) -> u32 {
         let mut leaps = 0;
         loop {
-            let leaping = self.leap_once(cloud, brick);
+            // SAFETY: the caller's promise.
+            let leaping = unsafe { self.leap_once_by(cloud) };
             if leaping == 0 {
                 break;
             }
             leaps += leaping.count_ones();
         }
         if leaps > 0 {
-            self.find_base(brick.strides);
+            self.find_base();
         }
         leaps
     }
 
-    /// One leap of every ray that can; returns these as one bit per lane. Does not update the memory offsets of their
-    /// cells.
+    /// As [`Self::leap_once`], by a cloud of cubes of another size.
+    ///
+    /// # Safety
+    /// As for [`Self::leap_by`].
     #[inline(always)]
-    pub fn leap_once<const SIDE: usize>(&mut self, cloud: &ProximityCloud<SIDE>, brick: &PacketBrick<'_>) -> u32 {
+    unsafe fn leap_once_by<const SIDE: usize>(&mut self, cloud: &ProximityCloud<SIDE>) -> u32 {
         let active = self.active();
         let cube = self.cube::<SIDE>();
         // SAFETY: cells of active rays lie in the core, whose cubes the cloud covers.
@@ -317,7 +381,7 @@ impl<S: Simd> Walker<S> {
         let leaping = S::lt_int(S::splat_int(0), distance) & active;
         let bits = S::bits(leaping);
         if bits != 0 {
-            self.go_out_of::<SIDE>(cube, S::to_float(distance), leaping, brick);
+            self.go_out_of::<SIDE>(cube, S::to_float(distance), leaping);
         }
         bits
     }
@@ -339,14 +403,14 @@ impl<S: Simd> Walker<S> {
 
     /// Moves rays of the mask to the far face of the cubes less than `reach` ahead of their own.
     #[inline(always)]
-    pub fn leave<const SIDE: usize>(&mut self, cube: [S::I; 3], reach: S::F, leaping: S::M, brick: &PacketBrick<'_>) {
-        self.go_out_of::<SIDE>(cube, reach, leaping, brick);
-        self.find_base(brick.strides);
+    pub fn leave<const SIDE: usize>(&mut self, cube: [S::I; 3], reach: S::F, leaping: S::M) {
+        self.go_out_of::<SIDE>(cube, reach, leaping);
+        self.find_base();
     }
 
     /// As [`Walker::leave`], without updating the memory offsets of the cells.
     #[inline(always)]
-    fn go_out_of<const SIDE: usize>(&mut self, cube: [S::I; 3], reach: S::F, leaping: S::M, brick: &PacketBrick<'_>) {
+    fn go_out_of<const SIDE: usize>(&mut self, cube: [S::I; 3], reach: S::F, leaping: S::M) {
         let (zero, one, side) = (S::splat(0.0), S::splat(1.0), S::splat(SIDE as f32));
         let mut faces = [reach; 3];
         let mut exits = [self.end; 3];
@@ -367,7 +431,7 @@ impl<S: Simd> Walker<S> {
             let here = self.plane[a] - self.ahead[a];
             let inside = self.cell_of(a, position, S::min(here, before), S::max(here, before));
             let next = S::select(S::le(exits[a], leave), behind, inside);
-            let cell = S::min(S::max(next, S::splat(-1.0)), S::splat(brick.core[a] as f32 - 1.0));
+            let cell = S::min(S::max(next, S::splat(-1.0)), S::splat(self.brick.core[a] as f32 - 1.0));
             self.plane[a] = S::select(leaping, cell + self.ahead[a], self.plane[a]);
         }
         self.t = S::select(leaping, leave, self.t);
@@ -375,7 +439,8 @@ impl<S: Simd> Walker<S> {
 
     /// Updates the memory offsets of the cells.
     #[inline(always)]
-    fn find_base(&mut self, strides: [i32; 2]) {
+    fn find_base(&mut self) {
+        let strides = self.brick.strides;
         let apron = S::splat(APRON as f32);
         let place = |a: usize| S::to_int(self.plane[a] - self.ahead[a] + apron);
         self.base = place(0) + place(1) * S::splat_int(strides[0]) + place(2) * S::splat_int(strides[1]);

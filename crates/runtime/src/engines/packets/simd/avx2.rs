@@ -3,6 +3,8 @@
 //! Every function here is inlined into [`run`], which has the features. SAFETY of all intrinsics: [`super::dispatch`]
 //! calls [`run`] only where [`is_available`] holds, and nothing else uses these types.
 
+#![allow(clippy::undocumented_unsafe_blocks, reason = "the module's head says why every intrinsic may be called")]
+
 use std::arch::x86_64::*;
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Not, Sub};
 

@@ -6,7 +6,11 @@
 //! correct everywhere). Lanes are independent: a lane's result does not depend on its neighbours or their number.
 //! Results differ between sets only where one fuses a multiplication and an addition.
 //!
-//! All `unsafe` of the ray caster is in this folder and in callers of [`Simd::gather`], which know the array.
+//! All `unsafe` of the runtime is in this folder and on the way to its gathers:
+//! - `fetch` (voxels), `leap` (clouds and ranges) and `lookup` (tables) own the arrays and check their lengths.
+//! - `walk` keeps rays inside their brick.
+//! - `packet`, `span`, `shaded_cells`, `values` and `surfaces` gather along these walks.
+//! - `visit`, `value_tiles` and `trace` start the walks.
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
