@@ -1,8 +1,8 @@
 //! A finished or unfinished picture, with all that is known of it.
 
 use supervol_runtime::engines::maps::Maps;
-use supervol_runtime::render::frame::check::{ErrorMeasured, measure_error};
-use supervol_runtime::render::frame::stated::ErrorStated;
+use supervol_runtime::render::accuracy::check::{ErrorMeasured, measure_error};
+use supervol_runtime::render::accuracy::stated::ErrorStated;
 use supervol_runtime::render::options::RenderOptions;
 use supervol_runtime::render::stats::FrameStats;
 use supervol_runtime::render::volume::PlacedVolume;

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use supervol_format::canceller::Canceller;
 use supervol_runtime::render;
 use supervol_runtime::render::options::RenderOptions;
-use supervol_runtime::render::renderer::{Picked, Step};
+use supervol_runtime::render::renderer::{MakeEngine, Picked, Step};
 use supervol_scene::scene::{ResolvedScene, Scene};
 
 use crate::error::Error;
@@ -55,6 +55,16 @@ impl Renderer {
         Ok(Self { volume, inner, exaggeration: 1.0, scene: None })
     }
 
+    pub(crate) fn by_engines(
+        volume: Volume,
+        options: RenderOptions,
+        engines: impl MakeEngine + 'static,
+    ) -> Result<Self, Error> {
+        let placed = volume.placed_for(&Scene::default())?;
+        let inner = render::renderer::Renderer::by_engines(placed, options, engines)?;
+        Ok(Self { volume, inner, exaggeration: 1.0, scene: None })
+    }
+
     /// The volume that it draws.
     #[must_use]
     pub fn volume(&self) -> &Volume {
@@ -90,9 +100,7 @@ impl Renderer {
         } else {
             let placed = self.volume.placed_for(scene)?;
             let resolved = placed.resolve(scene)?;
-            let canceller = self.inner.canceller();
-            let options = self.inner.options().clone();
-            self.inner = render::renderer::Renderer::new(placed, options)?.stopped_by(canceller);
+            self.inner.set_volume(placed);
             self.exaggeration = exaggeration;
             resolved
         };

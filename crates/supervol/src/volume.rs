@@ -8,7 +8,7 @@ use supervol_format::level_reader::LevelReader;
 use supervol_format::{Container, Dims, Lod, VoxelBox, VoxelType};
 use supervol_runtime::engines::engine::Engine;
 use supervol_runtime::render::options::RenderOptions;
-use supervol_runtime::render::renderer::{render_by_engine, render_with_maps};
+use supervol_runtime::render::renderer::{MakeEngine, render_by_engine, render_with_maps};
 use supervol_runtime::render::volume::PlacedVolume;
 use supervol_scene::facts::{DataKind, VolumeFacts};
 use supervol_scene::preset::placing::placement;
@@ -220,6 +220,14 @@ impl Volume {
     /// If an option is wrong, or threads cannot be started.
     pub fn renderer(&self, options: RenderOptions) -> Result<Renderer, Error> {
         Renderer::new(self.clone(), options)
+    }
+
+    /// The same, with engines of the caller's own: `engines` makes one for each picture.
+    ///
+    /// # Errors
+    /// If an option is wrong, or threads cannot be started.
+    pub fn renderer_by(&self, engines: impl MakeEngine + 'static, options: RenderOptions) -> Result<Renderer, Error> {
+        Renderer::by_engines(self.clone(), options, engines)
     }
 }
 

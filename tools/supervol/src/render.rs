@@ -19,13 +19,15 @@ use supervol_arguments::terminal;
 use supervol_format::readable::counted;
 use supervol_format::{Container, Lod};
 use supervol_runtime::engines::cpu::Caster;
+use supervol_runtime::engines::error::EngineError;
+use supervol_runtime::engines::gpu::error::GpuError;
 use supervol_runtime::engines::maps::work_in_colors;
 use supervol_runtime::engines::packets::PacketRule;
 use supervol_runtime::engines::packets::simd::InstructionSet;
+use supervol_runtime::render::accuracy::check;
+use supervol_runtime::render::accuracy::check::CheckProgress;
+use supervol_runtime::render::accuracy::stated::in_colors;
 use supervol_runtime::render::error::{ErrorKind, RenderError};
-use supervol_runtime::render::frame::check;
-use supervol_runtime::render::frame::check::CheckProgress;
-use supervol_runtime::render::frame::stated::in_colors;
 use supervol_runtime::render::options::{Backend, LevelChoice, RenderOptions};
 use supervol_runtime::render::process;
 use supervol_runtime::render::renderer::{NO_DEVICE, render_with_maps};
@@ -595,11 +597,32 @@ pub fn with_render(error: RenderError) -> Failure {
         }
         RenderError::NoPlace | RenderError::NoSuchPixel { .. } => Failure::Command(format!("--pick: {message}")),
         RenderError::SlicesOnGpu => Failure::Command(format!("--backend: {message}")),
-        error => match error.kind() {
-            ErrorKind::Request => Failure::Command(message),
-            ErrorKind::Data => Failure::Data(message),
-            ErrorKind::Machine | ErrorKind::Cancelled => Failure::Machine(message),
-        },
+        error => {
+            let message = format!("{message}{}", option_against(&error));
+            match error.kind() {
+                ErrorKind::Request => Failure::Command(message),
+                ErrorKind::Data => Failure::Data(message),
+                ErrorKind::Machine | ErrorKind::Cancelled => Failure::Machine(message),
+            }
+        }
+    }
+}
+
+/// The option that helps against an error, in brackets.
+fn option_against(error: &RenderError) -> &'static str {
+    let error = match error {
+        RenderError::Budget(_) => return " (option --host-memory)",
+        RenderError::Engine(EngineError::Gpu(error)) => error,
+        _ => return "",
+    };
+    match error {
+        GpuError::NotBuilt
+        | GpuError::NoAdapter { .. }
+        | GpuError::TooSmall { .. }
+        | GpuError::TableLimit { .. }
+        | GpuError::Scene { .. } => " (option --backend cpu)",
+        GpuError::OutOfMemory { .. } | GpuError::Budget { .. } => " (option --gpu-memory)",
+        GpuError::Refused { .. } | GpuError::DeviceLost { .. } | GpuError::Brick { .. } | GpuError::NoRoom { .. } => "",
     }
 }
 

@@ -24,7 +24,7 @@ use super::totals::{EngineErrors, ErrorsByReason};
 use crate::lod::LodChoice;
 use crate::lod::deviation::Deviations;
 use crate::stop::Stop;
-use crate::stream::budget::{CasterBytes, MADE_LIMIT};
+use crate::stream::budget::{EngineBytes, MADE_LIMIT};
 use crate::stream::classify::Skipping;
 use crate::stream::residency::BrickView;
 
@@ -82,7 +82,7 @@ impl Caster {
 
     /// What it holds in host memory beside its tables; `core`: voxels along an edge of a full brick's core.
     #[must_use]
-    pub fn bytes(&self, core: usize) -> CasterBytes {
+    pub fn bytes(&self, core: usize) -> EngineBytes {
         match self {
             Self::Packets(rule) => packets::bytes_held(core, *rule),
             Self::Cells(_) | Self::Custom(_) => cells::frame::bytes_held(),

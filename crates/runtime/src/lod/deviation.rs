@@ -48,6 +48,15 @@ const PARTS: usize = 64;
 /// a of each pair, see the module.
 pub const PER_OPACITY: [f64; 7] = [0.0, 1.0 / 1024.0, 1.0 / 256.0, 1.0 / 64.0, 1.0 / 16.0, 1.0 / 4.0, 1.0];
 
+/// Whether interpolation in a brick, or in a brick beneath it, may reach an absent voxel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Holes {
+    /// All voxels are present.
+    None,
+    /// Some voxel may be absent.
+    Possible,
+}
+
 /// Deviation of one drawn brick from level 0; see the module. World lengths, data values, 1 is white.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Deviation {
@@ -247,12 +256,12 @@ impl Deviations {
 
     /// Deviation of the brick with this entry.
     #[must_use]
-    pub fn of(&self, key: BrickKey, entry: &BrickEntry, may_have_holes: bool) -> Deviation {
+    pub fn of(&self, key: BrickKey, entry: &BrickEntry, holes: Holes) -> Deviation {
         let is_finest = key.lod() == Lod::FINEST;
         let beneath = self.data_range(entry.range_beneath).widened(self.voxel_error);
         let error = entry.error * self.scale.abs();
         // Holes are the same in level 0. Normals are the same where no voxel has moved.
-        let may_have_holes = may_have_holes && !is_finest;
+        let may_have_holes = holes == Holes::Possible && !is_finest;
         let is_unshaded = is_finest || !(self.is_shaded && matches!(self.mode, Mode::Dvr | Mode::Iso));
         let is_exact = is_finest && self.is_finest_exact();
         if is_exact || beneath.is_empty() || (error == 0.0 && !may_have_holes && is_unshaded) {
@@ -484,7 +493,7 @@ mod tests {
             for (low, width, error, may_be_absent, pieces) in &bricks {
                 let own = ValueRange { min: *low, max: (low + width).min(100.0) };
                 let beneath = ValueRange { min: (own.min - error).max(0.0), max: (own.max + error).min(100.0) };
-                let deviation = deviations.of(coarse(), &entry(own, beneath, *error), *may_be_absent);
+                let deviation = deviations.of(coarse(), &entry(own, beneath, *error), if *may_be_absent { Holes::Possible } else { Holes::None });
                 let before = drawn.len();
                 for &(length, share, off) in pieces {
                     let value = own.min + share * (own.max - own.min);
@@ -517,7 +526,7 @@ mod tests {
             let deviations = deviations(&format!("{{{}}}", function(&[(20.0, 0.0), (60.0, 0.3), (80.0, 0.1)])));
             let beneath = ValueRange { min: low, max: low + width };
             let own = ValueRange { min: low, max: low };
-            let deviation = deviations.of(coarse(), &entry(own, beneath, width), false);
+            let deviation = deviations.of(coarse(), &entry(own, beneath, width), Holes::None);
             let mut stated = RayDeviation::NONE;
             stated.note_brick(0.5, None, length, &deviation);
             for share in [0.0, 0.3, 1.0] {
@@ -533,7 +542,7 @@ mod tests {
         let deviations = deviations(&format!("{{{}}}", function(&[(0.0, 0.0), (100.0, 0.5)])));
         let own = ValueRange { min: 20.0, max: 80.0 };
         let of = |error: f64| {
-            let deviation = deviations.of(coarse(), &entry(own, VALUES, error), false);
+            let deviation = deviations.of(coarse(), &entry(own, VALUES, error), Holes::None);
             let mut stated = RayDeviation::NONE;
             // Values of 50 over a length of 4: kappa is 0.2877 each.
             stated.note_brick(1.0, Some((-4.0f64 * 0.287_68).exp()), 4.0, &deviation);
@@ -543,15 +552,17 @@ mod tests {
         // 0.005 of alpha per value, 0.01 of red: the exact change is about 0.012 if all errors are alike.
         assert!((0.01..0.05).contains(&of(0.5)), "{}", of(0.5));
         assert!(of(90.0) <= 1.0);
-        let exact = deviations.of(coarse(), &entry(own, VALUES, 0.0), false);
+        let exact = deviations.of(coarse(), &entry(own, VALUES, 0.0), Holes::None);
         assert!(
             exact.is_none()
-                && deviations.of(BrickKey::new(Lod(0), BrickIndex([0; 3])), &entry(own, VALUES, 9.0), true).is_none()
+                && deviations
+                    .of(BrickKey::new(Lod(0), BrickIndex([0; 3])), &entry(own, VALUES, 9.0), Holes::Possible)
+                    .is_none()
         );
         // Normals are unknown even if values are exact.
         let shaded =
             super::tests::deviations(&format!(r#"{{"shading": {{}}, {}}}"#, function(&[(0.0, 0.0), (100.0, 0.5)])));
-        assert!(!shaded.of(coarse(), &entry(own, VALUES, 0.0), false).is_none());
+        assert!(!shaded.of(coarse(), &entry(own, VALUES, 0.0), Holes::None).is_none());
     }
 
     #[test]
@@ -560,39 +571,39 @@ mod tests {
         let finest = BrickKey::new(Lod(0), BrickIndex([0; 3]));
         let ramp = function(&[(0.0, 0.0), (100.0, 0.5)]);
         let moved = deviations_of(&format!("{{{ramp}}}"), 0.5);
-        let of = |error| moved.of(finest, &entry(own, own, error), true);
+        let of = |error| moved.of(finest, &entry(own, own, error), Holes::Possible);
         assert!(!moved.is_finest_exact() && of(0.0).is_none(), "no voxel of that brick has moved");
         let off = of(0.5);
         assert_eq!((off.value, off.beneath, off.presence_may_change), (0.5, own.widened(0.5), false));
         assert!(off.of_ray(4.0, 0.5) > 0.0 && off.of_ray(4.0, 0.5) < 0.02, "{off:?}");
         // A value just below the transfer function's foot may in truth be above it.
         let foot = deviations_of(&format!("{{{}}}", function(&[(60.2, 0.0), (100.0, 0.5)])), 0.5);
-        let of_foot = foot.of(finest, &entry(own, own, 0.5), false);
+        let of_foot = foot.of(finest, &entry(own, own, 0.5), Holes::None);
         assert!(of_foot.of_nothing(4.0) > 0.0 && of_foot.of_nothing(4.0) < 0.05, "{of_foot:?}");
     }
 
     #[test]
     fn values_are_mistaken_for_what_lies_beneath() {
         let deviations = deviations(&format!(r#"{{"mode": "mip", {}}}"#, function(&[(0.0, 0.0), (100.0, 1.0)])));
-        let brick = |own: [f64; 2], beneath: [f64; 2], error: f64, holes: bool| {
+        let brick = |own: [f64; 2], beneath: [f64; 2], error: f64, holes: Holes| {
             let [own, beneath] = [own, beneath].map(|[min, max]| ValueRange { min, max });
             deviations.of(coarse(), &entry(own, beneath, error), holes)
         };
         let mut ray = RayDeviation::NONE;
-        ray.note_extreme([f64::NAN, 40.0], true, &brick([10.0, 40.0], [5.0, 44.0], 6.0, false));
+        ray.note_extreme([f64::NAN, 40.0], true, &brick([10.0, 40.0], [5.0, 44.0], 6.0, Holes::None));
         assert_eq!(ray.reach(), [6.0, 4.0]);
-        ray.note_extreme([40.0, 60.0], true, &brick([10.0, 60.0], [5.0, 90.0], 3.0, false));
+        ray.note_extreme([40.0, 60.0], true, &brick([10.0, 60.0], [5.0, 90.0], 3.0, Holes::None));
         assert_eq!(ray.reach(), [3.0, 4.0]);
-        ray.note_extreme([60.0, 60.0], true, &brick([10.0, 50.0], [5.0, 90.0], 50.0, true));
+        ray.note_extreme([60.0, 60.0], true, &brick([10.0, 50.0], [5.0, 90.0], 50.0, Holes::Possible));
         assert_eq!(ray.reach(), [3.0, 30.0]);
         // Opacity follows the value: 0.57 to 0.9 is possible where 0.6 is drawn.
         let off = deviations.of_value(60.0, ray.reach(), [0.36, 0.3, 0.15, 0.6]);
         assert!((off - 0.45).abs() < 2e-3, "red is 0.9 * 0.9: {off}");
         let mut least = RayDeviation::NONE;
-        least.note_extreme([f64::NAN, 40.0], false, &brick([40.0, 80.0], [38.0, 90.0], 6.0, false));
+        least.note_extreme([f64::NAN, 40.0], false, &brick([40.0, 80.0], [38.0, 90.0], 6.0, Holes::None));
         assert_eq!(least.reach(), [2.0, 6.0]);
         let mut mean = RayDeviation::NONE;
-        mean.note_mean(3.0, &brick([0.0, 1.0], [0.0, 1.0], 2.0, false));
+        mean.note_mean(3.0, &brick([0.0, 1.0], [0.0, 1.0], 2.0, Holes::None));
         assert_eq!((mean.mean_reach(6.0), RayDeviation::NONE.mean_reach(0.0)), ([1.0; 2], [0.0; 2]));
         assert_eq!(deviations.of_value(f64::NAN, [0.0; 2], [0.0; 4]), 0.0);
         assert_eq!(deviations.of_value(f64::NAN, [f64::INFINITY; 2], [0.0; 4]), 1.0);

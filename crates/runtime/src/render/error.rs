@@ -5,7 +5,6 @@ use supervol_format::readable::Mib;
 
 use crate::engines::error::EngineError;
 use crate::engines::gpu::error::GpuError;
-use crate::render::frame::PASS_LIMIT;
 use crate::render::options::Backend;
 use crate::stream::budget::BudgetError;
 use crate::stream::streamer::StreamError;
@@ -57,8 +56,8 @@ pub enum RenderError {
     NoProgress { pass: u64, remaining: u64, wanted: usize, first: String },
     #[error("the picture was cancelled before it was whole")]
     Cancelled,
-    #[error("a mistake of supervol: {remaining} rays are still unfinished after {PASS_LIMIT} passes")]
-    TooManyPasses { remaining: u64 },
+    #[error("a mistake of supervol: {remaining} rays are still unfinished after {limit} passes")]
+    TooManyPasses { remaining: u64, limit: u64 },
 }
 
 /// The side at fault, by which a program chooses what to tell its user.

@@ -2,10 +2,14 @@
 //!
 //! - [`options`], [`error`]: how a picture is made, and errors of rendering;
 //! - [`volume`]: an open container with its facts;
+//! - [`accuracy`]: the predicted, the stated and the measured error of a picture;
 //! - [`frame`]: one frame: its setting, its engine and its passes;
+//! - `drawing`: pictures in progress;
 //! - [`renderer`]: successive pictures, interruptible, with all data kept between them;
 //! - [`stats`], [`process`]: the cost of a frame.
 
+pub mod accuracy;
+mod drawing;
 pub mod error;
 pub mod frame;
 pub mod options;

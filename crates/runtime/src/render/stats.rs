@@ -11,9 +11,9 @@ use supervol_format::{Lod, ValueRange};
 use supervol_scene::scene::Mode;
 
 use crate::engines::totals::EngineTotals;
-use crate::render::frame::check::ErrorMeasured;
-use crate::render::frame::predict::ErrorPredicted;
-use crate::render::frame::stated::ErrorStated;
+use crate::render::accuracy::check::ErrorMeasured;
+use crate::render::accuracy::predict::ErrorPredicted;
+use crate::render::accuracy::stated::ErrorStated;
 use crate::stream::counters::{DeviceCounters, RayCounters, StreamCounters};
 use crate::stream::state::{Failure, StateKind};
 use crate::stream::streamer::Streamer;

@@ -3,8 +3,8 @@
 //! | part | size |
 //! |---|---|
 //! | picture | 16 bytes per pixel; with a deadline a quarter more; with stated errors three times as much |
-//! | rays | tiles, miss list and pixel of every ray of a band; a band is the whole picture if that takes at most 1/4 |
-//! | casting | working memory of every casting thread: the rays of one tile |
+//! | rays | groups, miss list and pixel of every ray of a band; a band is the whole picture if that takes at most 1/4 |
+//! | casting | working memory of every casting thread |
 //! | made of bricks | data derived once from each brick and kept: 1/16, at most 32 MiB; at least one brick's |
 //! | TOC pages | pages of the table of contents that the container keeps, at most 64 MiB |
 //! | states | one record per brick met, 1/32 of the budget |
@@ -86,24 +86,24 @@ impl BrickBytes {
     }
 }
 
-/// Whether a ray caster can cast a picture in bands.
+/// Whether an engine can draw a picture in bands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Bands {
+pub enum BandMode {
     /// Bands of pixel rows, one after the other.
     Allowed,
     /// The whole picture at once.
     Whole,
 }
 
-/// Host memory of a ray caster.
+/// Host memory of an engine.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct CasterBytes {
+pub struct EngineBytes {
     /// Whether rays may be cast band by band.
-    pub bands: Bands,
-    /// Edge of the square tiles in which rays are kept between passes, rays; at least 1.
-    pub tile_side: u32,
-    /// Bytes of a tile whose rays wait, including rays outside the picture. Finished tiles take less.
-    pub tile: u64,
+    pub bands: BandMode,
+    /// Edge of the square groups in which rays are kept between passes, rays; at least 1.
+    pub group_side: u32,
+    /// Bytes of a group whose rays wait, including rays outside the picture. Finished groups take less.
+    pub group: u64,
     /// Bytes of working memory of a casting thread.
     pub thread: u64,
     /// Most bytes derived from one brick.
@@ -112,16 +112,13 @@ pub struct CasterBytes {
     pub of_pixel: u64,
 }
 
-impl CasterBytes {
-    /// A ray caster that holds everything on a device and casts the whole picture at once.
-    pub const ON_DEVICE: Self =
-        Self { bands: Bands::Whole, tile_side: 1, tile: 0, thread: 0, made_of_brick: 0, of_pixel: 0 };
+impl EngineBytes {
+    /// An engine without host memory of its own, which draws the whole picture at once.
+    pub const NONE: Self =
+        Self { bands: BandMode::Whole, group_side: 1, group: 0, thread: 0, made_of_brick: 0, of_pixel: 0 };
 
-    /// The same, with stated errors: they lie in host memory once a band is read.
-    #[must_use]
-    pub const fn on_device(states_errors: bool) -> Self {
-        Self { of_pixel: if states_errors { 2 * PIXEL_BYTES } else { 0 }, ..Self::ON_DEVICE }
-    }
+    /// An engine that holds its rays on a device, and states errors: these lie in host memory once a band is read.
+    pub const STATED_BY_DEVICE: Self = Self { of_pixel: 2 * PIXEL_BYTES, ..Self::NONE };
 }
 
 /// The memory needs of a frame.
@@ -131,8 +128,8 @@ pub struct Demand {
     pub image_size: [u32; 2],
     /// Rays along one edge of a pixel.
     pub subgrid: u32,
-    /// Host memory of the ray caster.
-    pub caster: CasterBytes,
+    /// Host memory of the engine.
+    pub engine: EngineBytes,
     /// Sizes of bricks.
     pub brick: BrickBytes,
     /// Whether there is a deadline. Then the coarsest brick stays in the cache, beside the brick that makes progress. A
@@ -166,17 +163,17 @@ pub struct HostPlan {
 }
 
 impl Demand {
-    /// Bytes of the rays of a band of `band_rows` pixel rows: whole tiles, and the parts kept per ray.
+    /// Bytes of the rays of a band of `band_rows` pixel rows: whole groups, and the parts kept per ray.
     fn ray_bytes(&self, band_rows: u64) -> u64 {
         let [columns, rows] = [u64::from(self.image_size[0]), band_rows].map(|n| n * u64::from(self.subgrid));
-        let tiles = [columns, rows].map(|n| n.div_ceil(u64::from(self.caster.tile_side)));
-        tiles[0] * tiles[1] * self.caster.tile + columns * rows * (MISS_BYTES + PIXEL_BYTES)
+        let groups = [columns, rows].map(|n| n.div_ceil(u64::from(self.engine.group_side)));
+        groups[0] * groups[1] * self.engine.group + columns * rows * (MISS_BYTES + PIXEL_BYTES)
     }
 
-    /// Most pixel rows of a band whose rays take at most `bytes`; at least 1, whole tiles if possible.
+    /// Most pixel rows of a band whose rays take at most `bytes`; at least 1, whole groups if possible.
     fn band_rows(&self, bytes: u64) -> u64 {
         let height = u64::from(self.image_size[1]);
-        if self.caster.bands == Bands::Whole || self.ray_bytes(height) <= bytes {
+        if self.engine.bands == BandMode::Whole || self.ray_bytes(height) <= bytes {
             return height;
         }
         let (mut fits, mut too_many) = (1, height);
@@ -184,9 +181,9 @@ impl Demand {
             let middle = fits.midpoint(too_many);
             if self.ray_bytes(middle) <= bytes { fits = middle } else { too_many = middle }
         }
-        let [side, subgrid] = [self.caster.tile_side, self.subgrid].map(u64::from);
-        let of_whole_tiles = fits * subgrid / side * side / subgrid;
-        if of_whole_tiles > 0 { of_whole_tiles } else { fits }
+        let [side, subgrid] = [self.engine.group_side, self.subgrid].map(u64::from);
+        let of_whole_groups = fits * subgrid / side * side / subgrid;
+        if of_whole_groups > 0 { of_whole_groups } else { fits }
     }
 }
 
@@ -199,14 +196,14 @@ impl HostPlan {
         let [width, height] = demand.image_size.map(u64::from);
         let image = width * height * PIXEL_BYTES;
         let image = if demand.has_deadline { image + image.div_ceil(4) } else { image };
-        let image = image + width * height * demand.caster.of_pixel;
+        let image = image + width * height * demand.engine.of_pixel;
         let least_bricks = if demand.has_deadline { 2 } else { 1 };
-        let casting = demand.threads * demand.caster.thread;
+        let casting = demand.threads * demand.engine.thread;
         let toc = demand.toc_pages.min(CACHED_TOC_PAGES as u64) * toc::PAGE_BYTES as u64;
         let scratch = demand.threads * demand.brick.decoding;
         let least_in_flight = demand.brick.record + scratch;
         let in_flight = (budget_bytes / 8).min(IN_FLIGHT_LIMIT).max(least_in_flight);
-        let least_made = demand.caster.made_of_brick;
+        let least_made = demand.engine.made_of_brick;
         let made = if least_made > 0 { (budget_bytes / MADE_SHARE).min(MADE_LIMIT).max(least_made) } else { 0 };
         let states = budget_bytes / 32;
         let least_cache = least_bricks * demand.brick.decoded;
@@ -256,10 +253,10 @@ impl HostPlan {
 mod tests {
     use super::*;
 
-    const IN_TILES: CasterBytes = CasterBytes {
-        bands: Bands::Allowed,
-        tile_side: 16,
-        tile: 24_000,
+    const IN_GROUPS: EngineBytes = EngineBytes {
+        bands: BandMode::Allowed,
+        group_side: 16,
+        group: 24_000,
         thread: 250_000,
         made_of_brick: 5_000,
         of_pixel: 0,
@@ -269,7 +266,7 @@ mod tests {
         Demand {
             image_size: [800, 600],
             subgrid: 1,
-            caster: IN_TILES,
+            engine: IN_GROUPS,
             brick: BrickBytes { decoded: 1_300_000, decoding: 1_250_000, record: 1_280_000 },
             has_deadline: false,
             threads: 2,
@@ -296,7 +293,7 @@ mod tests {
             let parts = plan.fixed_bytes + plan.made_bytes + states + plan.in_flight_bytes + scratch + plan.cache_bytes;
             assert!(parts <= budget && parts + RECORD_BYTES > budget, "{parts} of {budget}");
             assert!(plan.cache_bytes >= demand().brick.decoded && plan.in_flight_bytes >= demand().brick.record);
-            assert!((IN_TILES.made_of_brick..=MADE_LIMIT).contains(&plan.made_bytes));
+            assert!((IN_GROUPS.made_of_brick..=MADE_LIMIT).contains(&plan.made_bytes));
         }
         assert_eq!(HostPlan::new(1 << 30, &demand()).unwrap().band_rows, 600);
         assert_eq!(HostPlan::new(1 << 30, &demand()).unwrap().made_bytes, MADE_LIMIT);
@@ -315,11 +312,11 @@ mod tests {
     }
 
     #[test]
-    fn tiles_threads_and_what_is_made_of_bricks_are_counted() {
+    fn groups_threads_and_what_is_made_of_bricks_are_counted() {
         let pixels = 800 * 600;
-        let plan = |caster| HostPlan::new(1 << 30, &Demand { caster, ..demand() }).unwrap();
-        let (without, with) = (plan(CasterBytes::ON_DEVICE), plan(IN_TILES));
-        // 600 rows are 37 tiles and a half.
+        let plan = |engine| HostPlan::new(1 << 30, &Demand { engine, ..demand() }).unwrap();
+        let (without, with) = (plan(EngineBytes::NONE), plan(IN_GROUPS));
+        // 600 rows are 37 groups and a half.
         assert_eq!(with.fixed_bytes - without.fixed_bytes, 50 * 38 * 24_000 + 2 * 250_000);
         assert_eq!(without.fixed_bytes, pixels * (16 + 32) + 3 * toc::PAGE_BYTES as u64);
         assert_eq!((without.made_bytes, with.made_bytes), (0, MADE_LIMIT));
@@ -328,14 +325,14 @@ mod tests {
     }
 
     #[test]
-    fn pictures_whose_rays_exceed_a_quarter_are_cast_in_bands_of_whole_tiles() {
+    fn pictures_whose_rays_exceed_a_quarter_are_cast_in_bands_of_whole_groups() {
         let large = Demand { image_size: [8000, 8000], subgrid: 4, ..demand() };
         let plan = HostPlan::new(2 << 30, &large).unwrap();
         assert!(plan.band_rows < 8000 && plan.band_rows.is_multiple_of(4), "{plan:?}");
-        // One more row of tiles would be too much.
+        // One more row of groups would be too much.
         assert!(large.ray_bytes(u64::from(plan.band_rows)) <= (2 << 30) / 4);
         assert!(large.ray_bytes(u64::from(plan.band_rows) + 4) > (2 << 30) / 4);
-        let whole = Demand { caster: CasterBytes { bands: Bands::Whole, ..IN_TILES }, ..large };
+        let whole = Demand { engine: EngineBytes { bands: BandMode::Whole, ..IN_GROUPS }, ..large };
         assert!(HostPlan::new(2 << 30, &whole).unwrap_err().needed_bytes > 16 * 64_000_000 * 80);
     }
 
@@ -346,7 +343,7 @@ mod tests {
                 let demand = Demand { image_size, subgrid, ..demand() };
                 let least = HostPlan::new(1, &demand).unwrap_err().needed_bytes;
                 let plan = HostPlan::new(least, &demand).unwrap();
-                assert_eq!((plan.band_rows, plan.made_bytes), (1, IN_TILES.made_of_brick));
+                assert_eq!((plan.band_rows, plan.made_bytes), (1, IN_GROUPS.made_of_brick));
                 assert!(HostPlan::new(least - 32, &demand).is_err());
             }
         }

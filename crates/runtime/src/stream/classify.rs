@@ -17,28 +17,29 @@ use supervol_scene::value_map::ValueMap;
 
 use super::state::Emptiness;
 use crate::lod::by_error::{LevelsByError, Verdict};
+use crate::lod::deviation::Holes;
 
 /// Most TOC entries searched for holes beneath a brick. If there are more, holes are assumed.
 const HOLE_SEARCH_LIMIT: usize = 1024;
 
 /// Whether interpolation in this brick, or in a brick beneath it, may reach an absent voxel. Decided by TOC entries.
 #[must_use]
-pub fn may_have_holes(container: &Container, key: BrickKey, entry: &BrickEntry) -> bool {
+pub fn holes_in(container: &Container, key: BrickKey, entry: &BrickEntry) -> Holes {
     let voxels = container.descriptor().dims().0.iter().fold(1, |product: u64, &n| product.saturating_mul(n));
     if container.manifest().present_voxels == voxels {
-        return false;
+        return Holes::None;
     }
     let mut left = vec![(key, Ok(*entry))];
     for _ in 0..HOLE_SEARCH_LIMIT {
         match left.pop() {
-            None => return false,
+            None => return Holes::None,
             Some((key, Ok(entry))) if !entry.has_holes && !entry.absent => {
                 left.extend(container.pyramid().children(key).map(|k| (k, container.entry(k))));
             }
-            Some(_) => return true,
+            Some(_) => return Holes::Possible,
         }
     }
-    true
+    Holes::Possible
 }
 
 /// Whether macro cells that cannot change the picture are skipped. The picture is the same to the last bit.
@@ -105,14 +106,14 @@ impl Classifier {
         Self { levels: Some(levels), ..self }
     }
 
-    /// Class of the brick with this entry. `may_have_holes` is called at most once. It tells whether a voxel of this
+    /// Class of the brick with this entry. `holes` is called at most once. It tells whether a voxel of this
     /// brick, or of a brick beneath it, may be absent.
     #[must_use]
-    pub fn classify(&self, key: BrickKey, entry: &BrickEntry, may_have_holes: impl FnOnce() -> bool) -> Class {
+    pub fn classify(&self, key: BrickKey, entry: &BrickEntry, holes: impl FnOnce() -> Holes) -> Class {
         let verdict = self.levels.as_ref().map_or(Verdict::Fine, |levels| levels.verdict(key, entry));
         match verdict {
             Verdict::TooCoarse => Class::TooCoarse,
-            Verdict::FineWithoutHoles if may_have_holes() => Class::TooCoarse,
+            Verdict::FineWithoutHoles if holes() == Holes::Possible => Class::TooCoarse,
             Verdict::Fine | Verdict::FineWithoutHoles => self.classify_drawn(entry),
         }
     }
@@ -121,13 +122,13 @@ impl Classifier {
     /// its voxels are the source's. False for a requested level, for a brick accepted by a heuristic, and for a brick
     /// that stands in for a child.
     #[must_use]
-    pub fn has_bound(&self, key: BrickKey, entry: &BrickEntry, may_have_holes: impl FnOnce() -> bool) -> bool {
+    pub fn has_bound(&self, key: BrickKey, entry: &BrickEntry, holes: impl FnOnce() -> Holes) -> bool {
         let verdict = self.levels.as_ref().map(|levels| levels.bounded_verdict(key, entry));
         match verdict {
             _ if key.lod() == Lod::FINEST => entry.error == 0.0,
             None | Some(Verdict::TooCoarse) => false,
             Some(Verdict::Fine) => true,
-            Some(Verdict::FineWithoutHoles) => !may_have_holes(),
+            Some(Verdict::FineWithoutHoles) => holes() == Holes::None,
         }
     }
 
@@ -253,19 +254,22 @@ mod tests {
             let levels = LevelsByError::new(&scene, &data, lod, 0.5 / 255.0);
             let automatic = classifier(&format!("{{{points}}}"), skipping).with_levels(levels);
             let wrong = BrickEntry { error: 40.0, ..entry(0.0, 250.0) };
-            let class = |lod, entry: &BrickEntry, holes: bool| automatic.classify(key(lod), entry, || holes);
-            assert_eq!(class(coarse, &wrong, false), Class::TooCoarse);
-            assert_eq!(class(coarse, &BrickEntry { uniform: true, ..wrong }, false), Class::TooCoarse);
-            assert_eq!(class(fine, &wrong, true), Class::Load, "nothing is finer than level 0");
+            let class = |lod, entry: &BrickEntry, holes: Holes| automatic.classify(key(lod), entry, || holes);
+            assert_eq!(class(coarse, &wrong, Holes::None), Class::TooCoarse);
+            assert_eq!(class(coarse, &BrickEntry { uniform: true, ..wrong }, Holes::None), Class::TooCoarse);
+            assert_eq!(class(fine, &wrong, Holes::Possible), Class::Load, "nothing is finer than level 0");
             assert_eq!(automatic.classify_drawn(&wrong), Class::Load, "where it stands in for a child");
             let exact = BrickEntry { error: 0.0, ..wrong };
-            let has_bound = |lod, entry: &BrickEntry| automatic.has_bound(key(lod), entry, || false);
+            let has_bound = |lod, entry: &BrickEntry| automatic.has_bound(key(lod), entry, || Holes::None);
             assert!(has_bound(fine, &exact) && has_bound(coarse, &exact) && !has_bound(coarse, &wrong));
             assert!(!has_bound(fine, &wrong), "its voxels were moved");
-            assert_eq!([true, false].map(|holes| class(coarse, &exact, holes)), [Class::TooCoarse, Class::Load]);
+            assert_eq!(
+                [Holes::Possible, Holes::None].map(|holes| class(coarse, &exact, holes)),
+                [Class::TooCoarse, Class::Load]
+            );
             // Stored values above 55 are invisible, here and in all bricks beneath: neither errors nor holes matter.
             let clear = BrickEntry { error: 190.0, ..entry(60.0, 250.0) };
-            assert_eq!(class(coarse, &clear, true), automatic.classify_drawn(&clear));
+            assert_eq!(class(coarse, &clear, Holes::Possible), automatic.classify_drawn(&clear));
         }
     }
 }

@@ -10,6 +10,8 @@ use supervol_format::voxel_type::{Absence, Voxel};
 use supervol_format::{BrickKey, VoxelType, with_voxel};
 use supervol_scene::value_map::ValueMap;
 
+use crate::lod::deviation::Holes;
+
 /// Voxels of one brick, apron included, x fastest.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Voxels {
@@ -160,7 +162,7 @@ pub struct KnownEntry {
     /// The entry.
     pub entry: BrickEntry,
     /// Whether interpolation in the brick, or in one beneath it, may reach an absent voxel.
-    pub may_have_holes: bool,
+    pub holes: Holes,
 }
 
 #[cfg(test)]

@@ -24,7 +24,7 @@ use crate::stream::counters::StreamCounters;
 use crate::stream::field::FieldBrick;
 
 /// Bytes of one remembered brick in the table at its lowest load, right after it has grown.
-pub const RECORD_BYTES: u64 = 3 * (size_of::<(FieldBrick, Record)>() as u64 + 1);
+pub const RECORD_BYTES: u64 = 3 * (size_of::<(FieldBrick, BrickRecord)>() as u64 + 1);
 /// Most failures kept with their reasons; all are counted.
 pub const FAILURES_KEPT: usize = 16;
 /// Most attempts at one brick over all frames.
@@ -177,7 +177,7 @@ impl BrickState {
 
 /// Record of one brick.
 #[derive(Debug, Clone, Copy)]
-struct Record {
+struct BrickRecord {
     state: BrickState,
     /// Times the brick came into the host cache.
     page_ins: u32,
@@ -195,7 +195,7 @@ pub struct Failure {
 /// States of all bricks of all fields. Counts by level are sums over the fields.
 #[derive(Debug)]
 pub struct StateTable {
-    records: KeyMap<Record>,
+    records: KeyMap<BrickRecord>,
     /// Bricks by level and state; those in `Unknown` are not counted.
     counts: Vec<[u64; KINDS]>,
     /// Transitions, `[from][to]`.
@@ -308,7 +308,7 @@ impl StateTable {
     /// Resets all decided bricks. Called when the transfer function, the mode, the iso values or the camera changed:
     /// invisible or too coarse bricks may be needed now, and the reverse.
     pub fn reclassify(&mut self) {
-        let decided = |r: &Record| matches!(r.state.kind(), K::Nothing | K::Uniform | K::TooCoarse);
+        let decided = |r: &BrickRecord| matches!(r.state.kind(), K::Nothing | K::Uniform | K::TooCoarse);
         let keys: Vec<FieldBrick> = self.records.iter().filter(|(_, r)| decided(r)).map(|(&k, _)| k).collect();
         for key in keys {
             self.enter(key, BrickState::Unknown);
@@ -333,7 +333,7 @@ impl StateTable {
         if self.records.len() <= limit {
             return 0;
         }
-        let cheap = |r: &Record| matches!(r.state.kind(), K::Nothing | K::Uniform | K::TooCoarse | K::Evicted);
+        let cheap = |r: &BrickRecord| matches!(r.state.kind(), K::Nothing | K::Uniform | K::TooCoarse | K::Evicted);
         let keys: Vec<FieldBrick> = self.records.iter().filter(|(_, r)| cheap(r)).map(|(&k, _)| k).collect();
         for &key in &keys {
             self.enter(key, BrickState::Unknown);
@@ -343,7 +343,7 @@ impl StateTable {
     }
 
     fn enter(&mut self, key: FieldBrick, to: BrickState) {
-        let record = self.records.entry(key).or_insert(Record { state: BrickState::Unknown, page_ins: 0 });
+        let record = self.records.entry(key).or_insert(BrickRecord { state: BrickState::Unknown, page_ins: 0 });
         let (from, to_kind) = (record.state.kind(), to.kind());
         assert!(is_allowed(from, to_kind), "{key} must not go from {from:?} to {to_kind:?}");
         record.state = to;

@@ -23,7 +23,7 @@ use crate::stream::budget::{HostPlan, decoded_bytes};
 use crate::stream::cache::KeyMap;
 use crate::stream::cache::host::{HostCache, Standing, Victims};
 use crate::stream::capacity::{Candidate, Supply, admit, needs_victims};
-use crate::stream::classify::{Class, Classifier, may_have_holes};
+use crate::stream::classify::{Class, Classifier, holes_in};
 use crate::stream::counters::{StreamCounters, milliseconds};
 use crate::stream::field::{Field, FieldBrick};
 use crate::stream::io;
@@ -226,10 +226,15 @@ impl Streamer {
         self.first_pass = self.cache.pass();
     }
 
-    /// Turns keeping on or off. While on, bricks of the last frame and all that arrive later stay in the cache, and
-    /// fetches use spare room only.
-    pub fn keep_last_frame(&mut self, is_kept: bool) {
-        self.kept_since = is_kept.then_some(self.first_pass);
+    /// From now on, bricks of the last frame and all that arrive later stay in the cache, and fetches use spare room
+    /// only.
+    pub fn keep_last_frame(&mut self) {
+        self.kept_since = Some(self.first_pass);
+    }
+
+    /// Ends [`Self::keep_last_frame`].
+    pub fn release_last_frame(&mut self) {
+        self.kept_since = None;
     }
 
     /// Sets the order of another camera. If levels are chosen by brick, set another classifier too.
@@ -290,7 +295,7 @@ impl Streamer {
     }
 
     fn count_error(&mut self, FieldBrick { brick, .. }: FieldBrick, entry: &BrickEntry) {
-        let has_bound = self.classifier.has_bound(brick, entry, || may_have_holes(&self.container, brick, entry));
+        let has_bound = self.classifier.has_bound(brick, entry, || holes_in(&self.container, brick, entry));
         self.drawn_errors.without_bound += u64::from(!has_bound);
         let data_error = entry.error * self.container.descriptor().scale.abs();
         self.drawn_errors.bound = self.drawn_errors.bound.max(data_error);
@@ -476,7 +481,7 @@ impl Streamer {
     }
 
     pub(crate) fn class_of(&self, FieldBrick { brick, .. }: FieldBrick, entry: &BrickEntry) -> Class {
-        self.classifier.classify(brick, entry, || may_have_holes(&self.container, brick, entry))
+        self.classifier.classify(brick, entry, || holes_in(&self.container, brick, entry))
     }
 
     fn enter_class(&mut self, key: FieldBrick, class: Class) {

@@ -2,7 +2,7 @@
 
 use supervol_format::{BrickKey, Container};
 
-use super::classify::may_have_holes;
+use super::classify::holes_in;
 use super::state::{BrickState, StateTable};
 use crate::stream::cache::KeyMap;
 use crate::stream::cache::host::HostCache;
@@ -91,6 +91,6 @@ impl BrickView for HostView<'_> {
 
     fn entry(&self, key: BrickKey) -> Option<KnownEntry> {
         let entry = self.container.entry(key).ok()?;
-        Some(KnownEntry { entry, may_have_holes: may_have_holes(self.container, key, &entry) })
+        Some(KnownEntry { entry, holes: holes_in(self.container, key, &entry) })
     }
 }

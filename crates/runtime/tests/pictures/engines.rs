@@ -12,13 +12,16 @@ use supervol_runtime::engines::engine::{Advance, Engine};
 use supervol_runtime::engines::error::EngineError;
 use supervol_runtime::engines::totals::EngineTotals;
 use supervol_runtime::render::frame::{FrameWalk, streamer_for};
-use supervol_runtime::render::options::{LevelChoice, RenderOptions};
+use supervol_runtime::render::options::{Backend, LevelChoice, RenderOptions};
+use supervol_runtime::render::renderer::Renderer;
+use supervol_runtime::render::volume::PlacedVolume;
 use supervol_runtime::stream::classify::Skipping;
 use supervol_runtime::stream::priority::BrickOrder;
 use supervol_runtime::stream::residency::{BrickView, DecodedBrick, Resident, Voxels};
 use supervol_runtime::stream::streamer::HostView;
 use supervol_scene::facts::value_map;
 use supervol_scene::image::Image;
+use supervol_scene::scene::ResolvedScene;
 use supervol_scene::value_map::ValueMap;
 
 use crate::{containers, support};
@@ -99,8 +102,8 @@ impl Engine for Slabs {
     }
 }
 
-#[test]
-fn an_engine_without_rays_gets_its_bricks_in_its_own_order_each_once() {
+/// The volume, its container, a scene, options, and the greatest value of each line of voxels.
+fn setting() -> (Arc<Container>, ResolvedScene, RenderOptions, Vec<f32>) {
     let volume = Volume::new(DIMS, VoxelType::U8, |p| 1.0 + 250.0 * noise(p));
     let container = open(&container_bytes(&volume, 16));
     // A camera that looks along x: its order differs.
@@ -109,9 +112,15 @@ fn an_engine_without_rays_gets_its_bricks_in_its_own_order_each_once() {
     let scene = scene(&volume, &format!(r#"{{"camera": {{{camera}}}, {image}, "transfer_function": "grey"}}"#));
     let level = LevelChoice::Fixed(Lod(0));
     let options = RenderOptions { level, skipping: Skipping::Off, ..RenderOptions::default() };
-    let expected: Vec<f32> = (0..DIMS[0] * DIMS[1])
+    let greatest = (0..DIMS[0] * DIMS[1])
         .map(|line| (0..DIMS[2]).map(|z| volume.values[line + DIMS[0] * DIMS[1] * z]).fold(0.0, f64::max) as f32)
         .collect();
+    (container, scene, options, greatest)
+}
+
+#[test]
+fn an_engine_without_rays_gets_its_bricks_in_its_own_order_each_once() {
+    let (container, scene, options, expected) = setting();
     let bricks = container.pyramid().level_at(Lod(0)).brick_count();
     for cache_bricks in [1, 5, 1000] {
         let plan = plan(&container, &scene, cache_bricks);
@@ -130,5 +139,27 @@ fn an_engine_without_rays_gets_its_bricks_in_its_own_order_each_once() {
         if cache_bricks == 1 {
             assert!(engine.taken.is_sorted_by_key(|key| u32::MAX - key.brick().0[2]), "{:?}", engine.taken);
         }
+    }
+}
+
+#[test]
+fn a_renderer_keeps_bricks_from_picture_to_picture_of_engines_from_outside() {
+    let (container, scene, options, expected) = setting();
+    let engines = |container: &Arc<Container>, _: &ResolvedScene, _: &RenderOptions| {
+        Ok(Box::new(Slabs::new(container)) as Box<dyn Engine + Send>)
+    };
+    let mut renderer = Renderer::by_engines(PlacedVolume::of(container.clone()), options.clone(), engines).unwrap();
+    let moved = ResolvedScene { background: [0.5; 3], ..scene.clone() };
+    assert_ne!(moved, scene);
+    for (number, scene) in [scene, moved].into_iter().enumerate() {
+        renderer.set_scene(scene);
+        let step = renderer.advance(None).unwrap();
+        assert!(step.is_finished && step.bricks_failed == 0, "{step:?}");
+        let picture = renderer.picture().expect("a finished picture");
+        assert!(picture.pixels.iter().zip(&expected).all(|(pixel, value)| pixel[0] == *value), "picture {number}");
+        let bricks = if number == 0 { container.pyramid().level_at(Lod(0)).brick_count() } else { 0 };
+        assert_eq!(renderer.stats().streaming.page_ins, bricks, "picture {number}");
+        // Another backend in the options does not replace the engines.
+        renderer.set_options(RenderOptions { backend: Backend::Reference, ..options.clone() }).unwrap();
     }
 }

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use supervol_format::{BrickIndex, BrickKey, Dims, Geometry, Lod, Pyramid, ValueRange};
 use supervol_runtime::engines::cpu::{CpuFrame, CpuQuality};
-use supervol_runtime::engines::gpu::caster::{GpuRenderer, Insertion, PageEntry};
+use supervol_runtime::engines::gpu::caster::{GpuRenderer, Insertion, KnownAnswers, PageEntry};
 use supervol_runtime::engines::gpu::device::GpuDevice;
 use supervol_runtime::engines::gpu::error::GpuError;
 use supervol_runtime::engines::gpu::options::GpuOptions;
@@ -242,9 +242,9 @@ fn another_look_or_view_uploads_no_brick() {
     let look = view.replace(r#""alpha": 0.01"#, r#""alpha": 0"#).replace("0.5, 0]", "0.2, 0.9]");
     let mode = look.replacen('{', r#"{"mode": "mip", "#, 1);
     for (name, json) in [("the same", SCENE), ("view", &view), ("look", &look), ("mode", &mode)] {
-        for keeps_answers in [false, true] {
+        for known in [KnownAnswers::Forget, KnownAnswers::Keep] {
             let scene = volume.scene(json);
-            assert!(renderer.set_scene(&volume.gpu_volume(), &scene, FINEST, keeps_answers).unwrap(), "{name}");
+            assert!(renderer.set_scene(&volume.gpu_volume(), &scene, FINEST, known).unwrap(), "{name}");
             assert!(renderer.cast_pass().unwrap().is_converged(), "{name}: a brick is missing");
             let (fresh, _) = volume.gpu_image(&gpu, &scene, FINEST, 64, Skipping::On);
             let difference = greatest_difference(&renderer.image().unwrap(), &fresh);
@@ -253,7 +253,10 @@ fn another_look_or_view_uploads_no_brick() {
     }
     assert_eq!(renderer.stats().counters.upload_bytes, bytes);
     let larger = volume.scene(&SCENE.replace(r#""width": 32"#, r#""width": 320"#));
-    assert!(!renderer.set_scene(&volume.gpu_volume(), &larger, FINEST, true).unwrap(), "there is no room for its rays");
+    assert!(
+        !renderer.set_scene(&volume.gpu_volume(), &larger, FINEST, KnownAnswers::Keep).unwrap(),
+        "there is no room for its rays"
+    );
 }
 
 /// All bytes written to the device and read back are counted exactly.
@@ -287,7 +290,7 @@ fn traffic_is_counted() {
     // Another view alone uploads some kilobytes.
     let view = volume.scene(&SCENE.replace("[75, 55, 95]", "[-60, 70, 40]"));
     let before = renderer.stats().counters;
-    assert!(renderer.set_scene(&volume.gpu_volume(), &view, FINEST, true).unwrap());
+    assert!(renderer.set_scene(&volume.gpu_volume(), &view, FINEST, KnownAnswers::Keep).unwrap());
     let view = renderer.stats().counters.since(&before);
     assert!(view.written_bytes < 32 << 10, "{view:?}");
     // The counters of a new renderer begin at zero, whatever the device has done.
@@ -353,7 +356,7 @@ fn memory_growth(gpu: &GpuDevice, frames: u64, passes: u64) -> Option<(u64, u64)
         let angle = frame as f64 * 0.1;
         let eye = format!("[{}, 55, {}]", 20.0 + 90.0 * angle.sin(), 20.0 + 90.0 * angle.cos());
         let json = SCENE.replace("[75, 55, 95]", &eye).replace("0.3}", &format!("{}}}", 0.3 + 0.3 * angle.sin()));
-        renderer.set_scene(&volume.gpu_volume(), &volume.scene(&json), FINEST, false).expect("a scene");
+        renderer.set_scene(&volume.gpu_volume(), &volume.scene(&json), FINEST, KnownAnswers::Forget).expect("a scene");
         for _ in 0..passes {
             renderer.begin(0..24);
             assert!(renderer.cast_pass().expect("a pass").is_converged());

@@ -16,7 +16,7 @@ use supervol_runtime::engines::gpu::deviations::{of_ray, on_device};
 use supervol_runtime::engines::gpu::layout::{GpuDeviation, RayErrors, Scene as GpuScene};
 use supervol_runtime::engines::gpu::shaders;
 use supervol_runtime::lod::by_error::DataScale;
-use supervol_runtime::lod::deviation::{Deviation, Deviations, RayDeviation};
+use supervol_runtime::lod::deviation::{Deviation, Deviations, Holes, RayDeviation};
 use supervol_scene::facts::VolumeFacts;
 use supervol_scene::scene::{Mode, Scene};
 
@@ -86,7 +86,8 @@ fn deviations(random: &mut Random) -> Vec<Deviation> {
                 range_beneath: range.widened(error),
                 error,
             };
-            found.push(rule.of(BrickKey::new(Lod(1), BrickIndex([0; 3])), &entry, random.below(8) == 0));
+            let holes = if random.below(8) == 0 { Holes::Possible } else { Holes::None };
+            found.push(rule.of(BrickKey::new(Lod(1), BrickIndex([0; 3])), &entry, holes));
         }
     }
     found

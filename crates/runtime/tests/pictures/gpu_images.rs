@@ -2,7 +2,7 @@
 //! GPU pictures against the reference integrator and against the CPU ray caster.
 
 use supervol_format::{BrickIndex, BrickKey, Geometry, Lod};
-use supervol_runtime::engines::gpu::caster::{GpuRenderer, Insertion, PageEntry};
+use supervol_runtime::engines::gpu::caster::{GpuRenderer, Insertion, KnownAnswers, PageEntry};
 use supervol_runtime::engines::gpu::device::GpuDevice;
 use supervol_runtime::engines::gpu::options::GpuOptions;
 use supervol_runtime::engines::gpu::shaders::TexelAccess;
@@ -314,7 +314,7 @@ fn samples_by_error(gpu: &GpuDevice, scene: &str) -> Vec<u64> {
     volume.bricks.values().for_each(|brick| assert!(matches!(renderer.insert(brick), Ok(Insertion::Placed { .. }))));
     for levels in [16.0, 2.0, 0.5, 0.1] {
         renderer.set_max_error(levels / 255.0);
-        assert!(renderer.set_scene(&volume.gpu_volume(), &scene, FINEST, true).expect("a scene"));
+        assert!(renderer.set_scene(&volume.gpu_volume(), &scene, FINEST, KnownAnswers::Keep).expect("a scene"));
         let feedback = renderer.cast_pass().expect("a pass");
         assert!(feedback.is_converged());
         let error = greatest_difference(&renderer.image().expect("an image"), &expected);

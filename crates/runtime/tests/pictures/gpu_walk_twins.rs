@@ -15,8 +15,8 @@ use supervol_runtime::engines::gpu::rays::RayGrid;
 use supervol_runtime::engines::gpu::scene_tables::{Exactness, FeedbackPlaces, slot_edge};
 use supervol_runtime::engines::gpu::texels::VoxelStorage;
 use supervol_runtime::engines::gpu::twins::{
-    all_surfaces, bins_of, bytes_of_square, cell_at, corners_of_stored, first_change, gradient_at, halves_of_pair,
-    is_absent, light_cell, light_ray, macro_cell_at, macro_place, meets_surfaces, next_size, normal_at,
+    PartVerdict, all_surfaces, bins_of, bytes_of_square, cell_at, corners_of_stored, first_change, gradient_at,
+    halves_of_pair, is_absent, light_cell, light_ray, macro_cell_at, macro_place, meets_surfaces, next_size, normal_at,
     range_of_corners, rebase, segment_end, shaded_pairs, sides_at, sides_of, value_at, world_direction,
 };
 use supervol_runtime::engines::gpu::{scene_tables, shaders};
@@ -161,7 +161,8 @@ fn expected(case: &Case, setting: &Setting) -> Found {
     let (origin, along) = ([0, 1, 2].map(|a| 32.0 * case.a_value[a] - 1.0), [0, 1, 2].map(|a| case.b_u[a] - 0.5));
     let direction = [0, 1, 2].map(|a| if a as u32 == case.ray % 4 { 0.0 } else { along[a] });
     let (inverse, offset, margin) = light_ray(origin, direction);
-    let next = next_size(case.low[0], 20.0 * case.low[1] * case.low[1], case.low[2] > 0.5);
+    let verdict = if case.low[2] > 0.5 { PartVerdict::Taken } else { PartVerdict::Refused };
+    let next = next_size(case.low[0], 20.0 * case.low[1] * case.low[1], verdict);
     let (cubic, range) = field_of(case);
     let intervals = monotone_intervals(&cubic);
     let change = first_change(&cubic, intervals.as_slice(), f64::from(value), case.present != 0).unwrap_or(2.0);

@@ -282,9 +282,9 @@ fn the_plan_counts_what_packets_hold() {
     let rays = 40 * 36;
     let thread_bytes = rayon::current_num_threads() as u64 * packets.0.thread;
     // 3 x 3 tiles of 16 x 16.
-    let difference = (9 * packets.0.tile + thread_bytes) - rays * cells.0.tile;
+    let difference = (9 * packets.0.group + thread_bytes) - rays * cells.0.group;
     assert_eq!(packets.1.fixed_bytes - cells.1.fixed_bytes, difference);
-    assert!(packets.0.tile >= 256 * 80 && packets.0.thread > packets.0.tile, "{:?}", packets.0);
+    assert!(packets.0.group >= 256 * 80 && packets.0.thread > packets.0.group, "{:?}", packets.0);
     // 4^3 blocks of a cloud, and boxes for a third of them: 24 bytes each, 16 side by side. Or 2^3 ranges of macro
     // cells and 32 iso values.
     assert!((64 + 32 * 24..1024 + 32 * 24).contains(&packets.0.made_of_brick), "{:?}", packets.0);

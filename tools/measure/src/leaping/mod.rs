@@ -20,7 +20,7 @@ use supervol_format::brick::{APRON, MACRO_CELL};
 use supervol_format::{BrickKey, Lod};
 use supervol_runtime::engines::blocks::BLOCK;
 use supervol_runtime::engines::packets::blocks::cloud_of_blocks;
-use supervol_runtime::engines::packets::leap::{Ahead, ProximityCloud};
+use supervol_runtime::engines::packets::leap::{AxisDirection, ProximityCloud};
 use supervol_runtime::engines::packets::simd::InstructionSet;
 use supervol_runtime::engines::packets::trace::{LocalRay, Stretch, stretches};
 use supervol_runtime::render::process;
@@ -156,7 +156,8 @@ fn rebuilding(bricks: &[Met<'_>], transfer_function: &RenderTransferFunction) ->
     let of_count = |count: usize| {
         let each = bricks.iter().map(|met| met.brick.macro_ranges.len()).sum::<usize>().max(1);
         let needed = (count * bricks.len()).div_ceil(each);
-        let cloud = |i: usize| ProximityCloud::new(bricks[i % bricks.len()].brick, APRON, [Ahead::Down; 3], shows);
+        let cloud =
+            |i: usize| ProximityCloud::new(bricks[i % bricks.len()].brick, APRON, [AxisDirection::Down; 3], shows);
         let all = || (0..needed).into_par_iter().map(|i| usize::from(cloud(i).is_dense())).sum::<usize>();
         (count, cpu_ms(all))
     };
@@ -166,7 +167,7 @@ fn rebuilding(bricks: &[Met<'_>], transfer_function: &RenderTransferFunction) ->
 fn blocks(bricks: &[Met<'_>], map: &ValueMap, transfer_function: &RenderTransferFunction) -> (usize, usize, f64) {
     let shows = |[low, high]: [f32; 2]| transfer_function.is_visible(low, high);
     let ranges = || bricks.iter().flat_map(|met| &met.brick.macro_ranges);
-    let cloud = |met: &Met<'_>| cloud_of_blocks(met.brick, APRON, [Ahead::Down; 3], map, shows);
+    let cloud = |met: &Met<'_>| cloud_of_blocks(met.brick, APRON, [AxisDirection::Down; 3], map, shows);
     let all = || bricks.par_iter().map(|met| usize::from(cloud(met).is_dense())).sum::<usize>();
     (ranges().count(), ranges().filter(|range| shows(**range)).count(), cpu_ms(all))
 }
@@ -182,7 +183,7 @@ fn ways(bricks: &[Met<'_>], map: &ValueMap, transfer_function: &RenderTransferFu
                 [i % cells[0], i / cells[0] % cells[1], i / (cells[0] * cells[1])].map(|b| b * BLOCK / MACRO_CELL);
             shows(met.brick.macro_ranges[block[0] + counts[0] * (block[1] + counts[1] * block[2])])
         };
-        ProximityCloud::of_shown(cells, [Ahead::Both; 3], (0..cells.iter().product()).map(of_block))
+        ProximityCloud::of_shown(cells, [AxisDirection::Both; 3], (0..cells.iter().product()).map(of_block))
     };
     let one_by_one = |met: &Met<'_>| {
         let mut cloud = of_macro_cells(met);
@@ -191,7 +192,7 @@ fn ways(bricks: &[Met<'_>], map: &ValueMap, transfer_function: &RenderTransferFu
     };
     let none = |met: &Met<'_>| {
         let cells = met.core.map(|n| n.div_ceil(BLOCK));
-        ProximityCloud::of_shown(cells, [Ahead::Both; 3], (0..cells.iter().product()).map(|_| true))
+        ProximityCloud::of_shown(cells, [AxisDirection::Both; 3], (0..cells.iter().product()).map(|_| true))
     };
     let nearest_ahead = |met: &Met<'_>| nearest(met, ahead_of(&met.rays));
     let set = InstructionSet::best();
@@ -205,7 +206,7 @@ fn ways(bricks: &[Met<'_>], map: &ValueMap, transfer_function: &RenderTransferFu
         ways_by("none", bricks, none, identity, packets),
         ways_by("blocks of macro cells, one by one", bricks, one_by_one, identity, packets),
         ways_by("macro cells, nearest", bricks, of_macro_cells, identity, packets),
-        ways_by("blocks, nearest", bricks, |met| nearest(met, [Ahead::Both; 3]), identity, packets),
+        ways_by("blocks, nearest", bricks, |met| nearest(met, [AxisDirection::Both; 3]), identity, packets),
         ways_by("blocks, nearest ahead", bricks, nearest_ahead, identity, packets),
         ways_by("blocks, nearest ahead, ray by ray", bricks, nearest_ahead, identity, rays),
         ways_by("blocks, octree, ray by ray", bricks, nearest_ahead, Octree::new, rays_in_octree),

@@ -6,7 +6,7 @@ use supervol_format::random::Random;
 use supervol_format::{BrickKey, Dims, Lod, VoxelType};
 use supervol_runtime::engines::blocks::BLOCK;
 use supervol_runtime::engines::packets::blocks::cloud_of_blocks;
-use supervol_runtime::engines::packets::leap::{Ahead, ProximityCloud};
+use supervol_runtime::engines::packets::leap::{AxisDirection, ProximityCloud};
 use supervol_runtime::engines::packets::simd::InstructionSet;
 use supervol_runtime::engines::packets::trace::{LocalRay, Stretch, stretches};
 use supervol_runtime::stream::residency::{BrickView, DecodedBrick, Resident, Voxels};
@@ -213,9 +213,9 @@ fn random_bricks(occupancy: f64, bricks: usize, counts: Counts) -> Findings {
     let of_brick = |brick: usize| {
         let mut random = Random::new((brick as u64) << 16 | (occupancy * 1e4) as u64);
         let core = CORES[brick % CORES.len()];
-        let ways = [Ahead::Up, Ahead::Down, Ahead::Both];
+        let ways = [AxisDirection::Up, AxisDirection::Down, AxisDirection::Both];
         let allowed = [brick, brick / 3, brick / 9].map(|i| ways[i % ways.len()]);
-        let ahead = if counts == Counts::Ahead { allowed } else { [Ahead::Both; 3] };
+        let ahead = if counts == Counts::Ahead { allowed } else { [AxisDirection::Both; 3] };
         let cells = core.map(|n| n.div_ceil(BLOCK));
         let shown: Vec<bool> = (0..cells.iter().product()).map(|_| random.unit() < occupancy).collect();
         let cloud = ProximityCloud::of_shown(cells, ahead, shown.iter().copied());
@@ -236,16 +236,16 @@ fn random_bricks(occupancy: f64, bricks: usize, counts: Counts) -> Findings {
 
 /// A ray that begins on a face of the brick or inside it, in an allowed direction. Many positions lie on block faces;
 /// every third component is 0 or -0.
-fn random_ray(random: &mut Random, core: [usize; 3], allowed: [Ahead; 3]) -> LocalRay {
+fn random_ray(random: &mut Random, core: [usize; 3], allowed: [AxisDirection; 3]) -> LocalRay {
     loop {
         let ends = core.map(|n| [-0.5, n as f64 - 0.5]);
         let mut at: [f64; 3] = std::array::from_fn(|a| ends[a][0] + random.unit() * core[a] as f64);
         let mut direction = random.direction();
         for a in 0..3 {
             match allowed[a] {
-                Ahead::Up => direction[a] = direction[a].abs(),
-                Ahead::Down => direction[a] = -direction[a].abs(),
-                Ahead::Both => {}
+                AxisDirection::Up => direction[a] = direction[a].abs(),
+                AxisDirection::Down => direction[a] = -direction[a].abs(),
+                AxisDirection::Both => {}
             }
             match random.below(6) {
                 0 => at[a] = (random.below((core[a] / BLOCK) as u64 + 1) as usize * BLOCK) as f64,
@@ -347,13 +347,13 @@ fn through_brick(
 }
 
 /// Directions of these rays on each axis.
-pub(crate) fn ahead_of(rays: &[LocalRay]) -> [Ahead; 3] {
+pub(crate) fn ahead_of(rays: &[LocalRay]) -> [AxisDirection; 3] {
     std::array::from_fn(|a| {
         let goes = |sign: f32| rays.iter().any(|ray| sign * ray.direction[a] > 0.0);
         match [goes(1.0), goes(-1.0)] {
-            [_, false] => Ahead::Up,
-            [false, true] => Ahead::Down,
-            [true, true] => Ahead::Both,
+            [_, false] => AxisDirection::Up,
+            [false, true] => AxisDirection::Down,
+            [true, true] => AxisDirection::Both,
         }
     })
 }

@@ -10,7 +10,7 @@ use glam::DVec3;
 use supervol_format::{BrickKey, Lod};
 use supervol_preprocess::BuildOptions;
 use supervol_preprocess::lod_axes::LodAxes;
-use supervol_runtime::render::frame::reference;
+use supervol_runtime::render::accuracy::reference;
 use supervol_runtime::render::options::Backend;
 use supervol_scene::image::{Image, greatest};
 use supervol_scene::scene::ResolvedScene;

@@ -6,7 +6,7 @@ use glam::DVec3;
 use supervol_format::codec::{BrickShape, Codec, CodecChoice, decode_into, encode};
 use supervol_format::random::{Random, mix};
 use supervol_format::{Lod, ValueRange, VoxelType};
-use supervol_runtime::render::frame::reference;
+use supervol_runtime::render::accuracy::reference;
 use supervol_runtime::render::options::Backend;
 use supervol_scene::image::Image;
 use supervol_sources::computed::Computed;

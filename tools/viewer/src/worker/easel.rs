@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use supervol_runtime::engines::maps::work_in_colors;
-use supervol_runtime::render::frame::stated::in_colors;
+use supervol_runtime::render::accuracy::stated::in_colors;
 use supervol_runtime::render::options::{Backend, Progress, RenderOptions};
 use supervol_runtime::render::renderer::Renderer;
 use supervol_runtime::render::volume::PlacedVolume;

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use eframe::egui::{Key, Modifiers};
 use supervol_preprocess::Existing;
 use supervol_runtime::engines::maps::work_in_colors;
-use supervol_runtime::render::frame::stated::in_colors;
+use supervol_runtime::render::accuracy::stated::in_colors;
 use supervol_runtime::render::options::{Backend, RenderOptions};
 use supervol_runtime::render::renderer::{render_with_errors, render_with_maps};
 use supervol_scene::preset::section::{face_on, plane_across};

@@ -5,7 +5,7 @@ use supervol_scene::scene::Mode;
 
 use super::cell::{Cell, cubic_of_cell};
 use super::integrator::Integrator;
-use super::modes::{Chord, gather_crossings, gather_dvr, gather_iso, gather_mean, gather_minip, gather_mip};
+use super::modes::{CellChord, gather_crossings, gather_dvr, gather_iso, gather_mean, gather_minip, gather_mip};
 use super::shade::ChordGradient;
 use super::visit::{BrickVisit, LevelVisit, StoredVoxel, cells_of_macro_cell};
 use super::walk::GridWalk;
@@ -82,7 +82,7 @@ impl Integrator for CellByCell {
         if counts_by_value(visit.scene.mode) && visit.axis_ray.is_rounding(t) {
             return;
         }
-        self.gather(visit, &Chord::uniform(value, t[1] - t[0]), state, counters);
+        self.gather(visit, &CellChord::uniform(value, t[1] - t[0]), state, counters);
     }
 }
 
@@ -178,12 +178,12 @@ impl CellByCell {
         let wants_gradient = level.setup.lighting.is_some() && (dvr || meets_surface(level, &cell, state));
         let gradient =
             if wants_gradient { ChordGradient::new(visit.gradient_corners(voxels, base), a, b) } else { None };
-        let chord = Chord::new(&cell, cubic_of_cell(&cell.corners, a, b), gradient, t1 - t0);
+        let chord = CellChord::new(&cell, cubic_of_cell(&cell.corners, a, b), gradient, t1 - t0);
         self.gather(level, &chord, state, counters);
     }
 
     #[inline]
-    fn gather(&self, level: &LevelVisit<'_>, chord: &Chord, state: &mut RayState, counters: &mut RayCounters) {
+    fn gather(&self, level: &LevelVisit<'_>, chord: &CellChord, state: &mut RayState, counters: &mut RayCounters) {
         let (scene, setup) = (level.scene, &level.setup);
         match scene.mode {
             Mode::Dvr => gather_dvr(scene, setup, self.pairs, chord, state, counters),

@@ -9,7 +9,7 @@ use super::cell_by_cell::{CellByCell, CellRule};
 use super::integrator::{Integration, Integrator};
 use crate::engines::ray::RayState;
 use crate::engines::ray_scene::{BrickChoice, DrawnVolume, RayScene};
-use crate::stream::budget::{Bands, CasterBytes};
+use crate::stream::budget::{BandMode, EngineBytes};
 
 /// A picture by the cell caster.
 #[derive(Debug, Clone)]
@@ -54,11 +54,11 @@ impl CellFrame {
 
 /// Bytes that the cell caster holds in host memory.
 #[must_use]
-pub fn bytes_held() -> CasterBytes {
-    CasterBytes {
-        bands: Bands::Allowed,
-        tile_side: 1,
-        tile: size_of::<RayState>() as u64,
+pub fn bytes_held() -> EngineBytes {
+    EngineBytes {
+        bands: BandMode::Allowed,
+        group_side: 1,
+        group: size_of::<RayState>() as u64,
         thread: 0,
         made_of_brick: 0,
         of_pixel: 0,

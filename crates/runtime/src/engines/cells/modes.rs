@@ -22,7 +22,7 @@ use crate::stream::counters::RayCounters;
 const HALVINGS: u32 = 12;
 
 /// One chord: the field along it, and the gradient if the frame is shaded and the gradient is known.
-pub struct Chord {
+pub struct CellChord {
     /// Least and greatest corner of its cell.
     pub low: f32,
     /// See `low`.
@@ -45,7 +45,7 @@ pub struct ShadeSetup<'a> {
     pub to_eye: Vec3,
 }
 
-impl Chord {
+impl CellChord {
     /// A chord through a cell.
     #[inline]
     #[must_use]
@@ -90,7 +90,7 @@ pub fn gather_dvr(
     scene: &RayScene,
     setup: &ShadeSetup<'_>,
     pairs: Pairs,
-    chord: &Chord,
+    chord: &CellChord,
     state: &mut RayState,
     counters: &mut RayCounters,
 ) {
@@ -120,7 +120,7 @@ fn gather_part(
     scene: &RayScene,
     setup: &ShadeSetup<'_>,
     pairs: Pairs,
-    chord: &Chord,
+    chord: &CellChord,
     [begin, end]: [Real; 2],
     state: &mut RayState,
     halvings: u32,
@@ -159,7 +159,7 @@ fn gather_part(
 /// Gauss pairs required between two splits, by the transfer function, and by the normal's change if the chord is
 /// shaded.
 #[inline]
-fn wanted_pairs(tf: &RenderTransferFunction, chord: &Chord, u: [Real; 2], change: Option<f32>) -> u32 {
+fn wanted_pairs(tf: &RenderTransferFunction, chord: &CellChord, u: [Real; 2], change: Option<f32>) -> u32 {
     let plain = pairs_between(tf, &chord.cubic, u, chord.h);
     let Some(change) = change else { return plain };
     let middle = 0.5 * (u[0] + u[1]);
@@ -169,7 +169,7 @@ fn wanted_pairs(tf: &RenderTransferFunction, chord: &Chord, u: [Real; 2], change
 
 /// Turn of the normal from a part's beginning over its middle to its end, as a length; `None` if there is no normal.
 #[inline]
-fn normal_change(setup: &ShadeSetup<'_>, chord: &Chord, [begin, end]: [Real; 2]) -> Option<f32> {
+fn normal_change(setup: &ShadeSetup<'_>, chord: &CellChord, [begin, end]: [Real; 2]) -> Option<f32> {
     let (Some(_), Some(gradient)) = (setup.lighting, &chord.gradient) else { return None };
     let normal = |u: Real| (setup.world_from_level_gradient * gradient.at(u)).normalize_or_zero();
     let [a, m, b] = [begin, 0.5 * (begin + end), end].map(normal);
@@ -187,7 +187,7 @@ fn denser(pairs: u32, density: f32) -> u32 {
 }
 
 /// The greatest value so far.
-pub fn gather_mip(chord: &Chord, state: &mut RayState) {
+pub fn gather_mip(chord: &CellChord, state: &mut RayState) {
     if f64::from(chord.high) > state.value || state.value.is_nan() {
         let (_, high) = cubic_extremes(&chord.cubic, monotone_intervals(&chord.cubic).as_slice());
         state.value = f64::from((high as f32).clamp(chord.low, chord.high)).max(state.value);
@@ -195,7 +195,7 @@ pub fn gather_mip(chord: &Chord, state: &mut RayState) {
 }
 
 /// The least value so far.
-pub fn gather_minip(chord: &Chord, state: &mut RayState) {
+pub fn gather_minip(chord: &CellChord, state: &mut RayState) {
     if f64::from(chord.low) < state.value || state.value.is_nan() {
         let (low, _) = cubic_extremes(&chord.cubic, monotone_intervals(&chord.cubic).as_slice());
         state.value = f64::from((low as f32).clamp(chord.low, chord.high)).min(state.value);
@@ -203,7 +203,7 @@ pub fn gather_minip(chord: &Chord, state: &mut RayState) {
 }
 
 /// The integral of the values, and the present length.
-pub fn gather_mean(chord: &Chord, state: &mut RayState) {
+pub fn gather_mean(chord: &CellChord, state: &mut RayState) {
     let mean = cubic_mean(&chord.cubic);
     state.value = if state.value.is_nan() { 0.0 } else { state.value } + mean * chord.h;
     state.length += chord.h;
@@ -213,7 +213,7 @@ pub fn gather_mean(chord: &Chord, state: &mut RayState) {
 ///
 /// The side is carried from chord to chord, so that a crossing exactly on a face is found although the cubics of its
 /// two cells round differently there.
-pub fn gather_iso(scene: &RayScene, setup: &ShadeSetup<'_>, chord: &Chord, state: &mut RayState) {
+pub fn gather_iso(scene: &RayScene, setup: &ShadeSetup<'_>, chord: &CellChord, state: &mut RayState) {
     let mut hits = [(0.0, 0usize); ISO_LIMIT];
     let mut hit_count = 0;
     for (index, surface) in scene.iso.iter().enumerate() {
@@ -250,7 +250,7 @@ pub fn gather_iso(scene: &RayScene, setup: &ShadeSetup<'_>, chord: &Chord, state
 /// All crossings of the iso values on the chord, which begins at `state.t`, in order: listed, not composited.
 ///
 /// The side is carried as in [`gather_iso`].
-pub fn gather_crossings(scene: &RayScene, setup: &ShadeSetup<'_>, chord: &Chord, state: &mut RayState) {
+pub fn gather_crossings(scene: &RayScene, setup: &ShadeSetup<'_>, chord: &CellChord, state: &mut RayState) {
     let mut found: Vec<(Real, usize)> = Vec::new();
     let intervals = monotone_intervals(&chord.cubic);
     for (index, surface) in scene.iso.iter().enumerate() {
@@ -283,12 +283,12 @@ pub fn gather_crossings(scene: &RayScene, setup: &ShadeSetup<'_>, chord: &Chord,
 }
 
 /// The end of the interval at which the cubic comes just short of a value that its `f32` may have reached.
-fn end_near(chord: &Chord, [begin, end]: [Real; 2], value: f32) -> Real {
+fn end_near(chord: &CellChord, [begin, end]: [Real; 2], value: f32) -> Real {
     let distance = |u: Real| (cubic_at(&chord.cubic, u) - Real::from(value)).abs();
     if distance(begin) < distance(end) { begin } else { end }
 }
 
-fn first_crossing(chord: &Chord, value: f32) -> Option<Real> {
+fn first_crossing(chord: &CellChord, value: f32) -> Option<Real> {
     // A least corner that has the value is above, whatever the cubic rounds to there.
     if value <= chord.low || value > chord.high {
         return None;

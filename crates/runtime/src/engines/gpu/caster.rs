@@ -30,7 +30,7 @@ use crate::engines::gpu::cache::{BlockRanges, CacheShape, GpuCache, SlotContents
 use crate::engines::gpu::deviations::DeviationOf;
 use crate::engines::gpu::device::GpuDevice;
 use crate::engines::gpu::error::GpuError;
-use crate::engines::gpu::feedback::PassFeedback;
+use crate::engines::gpu::feedback::DeviceFeedback;
 use crate::engines::gpu::layout::{
     DEVIATION_NONE, DEVIATION_UNKNOWN, Dispatch, PAGE_DEVIATION_SHIFT, PAGE_FAILED, PAGE_MISSING, PAGE_NOTHING,
     PAGE_REFINE, PAGE_RESIDENT, PAGE_UNIFORM, Scene,
@@ -38,7 +38,7 @@ use crate::engines::gpu::layout::{
 use crate::engines::gpu::memory::{MemoryPlan, MemoryRequest, SLOT_LIMIT};
 use crate::engines::gpu::options::GpuOptions;
 use crate::engines::gpu::page_table::PageTable;
-use crate::engines::gpu::pass::{Capacity, Caster};
+use crate::engines::gpu::pass::{Capacity, DeviceCaster};
 use crate::engines::gpu::picture::{PIXELS_TOGETHER, Picture, over_rays, pixel};
 use crate::engines::gpu::rays::{RayGrid, ViewLines};
 use crate::engines::gpu::scene_tables::{FeedbackPlaces, GpuVolume};
@@ -52,6 +52,15 @@ use crate::stream::classify::Skipping;
 use crate::stream::counters::{DeviceCounters, milliseconds};
 use crate::stream::field::{Field, FieldBrick};
 use crate::stream::residency::DecodedBrick;
+
+/// Handling of the answers in the page table when a scene is set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum KnownAnswers {
+    /// They hold for the new scene, too.
+    Keep,
+    /// They may be wrong for it.
+    Forget,
+}
 
 /// What a brick is, where it is not resident voxels.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -93,7 +102,7 @@ pub struct GpuRenderer {
     capacity: Capacity,
     slots: Slots,
     cache: GpuCache,
-    pub(crate) caster: Caster,
+    pub(crate) caster: DeviceCaster,
     pub(crate) picture: Picture,
     parts: PartsInProgress,
     /// The first pass of the band in progress.
@@ -159,7 +168,7 @@ impl GpuRenderer {
             options,
             capacity,
             slots: Slots::new(slots),
-            caster: Caster::new(device, &cache, &capacity)?,
+            caster: DeviceCaster::new(device, &cache, &capacity)?,
             cache,
             picture,
             parts: PartsInProgress::default(),
@@ -192,7 +201,7 @@ impl GpuRenderer {
     }
 
     /// Begins another picture of the same volume; returns false if there is no memory for this size. Bricks stay
-    /// resident. All other answers are forgotten, unless `keeps_answers` says that they would be the same. Failed
+    /// resident. All other answers are forgotten, unless `known` says that they would be the same. Failed
     /// bricks are requested again in any case.
     ///
     /// # Errors
@@ -202,20 +211,20 @@ impl GpuRenderer {
         volume: &GpuVolume<'_>,
         scene: &ResolvedScene,
         lod: LodChoice,
-        keeps_answers: bool,
+        known: KnownAnswers,
     ) -> Result<bool, GpuError> {
         let sums_errors = self.deviation_of.is_some();
         let mut picture = Picture::new(volume, scene, lod, (&self.options, sums_errors), Some(&self.picture));
         if !self.capacity.holds(&picture.capacity(self.cache.pages.count(), sums_errors)) {
             return Ok(false);
         }
-        if keeps_answers {
+        if known == KnownAnswers::Keep {
             picture.refine.clone_from(&self.picture.refine);
         }
         let before = std::mem::replace(&mut self.picture, picture);
         self.stats.dispatch_ms_max = 0.0;
         self.write_tables(volume, scene)?;
-        if keeps_answers {
+        if known == KnownAnswers::Keep {
             before.failed.into_iter().for_each(|entry| self.set_page(entry, PAGE_MISSING, 0));
         } else {
             self.cache.clear_pages();
@@ -432,7 +441,7 @@ impl GpuRenderer {
     ///
     /// # Errors
     /// A lost device, or an error of the driver at a dispatch.
-    pub fn cast_pass(&mut self) -> Result<PassFeedback, GpuError> {
+    pub fn cast_pass(&mut self) -> Result<DeviceFeedback, GpuError> {
         self.cast_pass_until(&Stop::NEVER)
     }
 
@@ -440,7 +449,7 @@ impl GpuRenderer {
     ///
     /// # Errors
     /// As [`Self::cast_pass`].
-    pub fn cast_pass_until(&mut self, stop: &Stop) -> Result<PassFeedback, GpuError> {
+    pub fn cast_pass_until(&mut self, stop: &Stop) -> Result<DeviceFeedback, GpuError> {
         let begin = Instant::now();
         self.cache.flush_pages()?;
         if !self.unclassified.is_empty() {
@@ -556,7 +565,7 @@ fn plan_memory(
             what: format!("the page table of {entries} bricks"),
             needed: entries.saturating_mul(8),
             limit: binding,
-            advice: "convert the volume with larger bricks, or use --backend cpu".to_owned(),
+            advice: "convert the volume with larger bricks, or use the CPU backend".to_owned(),
         });
     }
     let macro_edge = (volume.pyramid.layout().core() / MACRO_CELL) as u64;

@@ -36,7 +36,7 @@ const WORDS: usize = size_of::<GpuDeviation>() / 4;
 impl DeviationTable {
     /// Bytes of the table, with or without sums of errors.
     #[must_use]
-    pub const fn bytes(sums_errors: bool) -> u64 {
+    pub(super) const fn bytes(sums_errors: bool) -> u64 {
         (room(sums_errors) * size_of::<GpuDeviation>()) as u64
     }
 
@@ -44,7 +44,7 @@ impl DeviationTable {
     ///
     /// # Errors
     /// If memory does not suffice.
-    pub fn new(gpu: &GpuDevice, sums_errors: bool) -> Result<Self, GpuError> {
+    pub(super) fn new(gpu: &GpuDevice, sums_errors: bool) -> Result<Self, GpuError> {
         let buffer = gpu.buffer("deviations", Self::bytes(sums_errors), wgpu::BufferUsages::STORAGE)?;
         let room = room(sums_errors);
         let mut table = Self { gpu: gpu.clone(), buffer, numbers: HashMap::new(), pending: Vec::new(), room };

@@ -1,19 +1,19 @@
-//! Errors of the GPU backend. They name no type of wgpu, so that every build has them.
+//! Errors of the GPU backend. They name no type of wgpu, because builds without wgpu have them, too.
 
 use supervol_format::BrickKey;
 use supervol_format::readable::Mib;
 
-/// What the GPU could not do, with advice where there is any.
+/// Reason why the GPU could not do something.
 #[derive(Debug, Clone, thiserror::Error)]
 #[allow(missing_docs, reason = "the messages say it")]
 pub enum GpuError {
-    #[error("this build has no GPU backend (cargo feature `gpu`); use --backend cpu")]
+    #[error("this build has no GPU backend (cargo feature `gpu`); use the CPU backend")]
     NotBuilt,
-    #[error("no GPU adapter: {reason}; install a Vulkan driver (Mesa's lavapipe suffices) or use --backend cpu")]
+    #[error("no GPU adapter: {reason}; install a Vulkan driver (Mesa's lavapipe suffices) or use the CPU backend")]
     NoAdapter { reason: String },
-    #[error("the adapter {adapter} has no usable limits: {reason}; use --backend cpu")]
+    #[error("the adapter {adapter} has no usable limits: {reason}; use the CPU backend")]
     TooSmall { adapter: String, reason: String },
-    #[error("the GPU is out of memory in {doing}: {message}; lower --gpu-memory or the image size")]
+    #[error("the GPU is out of memory in {doing}: {message}; lower the GPU memory budget or the image size")]
     OutOfMemory { doing: String, message: String },
     #[error("the GPU driver refused {doing}: {message}")]
     Refused { doing: String, message: String },
@@ -21,7 +21,7 @@ pub enum GpuError {
     DeviceLost { message: String },
     #[error(
         "the GPU budget of {} is too small: {} for rays and tables and {} for each of at least {min_slots} bricks make \
-         {}; raise --gpu-memory, or lower the image size",
+         {}; raise the GPU memory budget, or lower the image size",
         Mib(*budget), Mib(*fixed), Mib(*slot_bytes), Mib(*needed)
     )]
     Budget { budget: u64, fixed: u64, slot_bytes: u64, min_slots: u64, needed: u64 },

@@ -4,7 +4,7 @@ use rayon::prelude::*;
 use supervol_scene::image::Image;
 use supervol_scene::scene::Mode;
 
-use super::pixels::Gathered;
+use super::pixels::DeviceRay;
 use crate::engines::gpu::caster::GpuRenderer;
 use crate::engines::gpu::deviations;
 use crate::engines::gpu::error::GpuError;
@@ -83,7 +83,7 @@ impl GpuRenderer {
 
 impl Picture {
     /// Whether a finished ray ended before it left the volume.
-    fn has_ended(&self, [.., transmittance]: &Gathered) -> bool {
+    fn has_ended(&self, [.., transmittance]: &DeviceRay) -> bool {
         self.mode == Mode::Dvr && *transmittance <= (END_SHARE * self.exactness.max_error) as f32
     }
 
@@ -91,7 +91,7 @@ impl Picture {
     fn error_of(
         &self,
         deviations: &Deviations,
-        gathered: &Gathered,
+        gathered: &DeviceRay,
         errors: &RayErrors,
         (pixel, core): ([f32; 4], usize),
     ) -> (f32, ErrorsByReason) {

@@ -27,7 +27,7 @@ pub const MISS_COUNT_WORD: usize = size_of::<GpuCounters>() / 4;
 
 /// Result of one pass.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct PassFeedback {
+pub struct DeviceFeedback {
     /// Bricks that rays wait for, each once, nearest first.
     pub misses: Vec<Miss>,
     /// Resident bricks that rays sampled, each once, in the order of their slots.
@@ -42,7 +42,7 @@ pub struct PassFeedback {
     pub device: DeviceCounters,
 }
 
-impl PassFeedback {
+impl DeviceFeedback {
     /// Whether every ray is finished.
     #[must_use]
     pub fn is_converged(&self) -> bool {

@@ -52,6 +52,6 @@ mod tests {
     #[test]
     fn a_device_that_was_not_built_says_so() {
         let message = GpuDevice::open().expect_err("no value exists").to_string();
-        assert!(message.contains("no GPU backend") && message.contains("--backend cpu"), "{message}");
+        assert!(message.contains("no GPU backend") && message.contains("CPU backend"), "{message}");
     }
 }

@@ -19,7 +19,7 @@ use crate::engines::gpu::deviations::DeviationTable;
 use crate::engines::gpu::device::GpuDevice;
 use crate::engines::gpu::error::GpuError;
 use crate::engines::gpu::feedback::{
-    FIRST_MISSES, HEADER_WORDS, MISS_LIMIT, PassFeedback, buffer_words, listed_misses, read_misses, read_uses,
+    DeviceFeedback, FIRST_MISSES, HEADER_WORDS, MISS_LIMIT, buffer_words, listed_misses, read_misses, read_uses,
     tile_words, words_with,
 };
 use crate::engines::gpu::layout::{
@@ -166,7 +166,7 @@ impl Capacity {
 /// Feedback with entries and slots instead of bricks.
 #[derive(Debug, Default)]
 pub(super) struct RawFeedback {
-    pub(super) feedback: PassFeedback,
+    pub(super) feedback: DeviceFeedback,
     /// Page table entries and waiting rays.
     pub(super) misses: Vec<(u32, u32)>,
     pub(super) uses: Vec<SlotIndex>,
@@ -196,7 +196,7 @@ impl RawFeedback {
 }
 
 /// Tiles of rays that are cast run by run.
-struct Round {
+struct TileRuns {
     /// See [`Dispatch::later_round`].
     later: u32,
     tiles: Vec<u32>,
@@ -230,7 +230,7 @@ pub(super) struct Bound {
 }
 
 /// Rays, pipelines, feedback.
-pub(crate) struct Caster {
+pub(crate) struct DeviceCaster {
     pub(super) gpu: GpuDevice,
     /// Pipelines of the picture with their bindings; `None` before the first picture.
     bound: Option<Bound>,
@@ -266,7 +266,7 @@ pub(crate) struct Caster {
     held_back: Vec<u32>,
 }
 
-impl Caster {
+impl DeviceCaster {
     /// Allocates buffers.
     pub(super) fn new(gpu: &GpuDevice, cache: &GpuCache, capacity: &Capacity) -> Result<Self, GpuError> {
         let slots = cache.slot_count();
@@ -519,14 +519,14 @@ impl Caster {
 
     /// Casts the unfinished rays, round by round.
     fn cast_rounds(&mut self, raw: &mut RawFeedback, stop: &Stop) -> Result<(), GpuError> {
-        let mut round = Round { later: 0, tiles: std::mem::take(&mut self.unfinished) };
+        let mut round = TileRuns { later: 0, tiles: std::mem::take(&mut self.unfinished) };
         for _ in 0..ROUND_LIMIT {
             let left = self.cast_round(round, raw, stop)?;
             if left.is_empty() || raw.is_stopped {
                 self.unfinished.extend(left);
                 break;
             }
-            round = Round { later: 1, tiles: left };
+            round = TileRuns { later: 1, tiles: left };
         }
         Ok(())
     }
@@ -545,7 +545,7 @@ impl Caster {
     }
 
     /// Submits the tiles of a round, run by run; returns those that must continue.
-    fn cast_round(&mut self, round: Round, raw: &mut RawFeedback, stop: &Stop) -> Result<Vec<u32>, GpuError> {
+    fn cast_round(&mut self, round: TileRuns, raw: &mut RawFeedback, stop: &Stop) -> Result<Vec<u32>, GpuError> {
         raw.interrupted = 0;
         let mut left = Vec::new();
         let mut flying: VecDeque<Run> = VecDeque::new();

@@ -8,7 +8,7 @@ use supervol_scene::transfer_function::{RenderTransferFunction, TransferFunction
 
 use super::options::GpuOptions;
 use super::pass::Capacity;
-use super::pixels::Gathered;
+use super::pixels::DeviceRay;
 use super::ray_parts::RayParts;
 use super::rays::RayGrid;
 use super::scene_tables::{Exactness, GpuVolume};
@@ -122,7 +122,7 @@ pub fn over_rays<T>(
 }
 
 /// The pixel of what one ray has gathered; twin of the CPU frame's.
-pub fn pixel(mode: Mode, tf: &RenderTransferFunction, gathered: &Gathered) -> [f32; 4] {
+pub fn pixel(mode: Mode, tf: &RenderTransferFunction, gathered: &DeviceRay) -> [f32; 4] {
     let value = match (mode, *gathered) {
         (Mode::Dvr | Mode::Iso | Mode::Slice, [r, g, b, transmittance]) => return [r, g, b, 1.0 - transmittance],
         (_, [_, present, ..]) if present <= 0.0 => return [0.0; 4],

@@ -130,7 +130,7 @@ impl Pipelines {
     ///
     /// # Errors
     /// If the driver refuses it.
-    pub fn begin_rays(&self, gpu: &GpuDevice, is_cut: bool) -> Result<&Pipeline, GpuError> {
+    pub(super) fn begin_rays(&self, gpu: &GpuDevice, is_cut: bool) -> Result<&Pipeline, GpuError> {
         let place = &self.begin_rays[usize::from(is_cut)];
         self.wanted(gpu, place, &BEGIN_RAYS, &[Access::ReadWrite, Access::ReadWrite], is_cut)
     }

@@ -12,9 +12,9 @@ pub(super) const PIECES_IN_FLIGHT: usize = 2;
 
 /// Values gathered by a ray: premultiplied colour and transmittance. In modes that count by value: the value (mean: its
 /// integral), its present world length, 0, and the transmittance.
-pub(super) type Gathered = [f32; 4];
+pub(super) type DeviceRay = [f32; 4];
 
-pub(super) const GATHERED_BYTES: u64 = size_of::<Gathered>() as u64;
+pub(super) const GATHERED_BYTES: u64 = size_of::<DeviceRay>() as u64;
 pub(super) const ERROR_BYTES: u64 = size_of::<RayErrors>() as u64;
 
 /// Buffers in which pieces are assembled and read.

@@ -74,19 +74,19 @@ impl RayGrid {
 
 /// A number that changes linearly from pixel to pixel, as `f64`.
 #[derive(Debug, Clone, Copy)]
-struct Line<T> {
+struct LinearNumber<T> {
     base: T,
     per_x: T,
     per_y: T,
 }
 
-impl<T> Line<T> {
-    fn map<U>(self, f: impl Fn(T) -> U) -> Line<U> {
-        Line { base: f(self.base), per_x: f(self.per_x), per_y: f(self.per_y) }
+impl<T> LinearNumber<T> {
+    fn map<U>(self, f: impl Fn(T) -> U) -> LinearNumber<U> {
+        LinearNumber { base: f(self.base), per_x: f(self.per_x), per_y: f(self.per_y) }
     }
 }
 
-impl Line<DVec3> {
+impl LinearNumber<DVec3> {
     fn at(&self, x: f64, y: f64) -> DVec3 {
         self.base + x * self.per_x + y * self.per_y
     }
@@ -99,7 +99,7 @@ impl Line<DVec3> {
         }
     }
 
-    fn axis(&self, axis: usize) -> Line<f64> {
+    fn axis(&self, axis: usize) -> LinearNumber<f64> {
         self.map(|v| v[axis])
     }
 }
@@ -108,8 +108,8 @@ impl Line<DVec3> {
 #[derive(Debug, Clone, Copy)]
 pub struct ViewLines {
     /// World points at t = 0, and the rays' directions per unit of t.
-    origin: Line<DVec3>,
-    direction: Line<DVec3>,
+    origin: LinearNumber<DVec3>,
+    direction: LinearNumber<DVec3>,
     /// Depth of the origins, from the eye.
     depth: f64,
     /// A stride in units of t.
@@ -122,13 +122,13 @@ impl ViewLines {
     pub fn new(camera: &Camera, geometry: &Geometry, dims: Dims) -> Self {
         let rays = camera.rays();
         let corner = |x: f64, y: f64| rays.offset([x, y]);
-        let offset = Line {
+        let offset = LinearNumber {
             base: corner(0.0, 0.0),
             per_x: corner(1.0, 0.0) - corner(0.0, 0.0),
             per_y: corner(0.0, 1.0) - corner(0.0, 0.0),
         };
-        let none = Line { base: DVec3::ZERO, per_x: DVec3::ZERO, per_y: DVec3::ZERO };
-        let (eye, forward) = (Line { base: camera.eye, ..none }, Line { base: camera.forward, ..none });
+        let none = LinearNumber { base: DVec3::ZERO, per_x: DVec3::ZERO, per_y: DVec3::ZERO };
+        let (eye, forward) = (LinearNumber { base: camera.eye, ..none }, LinearNumber { base: camera.forward, ..none });
         let is_perspective = matches!(camera.projection, Projection::Perspective { .. });
         let (from, direction) =
             if is_perspective { (eye, forward.plus(offset, 1.0)) } else { (eye.plus(offset, 1.0), forward) };
@@ -172,13 +172,13 @@ impl ViewLines {
     pub fn view(&self, camera: &Camera, geometry: &Geometry, dims: Dims, clip: &Clip) -> Result<View, GpuError> {
         let to_index = geometry.linear().inverse();
         let place = self.origin.map(|p| to_index * p);
-        let place = Line { base: to_index * (self.origin.base - DVec3::from_array(geometry.origin)), ..place };
+        let place = LinearNumber { base: to_index * (self.origin.base - DVec3::from_array(geometry.origin)), ..place };
         let step = self.direction.map(|d| to_index * d * self.stride);
         for [x, y] in corners_of(camera) {
             let far = place.at(x, y).abs().max_element();
             if far.is_nan() || far >= PLACE_LIMIT {
                 let reason =
-                    format!("a ray passes {far:.3e} voxels from the volume; use --backend cpu, or move nearer");
+                    format!("a ray passes {far:.3e} voxels from the volume; use the CPU backend, or move nearer");
                 return Err(GpuError::Scene { reason });
             }
         }
@@ -215,7 +215,7 @@ impl ViewLines {
     fn plane_line(&self, plane: &ClipPlane, linear: DMat3) -> PlaneLine {
         let unit = (linear.transpose() * plane.normal).length();
         let height = self.origin.map(|v| plane.normal.dot(v) / unit);
-        let height = Line { base: (plane.normal.dot(self.origin.base) - plane.offset) / unit, ..height };
+        let height = LinearNumber { base: (plane.normal.dot(self.origin.base) - plane.offset) / unit, ..height };
         // A plane that does not meet the volume remains only beside another that leaves nothing.
         let height = height.map(|h| h.clamp(-PLACE_LIMIT, PLACE_LIMIT));
         PlaneLine {
@@ -226,7 +226,8 @@ impl ViewLines {
 
     /// [`View::length`].
     fn length(&self, camera: &Camera) -> [f32; 4] {
-        let along = |v: Line<DVec3>, axis: DVec3| [v.base.dot(axis) as f32, (v.per_x + v.per_y).dot(axis) as f32];
+        let along =
+            |v: LinearNumber<DVec3>, axis: DVec3| [v.base.dot(axis) as f32, (v.per_x + v.per_y).dot(axis) as f32];
         let [[u, u_x], [v, v_y]] = [along(self.direction, camera.right), along(self.direction, camera.up)];
         [u, u_x, v, v_y]
     }
@@ -258,7 +259,7 @@ fn corners_of(camera: &Camera) -> [[f64; 2]; 4] {
     [[0.0, 0.0], [x, 0.0], [0.0, y], [x, y]]
 }
 
-fn affine(line: Line<f64>) -> Affine {
+fn affine(line: LinearNumber<f64>) -> Affine {
     Affine { base: fixed(line.base), per_x: fixed(line.per_x), per_y: fixed(line.per_y) }
 }
 

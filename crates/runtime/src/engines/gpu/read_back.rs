@@ -3,8 +3,8 @@
 
 use std::collections::VecDeque;
 
-use super::pass::Caster;
-use super::pixels::{ERROR_BYTES, GATHERED_BYTES, Gathered, PIECES_IN_FLIGHT};
+use super::pass::DeviceCaster;
+use super::pixels::{DeviceRay, ERROR_BYTES, GATHERED_BYTES, PIECES_IN_FLIGHT};
 use crate::engines::gpu::error::GpuError;
 use crate::engines::gpu::layout::{RayErrors, WORKGROUP_RAYS};
 
@@ -17,13 +17,13 @@ struct Piece {
     submission: wgpu::SubmissionIndex,
 }
 
-impl Caster {
+impl DeviceCaster {
     /// Hands what the rays of the band have gathered to `visit`, row by row: the number of the first pixel, what is behind it, and what
     /// that may be off by where it is summed up.
     pub(super) fn read_pixels(
         &mut self,
         sums_errors: bool,
-        mut visit: impl FnMut(usize, &[Gathered], &[RayErrors]),
+        mut visit: impl FnMut(usize, &[DeviceRay], &[RayErrors]),
     ) -> Result<(), GpuError> {
         let grid = self.grid();
         let pixels = u64::from(grid.width) * u64::from(grid.height);
@@ -65,7 +65,7 @@ impl Caster {
         &self,
         Piece { first, rays, buffer, submission }: Piece,
         sums_errors: bool,
-        visit: &mut impl FnMut(usize, &[Gathered], &[RayErrors]),
+        visit: &mut impl FnMut(usize, &[DeviceRay], &[RayErrors]),
     ) -> Result<(), GpuError> {
         let bytes = rays * (GATHERED_BYTES + if sums_errors { ERROR_BYTES } else { 0 });
         self.gpu.read_after(Some(submission), &self.pixels.read_back[buffer], bytes, |bytes| {

@@ -25,7 +25,7 @@ impl Table {
         let most = gpu.limits().max_texture_dimension_2d;
         if rows > most {
             let bytes = |rows: u32| u64::from(rows) * u64::from(WIDTH) * 4 * texel_words as u64;
-            let (what, advice) = (doing.to_owned(), "use fewer control points, or --backend cpu".to_owned());
+            let (what, advice) = (doing.to_owned(), "use fewer control points, or the CPU backend".to_owned());
             return Err(GpuError::TableLimit { what, needed: bytes(rows), limit: bytes(most), advice });
         }
         let format = if texel_words == 1 { wgpu::TextureFormat::R32Uint } else { wgpu::TextureFormat::Rgba32Uint };

@@ -82,20 +82,29 @@ pub fn macro_cell_at(origin: [f32; 3], direction: [f32; 3], t: f32) -> [f32; 3] 
     std::array::from_fn(|a| ((origin[a] + t * direction[a] + 0.5) / MACRO_CELL as f32).floor())
 }
 
-/// Length of the part behind one that was taken, or in place of one that was not.
+/// Whether the error of a part of a ray was small enough.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PartVerdict {
+    /// It was: the next part lies behind this one.
+    Taken,
+    /// It was not: a smaller part takes its place.
+    Refused,
+}
+
+/// Length of the part behind one that was taken, or in place of one that was refused.
 #[must_use]
-pub fn next_size(size: f32, ratio: f32, is_taken: bool) -> f32 {
+pub fn next_size(size: f32, ratio: f32, verdict: PartVerdict) -> f32 {
     let allowed = size.max(LEAST_SHARE);
-    let factor = match is_taken {
-        true if ratio < allowed * EASY => 2.0,
-        true => 1.0,
+    let factor = match verdict {
+        PartVerdict::Taken if ratio < allowed * EASY => 2.0,
+        PartVerdict::Taken => 1.0,
         // For a whole cell, the error falls with the square of the number of parts.
-        false if size == 1.0 => {
+        PartVerdict::Refused if size == 1.0 => {
             let parts = (PARTS_PER_ROOT * ratio.min(PARTS_LIMIT * PARTS_LIMIT).sqrt()).floor() + 1.0;
             1.0 / parts.clamp(2.0, PARTS_LIMIT)
         }
-        false if ratio > allowed * HARD => 0.25,
-        false => 0.5,
+        PartVerdict::Refused if ratio > allowed * HARD => 0.25,
+        PartVerdict::Refused => 0.5,
     };
     (size * factor).max(LEAST_PART)
 }

@@ -7,11 +7,9 @@ use supervol_scene::camera::{PixelRays, Ray};
 use supervol_scene::clip::{Clip, ToIndex, cut, half_space, slab};
 
 use super::simd::{Simd, Task};
-use super::tile::TileRays;
+use super::tile::{PerRay, TileRays};
 use crate::engines::cells::walk::PARALLEL;
 use crate::engines::packets::places::{TILE_RAYS, place_of};
-
-type PerRay = [f64; TILE_RAYS];
 
 /// Positions of rays within a tile, along x and y.
 static PLACES: [PerRay; 2] = places();

@@ -6,7 +6,7 @@
 
 use supervol_scene::value_map::ValueMap;
 
-use super::leap::{Ahead, ProximityCloud, macro_cells_of};
+use super::leap::{AxisDirection, ProximityCloud, macro_cells_of};
 use crate::engines::blocks::{BLOCK, HALVES, ranges_of_blocks};
 use crate::engines::rules::VALUE_ERROR;
 use crate::stream::residency::DecodedBrick;
@@ -21,7 +21,7 @@ const OVERSHOOT: f32 = 0.25;
 pub fn cloud_of_blocks(
     brick: &DecodedBrick,
     apron: usize,
-    ahead: [Ahead; 3],
+    ahead: [AxisDirection; 3],
     map: &ValueMap,
     shows: impl Fn([f32; 2]) -> bool,
 ) -> ProximityCloud<BLOCK> {
@@ -100,7 +100,8 @@ mod tests {
         let point = |value| ControlPoint { value, color: [1.0; 3], alpha: 1.0 };
         let function = TransferFunction::new(vec![point(0.0), point(1.0)], 1.0).unwrap();
         let render = RenderTransferFunction::new(&function, map.shift);
-        let cloud = cloud_of_blocks(&brick, apron, [Ahead::Both; 3], &map, |[low, high]| render.is_visible(low, high));
+        let cloud =
+            cloud_of_blocks(&brick, apron, [AxisDirection::Both; 3], &map, |[low, high]| render.is_visible(low, high));
         assert_eq!(cloud.cells, [4, 2, 2]);
         for (i, &distance) in cloud.distances[..16].iter().enumerate() {
             assert_eq!(usize::from(distance), i % 4, "block {i}");

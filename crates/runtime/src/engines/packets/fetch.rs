@@ -59,8 +59,8 @@ impl Stored {
 
     /// The cell of [`Stored::corners`].
     #[inline(always)]
-    pub fn cell<S: Simd>(self, raw: &Raw<S>, absent: Option<u16>, centre: f32) -> Cell<S> {
-        Cell::new(&self.corners::<S>(raw, absent, centre))
+    pub fn cell<S: Simd>(self, raw: &Raw<S>, absent: Option<u16>, centre: f32) -> LaneCell<S> {
+        LaneCell::new(&self.corners::<S>(raw, absent, centre))
     }
 
     /// Stored numbers of gathered words, minus `centre`; NaN where a number is `absent`.
@@ -242,7 +242,7 @@ impl<S: Simd> Around<'_, S> {
     /// # Safety
     /// As for [`BrickVoxels::gather`]: the apron holds one voxel further on every side.
     #[inline(always)]
-    pub unsafe fn slopes(&self, rows: Option<&Rows<S>>) -> [Cell<S>; 3] {
+    pub unsafe fn slopes(&self, rows: Option<&Rows<S>>) -> [LaneCell<S>; 3] {
         let [dy, dz] = self.voxels.strides;
         // SAFETY: the caller's promise: rows from one voxel before the corners to one behind, and rows of two beside.
         let (rows, y, z) = unsafe {
@@ -264,9 +264,9 @@ impl<S: Simd> Around<'_, S> {
         }
         // Rows 0 and 2 lie at y = 0, rows 0 and 1 at z = 0.
         [
-            Cell::difference(high, low),
-            Cell::difference([inner[1], y[1], inner[3], y[3]], [y[0], inner[0], y[2], inner[2]]),
-            Cell::difference([inner[2], inner[3], z[2], z[3]], [z[0], z[1], inner[0], inner[1]]),
+            LaneCell::difference(high, low),
+            LaneCell::difference([inner[1], y[1], inner[3], y[3]], [y[0], inner[0], y[2], inner[2]]),
+            LaneCell::difference([inner[2], inner[3], z[2], z[3]], [z[0], z[1], inner[0], inner[1]]),
         ]
     }
 
@@ -339,12 +339,12 @@ fn split<S: Simd, const BITS: u32>(word: S::I) -> [S::I; 2] {
 
 /// Corners in the form for trilinear interpolation: the four rows' first voxels, and their differences along x.
 #[derive(Clone, Copy)]
-pub struct Cell<S: Simd> {
+pub struct LaneCell<S: Simd> {
     first: [S::F; 4],
     rise: [S::F; 4],
 }
 
-impl<S: Simd> Cell<S> {
+impl<S: Simd> LaneCell<S> {
     /// The difference of two rows, corner by corner.
     #[inline(always)]
     fn difference(a: [[S::F; 2]; 4], b: [[S::F; 2]; 4]) -> Self {

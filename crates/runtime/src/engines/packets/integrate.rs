@@ -22,7 +22,7 @@
 
 use supervol_scene::transfer_function::pieces::{CHANNELS, Column};
 
-use super::lookup::{Channels, Lookup, Place, channels};
+use super::lookup::{Channels, PieceLookup, Place, channels};
 use super::simd::{Simd, exp_minus};
 use crate::engines::rules::{
     AVERAGE_OF_BUMP, AVERAGE_OF_CUBIC, FALL_END, FALL_MISPLACED, GREATEST_OF_CUBIC, ORDER_REST, ORDER_SQUARE,
@@ -262,7 +262,7 @@ impl<S: Simd> Located<S> {
 
 /// Looks up the position of a line.
 #[inline(always)]
-pub fn locate<S: Simd, L: Lookup>(table: &L, line: &Line<S>) -> Located<S> {
+pub fn locate<S: Simd, L: PieceLookup>(table: &L, line: &Line<S>) -> Located<S> {
     let [a, b] = line.ends;
     let [low, high] = line.range;
     let ends = [table.place::<S>(a), table.place::<S>(b)];
@@ -271,13 +271,13 @@ pub fn locate<S: Simd, L: Lookup>(table: &L, line: &Line<S>) -> Located<S> {
 
 /// Integrates a chord. `narrow` is the table's.
 #[inline(always)]
-pub fn integrate<S: Simd, L: Lookup>(table: &L, narrow: S::F, chord: &Chord<S>) -> Part<S> {
+pub fn integrate<S: Simd, L: PieceLookup>(table: &L, narrow: S::F, chord: &Chord<S>) -> Part<S> {
     integrate_at(table, narrow, &locate(table, &chord.line()))
 }
 
 /// Integrates along a line whose position in the table is known.
 #[inline(always)]
-pub fn integrate_at<S: Simd, L: Lookup>(table: &L, narrow: S::F, at: &Located<S>) -> Part<S> {
+pub fn integrate_at<S: Simd, L: PieceLookup>(table: &L, narrow: S::F, at: &Located<S>) -> Part<S> {
     let (zero, one) = (S::splat(0.0), S::splat(1.0));
     let (at_a, at_b) = (channels(table, at.ends[0]), channels(table, at.ends[1]));
     let by_ends = S::eq_int(at.ends[0].piece, at.ends[1].piece) | S::le(S::abs(at.width), narrow);
@@ -330,7 +330,7 @@ fn means<S: Simd>(a: &Channels<S>, b: &Channels<S>, width: S::F, by_ends: S::M) 
 
 /// Error of [`integrate`] (see the module), [`Part::misplaced`] and [`Part::colors`].
 #[inline(always)]
-fn error<S: Simd, L: Lookup>(table: &L, narrow: S::F, at: &Located<S>, [kappa, opacity]: [S::F; 2]) -> [S::F; 3] {
+fn error<S: Simd, L: PieceLookup>(table: &L, narrow: S::F, at: &Located<S>, [kappa, opacity]: [S::F; 2]) -> [S::F; 3] {
     let (zero, one, half) = (S::splat(0.0), S::splat(1.0), S::splat(0.5));
     let Line { most, average, length, disorder, .. } = at.line;
     let [low, high] = at.range;
@@ -364,13 +364,13 @@ fn error<S: Simd, L: Lookup>(table: &L, narrow: S::F, at: &Located<S>, [kappa, o
 
 /// Growth per value over the piece of a place.
 #[inline(always)]
-fn per_value<S: Simd, L: Lookup>(table: &L, column: Column, place: Place<S>) -> S::F {
+fn per_value<S: Simd, L: PieceLookup>(table: &L, column: Column, place: Place<S>) -> S::F {
     table.column::<S>(column, 0, place.piece)
 }
 
 /// Sum over the pieces before a place, plus that in its own piece, which grows by `slope` per value.
 #[inline(always)]
-fn sum_up_to<S: Simd, L: Lookup>(table: &L, column: Column, slope: S::F, place: Place<S>) -> S::F {
+fn sum_up_to<S: Simd, L: PieceLookup>(table: &L, column: Column, slope: S::F, place: Place<S>) -> S::F {
     S::mul_add(place.y, slope, table.column::<S>(column, 0, place.piece))
 }
 

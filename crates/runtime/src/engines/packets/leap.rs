@@ -22,7 +22,7 @@ const FAR: u8 = u8::MAX;
 
 /// Directions that rays may have along an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Ahead {
+pub enum AxisDirection {
     /// Ascending, or parallel to the face.
     Up,
     /// Descending, or parallel to the face.
@@ -31,7 +31,7 @@ pub enum Ahead {
     Both,
 }
 
-impl Ahead {
+impl AxisDirection {
     /// Steps to neighbours that may lie ahead.
     fn steps(self) -> std::ops::RangeInclusive<isize> {
         match self {
@@ -56,7 +56,12 @@ pub struct ProximityCloud<const SIDE: usize> {
 impl ProximityCloud<MACRO_CELL> {
     /// The cloud of a brick's macro cells; `shows` is asked for each range of render values.
     #[must_use]
-    pub fn new(brick: &DecodedBrick, apron: usize, ahead: [Ahead; 3], shows: impl Fn([f32; 2]) -> bool) -> Self {
+    pub fn new(
+        brick: &DecodedBrick,
+        apron: usize,
+        ahead: [AxisDirection; 3],
+        shows: impl Fn([f32; 2]) -> bool,
+    ) -> Self {
         let cells = macro_cells_of(brick, apron);
         Self::of_shown(cells, ahead, brick.macro_ranges.iter().map(|&range| shows(range)))
     }
@@ -72,14 +77,14 @@ impl ProximityCloud<MACRO_CELL> {
             let row = |y: usize, z: usize| around(x, nx).any(|x| sides[x + nx * (y + ny * z)] != sides[i]);
             around(z, nz).any(|z| around(y, ny).any(|y| row(y, z)))
         };
-        Self::of_shown(cells, [Ahead::Both; 3], (0..sides.len()).map(|i| shows(i) || differs(i)))
+        Self::of_shown(cells, [AxisDirection::Both; 3], (0..sides.len()).map(|i| shows(i) || differs(i)))
     }
 }
 
 impl<const SIDE: usize> ProximityCloud<SIDE> {
     /// The cloud of visible cubes: one flag per cube, x fastest; `cells` along each axis.
     #[must_use]
-    pub fn of_shown(cells: [usize; 3], ahead: [Ahead; 3], shown: impl Iterator<Item = bool>) -> Self {
+    pub fn of_shown(cells: [usize; 3], ahead: [AxisDirection; 3], shown: impl Iterator<Item = bool>) -> Self {
         let most = cells.iter().copied().max().unwrap_or(1).min(usize::from(FAR)) as u8;
         let mut distances = Vec::with_capacity(cells.iter().product::<usize>() + PADDING);
         // A product, because visibility alternates too often for a branch.
@@ -185,7 +190,7 @@ impl MacroRanges {
 
 /// Lowers every distance to that of the nearest zero ahead, exactly for Chebyshev's distance. First along rows, then in
 /// two sweeps over rows, from neighbours in the rows after and before in memory order (after Borgefors 1986).
-fn spread(distances: &mut [u8], [nx, ny, nz]: [usize; 3], ahead: [Ahead; 3]) {
+fn spread(distances: &mut [u8], [nx, ny, nz]: [usize; 3], ahead: [AxisDirection; 3]) {
     for row in distances.chunks_exact_mut(nx) {
         spread_in_row(row, ahead[0]);
     }
@@ -208,7 +213,7 @@ fn spread(distances: &mut [u8], [nx, ny, nz]: [usize; 3], ahead: [Ahead; 3]) {
 }
 
 /// Lowers the distances of a row to those from the zeros ahead in it.
-fn spread_in_row(row: &mut [u8], ahead: Ahead) {
+fn spread_in_row(row: &mut [u8], ahead: AxisDirection) {
     let mut last = FAR;
     let mut lower = |distance: &mut u8| {
         last = last.saturating_add(1).min(*distance);
@@ -223,8 +228,8 @@ fn spread_in_row(row: &mut [u8], ahead: Ahead) {
 }
 
 /// Offsets of the neighbours ahead in the rows after a cube's own in memory order (`sign` 1), or before it (-1).
-fn neighbours_in_rows(sign: isize, [row, plane]: [usize; 2], ahead: [Ahead; 3]) -> Vec<isize> {
-    let [xs, ys, zs] = ahead.map(Ahead::steps);
+fn neighbours_in_rows(sign: isize, [row, plane]: [usize; 2], ahead: [AxisDirection; 3]) -> Vec<isize> {
+    let [xs, ys, zs] = ahead.map(AxisDirection::steps);
     let rows = zs.flat_map(|z| ys.clone().map(move |y| (y, z)));
     let rows = rows.filter(|&(y, z)| z == sign || (z == 0 && y == sign));
     rows.flat_map(|(y, z)| xs.clone().map(move |x| x + y * row as isize + z * plane as isize)).collect()
@@ -272,22 +277,22 @@ mod tests {
     fn distances_are_those_of_brute_force() {
         let mut numbers = Random::new(3);
         let mut random = || numbers.below(256);
-        let ways = [Ahead::Up, Ahead::Down, Ahead::Both];
+        let ways = [AxisDirection::Up, AxisDirection::Down, AxisDirection::Both];
         // Rows shorter than a vector, of equal length, and longer.
         for cells in [[5, 3, 4], [16, 2, 3], [17, 3, 2], [33, 1, 3], [1, 7, 1]] {
             for _ in 0..300 {
                 let count = cells.iter().product();
                 let shown: Vec<bool> = (0..count).map(|_| random() < 12).collect();
-                let ahead: [Ahead; 3] = std::array::from_fn(|_| ways[random() as usize % 3]);
+                let ahead: [AxisDirection; 3] = std::array::from_fn(|_| ways[random() as usize % 3]);
                 let mut distances: Vec<u8> = shown.iter().map(|&s| if s { 0 } else { 40 }).collect();
                 spread(&mut distances, cells, ahead);
                 let place = |i: usize| [i % cells[0], i / cells[0] % cells[1], i / (cells[0] * cells[1])];
                 for (i, &found) in distances.iter().enumerate() {
                     let may_meet = |j: usize| {
                         (0..3).all(|a| match ahead[a] {
-                            Ahead::Up => place(j)[a] >= place(i)[a],
-                            Ahead::Down => place(j)[a] <= place(i)[a],
-                            Ahead::Both => true,
+                            AxisDirection::Up => place(j)[a] >= place(i)[a],
+                            AxisDirection::Down => place(j)[a] <= place(i)[a],
+                            AxisDirection::Both => true,
                         })
                     };
                     let far = |j: usize| (0..3).map(|a| place(i)[a].abs_diff(place(j)[a])).max().unwrap();

@@ -15,7 +15,7 @@ use crate::lod::deviation::{Deviation, Deviations, FinishedRay};
 use crate::stream::residency::Resident;
 
 /// The rays of a tile in front of a brick that may be off.
-pub(super) struct Crossing {
+pub(super) struct BrickCrossing {
     deviation: Deviation,
     is_drawn: bool,
     /// For each ray: its number, its length through the brick, and its transmittance or value.
@@ -24,7 +24,7 @@ pub(super) struct Crossing {
 
 impl CastTile<'_> {
     /// The rays in front of a brick, if it has a deviation.
-    pub(super) fn crossing(&self, key: BrickKey, resident: Resident<'_>) -> Option<Crossing> {
+    pub(super) fn crossing(&self, key: BrickKey, resident: Resident<'_>) -> Option<BrickCrossing> {
         let deviations = self.frame.deviations.as_ref()?;
         let is_unknown = matches!(resident, Resident::UseParent);
         if key.lod() == Lod::FINEST && !is_unknown && deviations.is_finest_exact() {
@@ -43,7 +43,7 @@ impl CastTile<'_> {
             let ([entry, exit], place) = (self.rays.interval(ray), usize::from(ray));
             (place, exit - entry, of[place])
         });
-        Some(Crossing { deviation, is_drawn, rays: rays.collect() })
+        Some(BrickCrossing { deviation, is_drawn, rays: rays.collect() })
     }
 
     fn deviation(&self, deviations: &Deviations, key: BrickKey) -> Arc<Deviation> {
@@ -52,13 +52,13 @@ impl CastTile<'_> {
             |deviation| size_of_val(deviation) as u64,
             || {
                 let known = self.view.entry(key);
-                known.map_or(Deviation::UNKNOWN, |known| deviations.of(key, &known.entry, known.may_have_holes))
+                known.map_or(Deviation::UNKNOWN, |known| deviations.of(key, &known.entry, known.holes))
             },
         )
     }
 
     /// Adds the brick's deviation to the rays that have left it.
-    pub(super) fn note_levels(&mut self, crossing: &Crossing) {
+    pub(super) fn note_levels(&mut self, crossing: &BrickCrossing) {
         let shift = self.frame.scene.map.shift;
         let gathered = &mut self.rays.gathered;
         let Some(levels) = &mut gathered.levels else { return };

@@ -17,7 +17,7 @@ pub struct Place<S: Simd> {
 }
 
 /// A table of pieces for lanes.
-pub trait Lookup {
+pub trait PieceLookup {
     /// The column's number for each lane's piece.
     fn column<S: Simd>(&self, column: Column, channel: usize, piece: S::I) -> S::F;
 
@@ -34,7 +34,7 @@ pub trait Lookup {
 
 /// Binary search among the knots, whose number is a power of two; the first is never compared.
 #[inline(always)]
-fn search<S: Simd, L: Lookup>(table: &L, length: usize, value: S::F) -> S::I {
+fn search<S: Simd, L: PieceLookup>(table: &L, length: usize, value: S::F) -> S::I {
     let mut piece = S::splat_int(0);
     let mut step = length / 2;
     while step > 0 {
@@ -66,7 +66,7 @@ impl<const N: usize> FewPieces<N> {
     }
 }
 
-impl<const N: usize> Lookup for FewPieces<N> {
+impl<const N: usize> PieceLookup for FewPieces<N> {
     #[inline(always)]
     fn column<S: Simd>(&self, column: Column, channel: usize, piece: S::I) -> S::F {
         let column = &self.columns[column as usize + channel];
@@ -96,7 +96,7 @@ impl<'a> ManyPieces<'a> {
     }
 }
 
-impl Lookup for ManyPieces<'_> {
+impl PieceLookup for ManyPieces<'_> {
     #[inline(always)]
     fn column<S: Simd>(&self, column: Column, channel: usize, piece: S::I) -> S::F {
         let column = self.pieces.column(column, channel);
@@ -128,7 +128,7 @@ pub struct Channels<S: Simd> {
 
 /// All channels at a place.
 #[inline(always)]
-pub fn channels<S: Simd, L: Lookup>(table: &L, place: Place<S>) -> Channels<S> {
+pub fn channels<S: Simd, L: PieceLookup>(table: &L, place: Place<S>) -> Channels<S> {
     let zero = S::splat(0.0);
     let mut out = Channels {
         start: [zero; CHANNELS],

@@ -12,7 +12,7 @@ use super::silhouette::Silhouette;
 use super::summaries::BrickSummary;
 use super::tile::{Gathered, TileRays};
 use crate::engines::feedback::BlockFeedback;
-use crate::stream::budget::{Bands, CasterBytes};
+use crate::stream::budget::{BandMode, EngineBytes};
 
 /// What is made of a brick, what it is made from, and what a thread still uses of what is no longer kept: so many times its
 /// bytes.
@@ -20,7 +20,7 @@ const MAKING: u64 = 4;
 
 /// What packets hold in host memory beside their tables; `core`: voxels along an edge of a full brick's core.
 #[must_use]
-pub fn bytes_held(core: usize, rule: PacketRule) -> CasterBytes {
+pub fn bytes_held(core: usize, rule: PacketRule) -> EngineBytes {
     let made = (BrickPlan::most_bytes(core) + Silhouette::most_bytes(core)).max(BrickSummary::most_bytes(core));
     let made_of_brick = bytes_kept(made);
     let gathered = size_of::<Gathered>()
@@ -28,10 +28,10 @@ pub fn bytes_held(core: usize, rule: PacketRule) -> CasterBytes {
         + if rule.counts_work { size_of::<TileWork>() } else { 0 };
     const { assert!(FinishedTile::BYTES <= size_of::<Gathered>()) };
     const { assert!(size_of::<TileErrors>() <= size_of::<LevelErrors>()) };
-    CasterBytes {
-        bands: Bands::Allowed,
-        tile_side: TILE_SIDE,
-        tile: (size_of::<Tile>() + gathered + size_of::<BlockFeedback>()) as u64,
+    EngineBytes {
+        bands: BandMode::Allowed,
+        group_side: TILE_SIDE,
+        group: (size_of::<Tile>() + gathered + size_of::<BlockFeedback>()) as u64,
         // A tile that goes on to wait is there twice for a moment.
         thread: (size_of::<TileRays>() + PartsAhead::MOST_BYTES + size_of::<Queues>() + gathered) as u64
             + MAKING * made_of_brick,

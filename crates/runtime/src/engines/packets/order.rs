@@ -7,12 +7,12 @@ use glam::DVec3;
 use supervol_format::space::HALF_VOXEL;
 use supervol_format::{BrickKey, Lod, Pyramid};
 
-use super::leap::Ahead;
+use super::leap::AxisDirection;
 use super::tile::IndexBox;
 
 /// Origin of rays, in index space of level 0.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum View {
+pub enum RayOrigin {
     /// From a point.
     Eye(DVec3),
     /// All in one direction.
@@ -40,23 +40,23 @@ pub fn region_of(pyramid: &Pyramid, key: BrickKey) -> IndexBox {
 
 /// Directions that rays of a view may have in a brick, along each axis.
 #[must_use]
-pub fn ways_through(pyramid: &Pyramid, key: BrickKey, view: View) -> [Ahead; 3] {
+pub fn ways_through(pyramid: &Pyramid, key: BrickKey, view: RayOrigin) -> [AxisDirection; 3] {
     let level = pyramid.level_at(key.lod());
     std::array::from_fn(|a| {
         let side = level.scale[a] as f64 * pyramid.layout().core() as f64;
         let low = -HALF_VOXEL + f64::from(key.brick().0[a]) * side;
         match view {
-            View::Direction(direction) if direction[a] > 0.0 => Ahead::Up,
-            View::Direction(direction) if direction[a] < 0.0 => Ahead::Down,
-            View::Eye(eye) if eye[a] <= low => Ahead::Up,
-            View::Eye(eye) if eye[a] >= low + side => Ahead::Down,
-            View::Direction(_) | View::Eye(_) => Ahead::Both,
+            RayOrigin::Direction(direction) if direction[a] > 0.0 => AxisDirection::Up,
+            RayOrigin::Direction(direction) if direction[a] < 0.0 => AxisDirection::Down,
+            RayOrigin::Eye(eye) if eye[a] <= low => AxisDirection::Up,
+            RayOrigin::Eye(eye) if eye[a] >= low + side => AxisDirection::Down,
+            RayOrigin::Direction(_) | RayOrigin::Eye(_) => AxisDirection::Both,
         }
     })
 }
 
 /// Pushes the children of a brick, the farthest first: the nearest is popped first.
-pub fn push_children(pyramid: &Pyramid, key: BrickKey, view: View, stack: &mut Vec<BrickKey>) {
+pub fn push_children(pyramid: &Pyramid, key: BrickKey, view: RayOrigin, stack: &mut Vec<BrickKey>) {
     let Some(finer) = key.lod().0.checked_sub(1).map(Lod) else { return };
     let level = pyramid.level_at(key.lod());
     let bricks = pyramid.level_at(finer).bricks;
@@ -65,8 +65,8 @@ pub fn push_children(pyramid: &Pyramid, key: BrickKey, view: View, stack: &mut V
     let far_bits: u32 = (0..3)
         .map(|a| {
             let comes_from_above = match view {
-                View::Direction(direction) => direction[a] < 0.0,
-                View::Eye(eye) => eye[a] > -HALF_VOXEL + f64::from(first[a] + 1) * side[a],
+                RayOrigin::Direction(direction) => direction[a] < 0.0,
+                RayOrigin::Eye(eye) => eye[a] > -HALF_VOXEL + f64::from(first[a] + 1) * side[a],
             };
             // The nearer child is on the eye's side.
             u32::from(!comes_from_above) << a

@@ -10,16 +10,16 @@
 //!
 //! The cells of a round pass each stage together: stages are short, so that the processor overlaps several cells.
 
-use super::fetch::{Cell, Raw, Rows};
+use super::fetch::{LaneCell, Raw, Rows};
 use super::integrate::{Chord, Line, Located, Part, integrate_at, locate};
-use super::lookup::Lookup;
+use super::lookup::PieceLookup;
 use super::pending::{DEPTH, ERROR, Light, Pending, RoundParts};
 use super::queue::QueuedCell;
 use super::refine::Refine;
 use super::shade::PacketLighting;
 use super::shaded_cells::{AlongRay, CellShader, ShadeCells, ShadeQueue, ShadeRound};
 use super::simd::{LANES_LIMIT, Places, Simd, exp_minus, for_three};
-use super::walk::{Packet, PacketBrick, PerLane, ROUND, Step, Walker, places_along};
+use super::walk::{CellStep, Packet, PacketBrick, PerLane, ROUND, Walker, places_along};
 use crate::engines::rules::{POSITION_ERROR, VALUE_ERROR};
 use crate::stream::counters::RayCounters;
 
@@ -33,7 +33,7 @@ const LANE_NUMBERS: [i32; LANES_LIMIT] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 
 
 /// The transfer function in the form for packets.
 #[derive(Debug, Clone, Copy)]
-pub struct Classifier<'a, L> {
+pub struct PacketTransfer<'a, L> {
     /// Its pieces.
     pub table: &'a L,
     /// See [`TransferPieces::narrow`](supervol_scene::transfer_function::pieces::TransferPieces::narrow).
@@ -47,7 +47,7 @@ pub trait ClassifyTask {
     /// Its result.
     type Output;
     /// See [`Task::run`](super::simd::Task::run).
-    fn run<S: Simd, L: Lookup>(self, classifier: &Classifier<'_, L>) -> Self::Output;
+    fn run<S: Simd, L: PieceLookup>(self, classifier: &PacketTransfer<'_, L>) -> Self::Output;
 }
 
 /// Cost and accuracy of integration.
@@ -124,9 +124,9 @@ impl Queues {
 /// # Safety
 /// Rays that the host lends keep to the promise of [`Walker::new`]; `brick` walks through the brick whose voxels it holds.
 #[inline(always)]
-pub unsafe fn cast<S: Simd, L: Lookup>(
+pub unsafe fn cast<S: Simd, L: PieceLookup>(
     brick: &PacketBrick<'_>,
-    classifier: &Classifier<'_, L>,
+    classifier: &PacketTransfer<'_, L>,
     precision: Precision,
     queues: &mut Queues,
     host: &mut dyn Host,
@@ -153,9 +153,9 @@ pub unsafe fn cast<S: Simd, L: Lookup>(
 /// # Safety
 /// As for [`cast`].
 #[inline(always)]
-unsafe fn cast_packet<S: Simd, L: Lookup>(
+unsafe fn cast_packet<S: Simd, L: PieceLookup>(
     brick: &PacketBrick<'_>,
-    classifier: &Classifier<'_, L>,
+    classifier: &PacketTransfer<'_, L>,
     precision: Precision,
     (packet, stages, queues): (&mut Packet, &mut Stages<S>, &mut Queues),
     host: &mut dyn Host,
@@ -245,18 +245,18 @@ struct LaterStages<'a, S: Simd> {
 }
 
 /// Data that is the same for all cells of a round.
-pub struct Round<'a, S: Simd, L: Lookup> {
+pub struct Round<'a, S: Simd, L: PieceLookup> {
     /// The brick of the cells.
     pub brick: &'a PacketBrick<'a>,
     /// The transfer function.
-    pub classifier: &'a Classifier<'a, L>,
+    pub classifier: &'a PacketTransfer<'a, L>,
     /// The required accuracy.
     pub precision: Precision,
     /// Transmittance in front of the brick.
     pub front: S::F,
 }
 
-impl<S: Simd, L: Lookup> Round<'_, S, L> {
+impl<S: Simd, L: PieceLookup> Round<'_, S, L> {
     /// Data about the packet's rays for the later stages.
     #[inline(always)]
     fn lanes(&self, packet: &Packet, walker: &Walker<'_, S>) -> Lanes {
@@ -313,7 +313,7 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
 
     /// Integrates each cell once.
     #[inline(always)]
-    fn integrate_cells(&self, steps: &[Step<S>; ROUND], in_plane: S::M, later: LaterStages<'_, S>) {
+    fn integrate_cells(&self, steps: &[CellStep<S>; ROUND], in_plane: S::M, later: LaterStages<'_, S>) {
         let LaterStages { stages: Stages { chords, located, .. }, passed, parts, queues, work } = later;
         let shows = self.locate_cells(steps, chords, located);
         for i in 0..ROUND {
@@ -337,7 +337,7 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
     #[inline(always)]
     fn locate_cells(
         &self,
-        steps: &[Step<S>; ROUND],
+        steps: &[CellStep<S>; ROUND],
         chords: &[Chord<S>; ROUND],
         located: &mut [Located<S>; ROUND],
     ) -> [bool; ROUND] {
@@ -353,7 +353,7 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
 
     /// Integrates a cell once.
     #[inline(always)]
-    fn integrate_cell(&self, step: &Step<S>, located: &Located<S>, work: &mut RayCounters) -> Part<S> {
+    fn integrate_cell(&self, step: &CellStep<S>, located: &Located<S>, work: &mut RayCounters) -> Part<S> {
         work.samples += u64::from(2 * S::bits(step.crosses()).count_ones());
         integrate_at::<S, L>(self.classifier.table, S::splat(self.classifier.narrow), located)
     }
@@ -364,7 +364,7 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
     fn integrate_lit_cells(
         &self,
         lighting: &PacketLighting<'_>,
-        steps: &[Step<S>; ROUND],
+        steps: &[CellStep<S>; ROUND],
         walker: &Walker<'_, S>,
         later: LaterStages<'_, S>,
     ) {
@@ -413,9 +413,14 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
 
     /// Integrates each `SPAN` cells once; the cells of unsettled spans wait, one by one.
     #[inline(always)]
-    fn integrate_spans<const SPAN: usize>(&self, steps: &[Step<S>; ROUND], in_plane: S::M, later: LaterStages<'_, S>) {
+    fn integrate_spans<const SPAN: usize>(
+        &self,
+        steps: &[CellStep<S>; ROUND],
+        in_plane: S::M,
+        later: LaterStages<'_, S>,
+    ) {
         let LaterStages { stages: Stages { chords, located, .. }, passed, parts, queues, work } = later;
-        let &Classifier { table, narrow, .. } = self.classifier;
+        let &PacketTransfer { table, narrow, .. } = self.classifier;
         let mut shows = [false; ROUND];
         for first in (0..ROUND).step_by(SPAN) {
             let line = Line::over(&chords[first..first + SPAN]);
@@ -453,7 +458,7 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
     #[inline(always)]
     pub unsafe fn fetch(
         &self,
-        steps: &[Step<S>; ROUND],
+        steps: &[CellStep<S>; ROUND],
         direction: &[S::F; 3],
         chords: &mut [Chord<S>; ROUND],
         rows: &mut [Option<Rows<S>>; ROUND],
@@ -492,7 +497,7 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
     #[inline(always)]
     fn is_unsettled(
         &self,
-        step: &Step<S>,
+        step: &CellStep<S>,
         (chord, in_plane): (&Chord<S>, S::M),
         part: &Part<S>,
         per_error: S::F,
@@ -527,7 +532,7 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
     fn hand_on_span<const SPAN: usize>(
         &self,
         (first, per_error): (usize, S::F),
-        (steps, chords): (&[Step<S>; ROUND], &[Chord<S>; ROUND]),
+        (steps, chords): (&[CellStep<S>; ROUND], &[Chord<S>; ROUND]),
         part: &Part<S>,
         (crosses, in_plane): (S::M, S::M),
         parts: &mut RoundParts,
@@ -564,7 +569,7 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
 
     /// The field along a ray's chord in a cell.
     #[inline(always)]
-    fn chord(&self, cell: &Cell<S>, step: &Step<S>, direction: &[S::F; 3]) -> Chord<S> {
+    fn chord(&self, cell: &LaneCell<S>, step: &CellStep<S>, direction: &[S::F; 3]) -> Chord<S> {
         let (brick, h) = (self.brick, step.length);
         let (scale, offset) = (S::splat(brick.scale), S::splat(brick.offset));
         let travelled = [h * direction[0], h * direction[1], h * direction[2]];
@@ -585,7 +590,7 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
 #[inline(always)]
 pub fn queued<S: Simd>(
     number: usize,
-    step: &Step<S>,
+    step: &CellStep<S>,
     chord: &Chord<S>,
     part: &Part<S>,
     per_error: S::F,

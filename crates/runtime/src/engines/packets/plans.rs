@@ -9,7 +9,7 @@ use std::sync::Arc;
 use supervol_scene::transfer_function::TransferFunction;
 use supervol_scene::value_map::ValueMap;
 
-use super::leap::{Ahead, ProximityCloud};
+use super::leap::{AxisDirection, ProximityCloud};
 use super::per_brick::PerBrick;
 use super::rule::PacketRule;
 use crate::engines::blocks::BLOCK;
@@ -34,7 +34,7 @@ pub struct BrickPlan {
     /// grouping.
     pub span: usize,
     /// Which way rays go.
-    pub(super) ahead: [Ahead; 3],
+    pub(super) ahead: [AxisDirection; 3],
     /// The direction for which the span was chosen, if it was.
     pub(super) span_along: Option<[f32; 3]>,
 }
@@ -100,7 +100,7 @@ impl BrickPlans {
     pub(super) fn of(
         &self,
         brick: FieldBrick,
-        (ahead, direction): ([Ahead; 3], impl Fn() -> [f32; 3]),
+        (ahead, direction): ([AxisDirection; 3], impl Fn() -> [f32; 3]),
         make: impl FnOnce() -> BrickPlan,
     ) -> Arc<BrickPlan> {
         let is_true =

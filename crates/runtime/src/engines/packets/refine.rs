@@ -9,8 +9,8 @@
 //! packing of lanes.
 
 use super::integrate::{Chord, Part, cubic_at, cubic_through, integrate};
-use super::lookup::Lookup;
-use super::packet::{Classifier, Host, Lanes};
+use super::lookup::PieceLookup;
+use super::packet::{Host, Lanes, PacketTransfer};
 use super::pending::{PART_NUMBERS, PENDING_LIMIT, Pending};
 use super::queue::{CELL_NUMBERS, QueuedCell};
 use super::shade::{LightAt, PacketLighting};
@@ -26,7 +26,7 @@ const REFILL_SHARE: u32 = 5;
 /// Refines all waiting cells and writes their parts.
 pub struct Refine<'a, L> {
     /// The transfer function.
-    pub classifier: &'a Classifier<'a, L>,
+    pub classifier: &'a PacketTransfer<'a, L>,
     /// Rays of the packet.
     pub lanes: &'a Lanes,
     /// The brick's lighting, if it is shaded.
@@ -153,7 +153,7 @@ impl<S: Simd> Cuts<S> {
     }
 }
 
-impl<L: Lookup> Task for Refine<'_, L> {
+impl<L: PieceLookup> Task for Refine<'_, L> {
     type Output = RayCounters;
 
     #[inline(always)]
@@ -181,7 +181,7 @@ impl<L: Lookup> Task for Refine<'_, L> {
     }
 }
 
-impl<L: Lookup> Refine<'_, L> {
+impl<L: PieceLookup> Refine<'_, L> {
     /// Moves cells from number `first` on into the idle lanes; returns their number.
     #[inline(always)]
     fn refill<S: Simd>(&self, cuts: &mut Cuts<S>, first: usize) -> usize {
@@ -255,7 +255,7 @@ impl<L: Lookup> Refine<'_, L> {
     /// Integrates the next part of each cell, and takes it or halves it.
     #[inline(always)]
     fn cut<S: Simd>(&self, cuts: &mut Cuts<S>) {
-        let &Classifier { table, narrow, .. } = self.classifier;
+        let &PacketTransfer { table, narrow, .. } = self.classifier;
         let trial = cuts.next_part();
         let mut along = [cuts.light; 3];
         if let Some(lighting) = self.lighting {

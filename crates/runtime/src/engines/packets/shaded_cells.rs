@@ -12,7 +12,7 @@ use super::queue::{Queue, QueuedCell};
 use super::shade::{LightAt, PacketLighting, transform};
 use super::simd::{LANES_LIMIT, Simd, Task, TaskOf, exp_minus, for_three};
 use super::turning::{SettleLight, TurningCells};
-use super::walk::{PacketBrick, ROUND, Step, Walker, places_along};
+use super::walk::{CellStep, PacketBrick, ROUND, Walker, places_along};
 use crate::engines::rules::REST_SHARE;
 
 /// A gradient in world space at the beginning, the middle and the end of a part.
@@ -132,7 +132,7 @@ pub struct ShadeRound<'a, S: Simd> {
     /// Shader of the brick's cells.
     pub shader: CellShader<'a>,
     /// The round.
-    pub steps: &'a [Step<S>; ROUND],
+    pub steps: &'a [CellStep<S>; ROUND],
     /// Its rays.
     pub walker: &'a Walker<'a, S>,
     /// Visible lanes, step by step.

@@ -289,7 +289,7 @@ mod tests {
     use supervol_scene::clip::{Clip, ToIndex, cut, slab};
 
     use super::super::begin::MakeRays;
-    use super::super::leap::Ahead;
+    use super::super::leap::AxisDirection;
     use super::super::simd::{InstructionSet, dispatch};
     use super::super::tile::IndexBox;
     use super::*;
@@ -305,7 +305,7 @@ mod tests {
     }
 
     fn brick_of(shown: Vec<bool>, projector: &Projector, set: InstructionSet, scale: f64) -> Brick {
-        let cloud = ProximityCloud::<BLOCK>::of_shown(BLOCKS, [Ahead::Both; 3], shown.iter().copied());
+        let cloud = ProximityCloud::<BLOCK>::of_shown(BLOCKS, [AxisDirection::Both; 3], shown.iter().copied());
         let grid = BrickGrid { inverse_scale: [1.0 / scale; 3], start: START };
         let made = dispatch(set, MakeSilhouette { projector, grid: &grid, cloud: &cloud });
         Brick { shown, grid, silhouette: made.expect("few blocks show") }
@@ -390,7 +390,7 @@ mod tests {
     #[test]
     fn there_are_no_silhouettes_of_what_shows_nearly_everywhere() {
         let cloud = |shows: fn(usize) -> bool| {
-            ProximityCloud::<BLOCK>::of_shown([16; 3], [Ahead::Both; 3], (0..4096).map(shows))
+            ProximityCloud::<BLOCK>::of_shown([16; 3], [AxisDirection::Both; 3], (0..4096).map(shows))
         };
         assert_eq!(cubes_that_show(&cloud(|i| i % 2 == 0)), None);
         let (side, cubes) = cubes_that_show(&cloud(|i| i % 4 == 0)).expect("a quarter shows");
@@ -403,9 +403,12 @@ mod tests {
         assert_eq!((side, cubes), (BLOCK as f64, vec![[1, 1, 0]]));
         let full = Silhouette::new(MOST_BOXES, 0.0);
         assert_eq!(full.bytes(), Silhouette::most_bytes(64));
-        let (_, cubes) =
-            cubes_that_show(&ProximityCloud::<BLOCK>::of_shown([4; 3], [Ahead::Both; 3], (0..64).map(|i| i % 3 == 1)))
-                .expect("a third shows");
+        let (_, cubes) = cubes_that_show(&ProximityCloud::<BLOCK>::of_shown(
+            [4; 3],
+            [AxisDirection::Both; 3],
+            (0..64).map(|i| i % 3 == 1),
+        ))
+        .expect("a third shows");
         assert_eq!(Silhouette::new(cubes.len(), 0.0).bytes(), Silhouette::most_bytes(4 * BLOCK));
     }
 }

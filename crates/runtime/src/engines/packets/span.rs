@@ -9,8 +9,8 @@
 //! casting.
 
 use super::integrate::{Chord, Line, integrate_at, locate};
-use super::lookup::Lookup;
-use super::packet::{Classifier, ClassifyTask, Precision, Round};
+use super::lookup::PieceLookup;
+use super::packet::{ClassifyTask, PacketTransfer, Precision, Round};
 use super::simd::{LANES_LIMIT, Simd};
 use super::walk::{Packet, PacketBrick, ROUND, Walker};
 
@@ -44,7 +44,7 @@ impl ClassifyTask for ChooseSpan<'_> {
     type Output = usize;
 
     #[inline(always)]
-    fn run<S: Simd, L: Lookup>(self, classifier: &Classifier<'_, L>) -> usize {
+    fn run<S: Simd, L: PieceLookup>(self, classifier: &PacketTransfer<'_, L>) -> usize {
         let mut tried = [Tried::default(); SPANS.len()];
         for first in (0..SAMPLES).step_by(S::LANES) {
             self.try_spans::<S, L>(classifier, first, &mut tried);
@@ -59,9 +59,9 @@ impl ClassifyTask for ChooseSpan<'_> {
 impl ChooseSpan<'_> {
     /// Tries all spans on the rounds of cells from sample `first` on, one in each lane.
     #[inline(always)]
-    fn try_spans<S: Simd, L: Lookup>(
+    fn try_spans<S: Simd, L: PieceLookup>(
         &self,
-        classifier: &Classifier<'_, L>,
+        classifier: &PacketTransfer<'_, L>,
         first: usize,
         tried: &mut [Tried; SPANS.len()],
     ) {

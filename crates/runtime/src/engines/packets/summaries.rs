@@ -9,7 +9,7 @@ use supervol_scene::scene::{ISO_LIMIT, Mode};
 use supervol_scene::value_map::ValueMap;
 
 use super::fetch::Stored;
-use super::leap::{Ahead, MacroRanges, ProximityCloud, macro_cells_of};
+use super::leap::{AxisDirection, MacroRanges, ProximityCloud, macro_cells_of};
 use super::per_brick::PerBrick;
 use crate::engines::ray::IsoSides;
 use crate::engines::ray_scene::RayScene;
@@ -37,7 +37,13 @@ pub struct BrickSummary {
 }
 
 impl BrickSummary {
-    pub(super) fn new(scene: &RayScene, brick: &DecodedBrick, stored: Stored, origin: f32, ahead: [Ahead; 3]) -> Self {
+    pub(super) fn new(
+        scene: &RayScene,
+        brick: &DecodedBrick,
+        stored: Stored,
+        origin: f32,
+        ahead: [AxisDirection; 3],
+    ) -> Self {
         let numbers = Numbers::new(scene, brick, stored, origin);
         let ranges: Vec<[f32; 2]> = brick.macro_ranges.iter().map(|&range| numbers.range(range)).collect();
         let thresholds: Vec<f32> = scene.iso.iter().map(|surface| numbers.threshold(surface.value)).collect();

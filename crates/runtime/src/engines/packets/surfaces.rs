@@ -15,11 +15,11 @@ use supervol_format::brick::MACRO_CELL;
 use super::fetch::Corners;
 use super::leap::{MacroRanges, ProximityCloud};
 use super::simd::{LANES_LIMIT, Simd, lanes};
-use super::values::{Chord, Gather, Rays, ValuePacket, greatest, holes, least};
-use super::walk::Step;
+use super::values::{Gather, ValueChord, ValuePacket, ValueRays, greatest, holes, least};
+use super::walk::CellStep;
 use crate::engines::rules::{POSITION_ERROR, VALUE_ERROR};
 
-/// The numbers between which each ray meets no surface: numbers 0 and 1 of a ray, see [`super::values::Host::bounds`].
+/// The numbers between which each ray meets no surface: numbers 0 and 1 of a ray, see [`super::values::ValueHost::bounds`].
 pub struct Surfaces<'a, S: Simd> {
     low: S::F,
     high: S::F,
@@ -66,7 +66,7 @@ impl<'a, S: Simd> Surfaces<'a, S> {
 
     /// Handles cells in which some rays meet a surface or learn their side. Rays of `passes` pass a range if they can.
     #[inline(always)]
-    fn meet(&mut self, rays: &mut Rays<'_, S>, asks: S::M, passes: S::M, [low, high]: [S::F; 2], base: S::I) {
+    fn meet(&mut self, rays: &mut ValueRays<'_, S>, asks: S::M, passes: S::M, [low, high]: [S::F; 2], base: S::I) {
         let mut range = [[0.0; LANES_LIMIT]; 2];
         S::store(low, &mut range[0]);
         S::store(high, &mut range[1]);
@@ -93,7 +93,7 @@ impl<S: Simd> Gather<S> for Surfaces<'_, S> {
     }
 
     #[inline(always)]
-    fn leap(&mut self, rays: &mut Rays<'_, S>) {
+    fn leap(&mut self, rays: &mut ValueRays<'_, S>) {
         rays.walker.finish(self.done());
         let Some((cloud, ranges)) = self.quiet else { return };
         loop {
@@ -121,7 +121,7 @@ impl<S: Simd> Gather<S> for Surfaces<'_, S> {
     }
 
     #[inline(always)]
-    fn gather(&mut self, rays: &mut Rays<'_, S>, corners: &Corners<S>, step: &Step<S>, crosses: S::M) {
+    fn gather(&mut self, rays: &mut ValueRays<'_, S>, corners: &Corners<S>, step: &CellStep<S>, crosses: S::M) {
         let (least, greatest) = (least::<S>(corners), greatest::<S>(corners));
         let zero = S::splat(0.0);
         let [low, high] = if self.is_turned { [zero - greatest, zero - least] } else { [least, greatest] };
@@ -136,7 +136,7 @@ impl<S: Simd> Gather<S> for Surfaces<'_, S> {
         if S::bits(asks) == 0 {
             return;
         }
-        let chord = Chord::<S>::new(corners, step, &rays.walker.direction);
+        let chord = ValueChord::<S>::new(corners, step, &rays.walker.direction);
         let [least, greatest] = chord.range();
         let [chord_low, chord_high] = if self.is_turned { [zero - greatest, zero - least] } else { [least, greatest] };
         let size = S::max(S::abs(low), S::abs(high)) + S::splat(self.offset_size);

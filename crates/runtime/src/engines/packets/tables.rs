@@ -13,10 +13,10 @@ use supervol_scene::transfer_function::pieces::TransferPieces;
 
 use super::blocks::cloud_of_blocks;
 use super::fetch::BrickVoxels;
-use super::leap::Ahead;
+use super::leap::AxisDirection;
 use super::lookup::{FewPieces, ManyPieces};
-use super::order::{View, ways_through};
-use super::packet::{Classifier, ClassifyTask, Precision};
+use super::order::{RayOrigin, ways_through};
+use super::packet::{ClassifyTask, PacketTransfer, Precision};
 use super::per_brick::PerBrick;
 use super::plans::{BrickPlan, BrickPlans, LEAST_LEAPT, Made};
 use super::rule::PacketRule;
@@ -40,12 +40,12 @@ pub struct PacketTables {
     pub(super) pieces: TransferPieces,
     /// The render value from which packets and their pieces count.
     pub(super) origin: f32,
-    table: Table,
+    table: PieceTable,
     pub(super) set: InstructionSet,
     pub(super) precision: Precision,
     /// What a pixel may be off by.
     pub(super) max_error: f64,
-    pub(super) view: View,
+    pub(super) view: RayOrigin,
     pub(super) pixel_rays: PixelRays,
     pub(super) to_index: ToIndex,
     /// Of bricks, in mode `dvr`.
@@ -71,13 +71,13 @@ const FEW_LANES: usize = 4;
 
 /// The pieces in the smallest table that holds them.
 #[derive(Debug)]
-enum Table {
+enum PieceTable {
     UpTo16(Box<FewPieces<16>>),
     UpTo32(Box<FewPieces<32>>),
     Many,
 }
 
-impl Table {
+impl PieceTable {
     fn new(pieces: &TransferPieces) -> Self {
         let up_to_16 = FewPieces::new(pieces).map(|few| Self::UpTo16(Box::new(few)));
         let up_to_32 = || FewPieces::new(pieces).map(|few| Self::UpTo32(Box::new(few)));
@@ -99,12 +99,12 @@ impl<T: ClassifyTask> Task for WithTable<'_, T> {
         let Self { tables: PacketTables { pieces, table, .. }, task } = self;
         let TransferPieces { narrow, clear, .. } = *pieces;
         if S::LANES <= FEW_LANES {
-            return task.run::<S, _>(&Classifier { table: &ManyPieces::new(pieces), narrow, clear });
+            return task.run::<S, _>(&PacketTransfer { table: &ManyPieces::new(pieces), narrow, clear });
         }
         match table {
-            Table::UpTo16(few) => task.run::<S, _>(&Classifier { table: &**few, narrow, clear }),
-            Table::UpTo32(few) => task.run::<S, _>(&Classifier { table: &**few, narrow, clear }),
-            Table::Many => task.run::<S, _>(&Classifier { table: &ManyPieces::new(pieces), narrow, clear }),
+            PieceTable::UpTo16(few) => task.run::<S, _>(&PacketTransfer { table: &**few, narrow, clear }),
+            PieceTable::UpTo32(few) => task.run::<S, _>(&PacketTransfer { table: &**few, narrow, clear }),
+            PieceTable::Many => task.run::<S, _>(&PacketTransfer { table: &ManyPieces::new(pieces), narrow, clear }),
         }
     }
 }
@@ -123,11 +123,11 @@ impl PacketTables {
         let ray = scene.camera.ray(0, 0);
         let index_ray = IndexRay::new(&ray, &scene.geometry);
         let view = match scene.camera.projection {
-            Projection::Perspective { .. } => View::Eye(DVec3::from_array(index_ray.origin)),
-            Projection::Orthographic { .. } => View::Direction(DVec3::from_array(index_ray.direction)),
+            Projection::Perspective { .. } => RayOrigin::Eye(DVec3::from_array(index_ray.origin)),
+            Projection::Orthographic { .. } => RayOrigin::Direction(DVec3::from_array(index_ray.direction)),
         };
         Self {
-            table: Table::new(&pieces),
+            table: PieceTable::new(&pieces),
             pieces,
             origin,
             set,
@@ -205,8 +205,8 @@ impl PacketTables {
         let core = scene.pyramid.core_box(key);
         let middle = DVec3::from_array(std::array::from_fn(|a| scale[a] * 0.5 * (core.start[a] + core.end[a]) as f64));
         let direction = match self.view {
-            View::Direction(direction) => direction,
-            View::Eye(eye) => middle - eye,
+            RayOrigin::Direction(direction) => direction,
+            RayOrigin::Eye(eye) => middle - eye,
         };
         let world: DVec3 = scene.geometry.linear() * direction;
         let per_world = 1.0 / world.length();
@@ -220,7 +220,12 @@ impl PacketTables {
         self.plans.of(scene.field.brick(key), (ahead, direction), || self.make_plan(scene, (key, ahead), brick))
     }
 
-    fn make_plan(&self, scene: &RayScene, (key, ahead): (BrickKey, [Ahead; 3]), brick: &DecodedBrick) -> BrickPlan {
+    fn make_plan(
+        &self,
+        scene: &RayScene,
+        (key, ahead): (BrickKey, [AxisDirection; 3]),
+        brick: &DecodedBrick,
+    ) -> BrickPlan {
         let shows = |[low, high]: [f32; 2]| scene.transfer_function.is_visible(low, high);
         let cloud = cloud_of_blocks(brick, APRON, ahead, &scene.map, shows);
         let leaps = LEAST_LEAPT * cloud.cubes() as f64 <= cloud.hidden as f64;
@@ -236,7 +241,7 @@ impl PacketTables {
     }
 
     /// Which way rays may go in a brick.
-    pub(super) fn ahead(&self, scene: &RayScene, key: BrickKey) -> [Ahead; 3] {
+    pub(super) fn ahead(&self, scene: &RayScene, key: BrickKey) -> [AxisDirection; 3] {
         ways_through(&scene.pyramid, key, self.view)
     }
 }

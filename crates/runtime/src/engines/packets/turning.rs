@@ -95,7 +95,7 @@ impl TurningCells {
 
     /// Adds to a lane's error the light that its positions miss.
     #[inline(always)]
-    fn add_missed<S: Simd>(&mut self, lighting: &PacketLighting<'_>, lane: usize, places: &Places) {
+    fn add_missed<S: Simd>(&mut self, lighting: &PacketLighting<'_>, lane: usize, places: &CellLight) {
         let missed = missed::<S>(lighting, self.uneven[lane], places);
         self.error[lane] += self.opacity[lane] * missed.min(1.0);
     }
@@ -131,7 +131,7 @@ pub struct SettleLight<'a> {
 }
 
 /// Light along one cell.
-struct Places {
+struct CellLight {
     /// Light of the brightest channel, and light without colour.
     brightest: PerPlace,
     specular: PerPlace,
@@ -139,7 +139,7 @@ struct Places {
     nearest: PerPlace,
 }
 
-impl Places {
+impl CellLight {
     const NOTHING: Self = {
         let nothing = [0.0; 2 * PLACES];
         Self { brightest: nothing, specular: nothing, normal: [nothing; 3], nearest: nothing }
@@ -151,7 +151,7 @@ impl Task for SettleLight<'_> {
 
     #[inline(always)]
     fn run<S: Simd>(self) {
-        let mut places = [Places::NOTHING; 2];
+        let mut places = [CellLight::NOTHING; 2];
         let (mut before, mut last) = (None, 0);
         for (number, lane) in lanes(self.lanes).enumerate() {
             let [here, there] = &mut places;
@@ -174,7 +174,12 @@ impl Task for SettleLight<'_> {
 
 /// The mean colour of a lane's cell with light; writes the light at its positions.
 #[inline(always)]
-fn light<S: Simd>(lighting: &PacketLighting<'_>, cells: &TurningCells, lane: usize, places: &mut Places) -> [f32; 3] {
+fn light<S: Simd>(
+    lighting: &PacketLighting<'_>,
+    cells: &TurningCells,
+    lane: usize,
+    places: &mut CellLight,
+) -> [f32; 3] {
     let zero = S::splat(0.0);
     let plain = for_three!(c => S::splat(cells.plain[c][lane]));
     let strongest = S::max(S::max(plain[0], plain[1]), plain[2]);
@@ -208,7 +213,7 @@ fn light<S: Simd>(lighting: &PacketLighting<'_>, cells: &TurningCells, lane: usi
 
 /// Light of a cell that its positions miss, over its opacity.
 #[inline(always)]
-fn missed<S: Simd>(lighting: &PacketLighting<'_>, uneven: f32, places: &Places) -> f32 {
+fn missed<S: Simd>(lighting: &PacketLighting<'_>, uneven: f32, places: &CellLight) -> f32 {
     let (zero, one) = (S::splat(0.0), S::splat(1.0));
     let mut sum = zero;
     for first in (0..PLACES).step_by(S::LANES) {
@@ -257,7 +262,7 @@ mod tests {
     use crate::engines::cells::shade::Lighting;
 
     /// The light along one cell, settled: colour and error; and its mean over many positions.
-    struct Cell<'a> {
+    struct LitCell<'a> {
         lighting: &'a PacketLighting<'a>,
         /// Gradient at beginning, middle and end, and its cubic coefficients.
         gradients: [[f32; 3]; 4],
@@ -265,7 +270,7 @@ mod tests {
         front_share: f32,
     }
 
-    impl Task for Cell<'_> {
+    impl Task for LitCell<'_> {
         type Output = ([f32; 3], f32, [f64; 3]);
 
         #[inline(always)]
@@ -337,7 +342,7 @@ mod tests {
             let lighting = PacketLighting::new(&lighting, &geometry, [1; 3], 1.0);
             let (plain, front_share) = ([random(), random(), 1.0], random());
             for set in InstructionSet::available() {
-                let cell = Cell { lighting: &lighting, gradients, plain, front_share };
+                let cell = LitCell { lighting: &lighting, gradients, plain, front_share };
                 let (color, stated, exact) = super::super::simd::dispatch(set, cell);
                 let missed = (0..3).map(|c| (f64::from(color[c]) - exact[c]).abs()).fold(0.0, f64::max);
                 assert!(missed <= 2e-5 + 1.2 * f64::from(stated), "{set:?}: {missed} missed, {stated} stated");

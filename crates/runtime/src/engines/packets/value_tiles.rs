@@ -10,7 +10,7 @@ use super::summaries::{BrickSummary, Numbers};
 use super::surfaces::Surfaces;
 use super::tables::packet_brick;
 use super::tile::{BrickGrid, TileRays};
-use super::values::{Extreme, Host, Mean, ValuePacket, cast};
+use super::values::{Extreme, Mean, ValueHost, ValuePacket, cast};
 use super::visit::{CastTile, cast_ray};
 use super::walk::PacketBrick;
 use crate::engines::cells::{CellByCell, CellRule, Integrator, LevelVisit, gather_exact_cell};
@@ -40,7 +40,7 @@ impl CastTile<'_> {
         }
         let packet_brick = PacketBrick { centre: summary.numbers.centre, ..packet_brick };
         let corner = self.corner;
-        let host = TileHost { frame, key, brick, summary: &summary, grid, corner, rays: self.rays, next: 0 };
+        let host = ValueTileHost { frame, key, brick, summary: &summary, grid, corner, rays: self.rays, next: 0 };
         let work = dispatch(tables.set, GatherBrick { packet_brick, host });
         self.feedback.counters.add(&work);
     }
@@ -101,7 +101,7 @@ impl CastTile<'_> {
 /// Casts the rays of a tile that meet a brick, packet by packet.
 struct GatherBrick<'a> {
     packet_brick: PacketBrick<'a>,
-    host: TileHost<'a>,
+    host: ValueTileHost<'a>,
 }
 
 impl Task for GatherBrick<'_> {
@@ -140,7 +140,7 @@ impl Task for GatherBrick<'_> {
 }
 
 /// Host of the rays of a tile that meet a brick.
-struct TileHost<'a> {
+struct ValueTileHost<'a> {
     frame: &'a PacketFrame,
     key: BrickKey,
     brick: &'a DecodedBrick,
@@ -153,7 +153,7 @@ struct TileHost<'a> {
     next: usize,
 }
 
-impl TileHost<'_> {
+impl ValueTileHost<'_> {
     /// Adds to a ray its part of the mean.
     fn add_integral(&mut self, ray: usize, [integral, present, absent]: [f32; 3], length: f64) {
         if present == 0.0 {
@@ -171,7 +171,7 @@ impl TileHost<'_> {
     }
 }
 
-impl Host for TileHost<'_> {
+impl ValueHost for ValueTileHost<'_> {
     fn lend(&mut self, lane: usize, packet: &mut ValuePacket) -> bool {
         let Some(&ray) = self.rays.hits().get(self.next) else { return false };
         self.rays.pack(self.next, &self.grid, lane, &mut packet.way);

@@ -8,14 +8,14 @@
 //! - `mean`: two values at Gauss's points, which give the integral of a cubic exactly.
 //!
 //! The same cells change a ray whether it leaps or walks: no bit depends on skipping. Cells with holes change nothing.
-//! A [`Host`] settles in `f64` what `f32` cannot decide: holes beside a ray that runs exactly in a plane of voxels.
+//! A [`ValueHost`] settles in `f64` what `f32` cannot decide: holes beside a ray that runs exactly in a plane of voxels.
 
 use supervol_format::brick::MACRO_CELL;
 
-use super::fetch::{Cell, Corners};
+use super::fetch::{Corners, LaneCell};
 use super::leap::{MacroRanges, ProximityCloud};
 use super::simd::{LANES_LIMIT, Simd, lanes};
-use super::walk::{Packet, PacketBrick, PerLane, ROUND, Step, Walker};
+use super::walk::{CellStep, Packet, PacketBrick, PerLane, ROUND, Walker};
 use crate::engines::rules::POSITION_ERROR;
 use crate::stream::counters::RayCounters;
 
@@ -40,7 +40,7 @@ impl Default for ValuePacket {
 }
 
 /// Host: source and destination of rays, with access to them in `f64`.
-pub trait Host {
+pub trait ValueHost {
     /// Writes the next ray into a lane; false if there are no more.
     fn lend(&mut self, lane: usize, packet: &mut ValuePacket) -> bool;
 
@@ -60,7 +60,7 @@ pub trait Host {
 }
 
 /// Rays in a brick, with their host.
-pub struct Rays<'a, S: Simd> {
+pub struct ValueRays<'a, S: Simd> {
     /// The brick.
     pub brick: &'a PacketBrick<'a>,
     /// Their positions.
@@ -68,12 +68,12 @@ pub struct Rays<'a, S: Simd> {
     /// Their numbers in the tile.
     pub numbers: [u16; LANES_LIMIT],
     /// Their host.
-    pub host: &'a mut dyn Host,
+    pub host: &'a mut dyn ValueHost,
     /// Counters.
     pub work: RayCounters,
 }
 
-impl<S: Simd> Rays<'_, S> {
+impl<S: Simd> ValueRays<'_, S> {
     /// Settles a cell in `f64` for the rays of the mask.
     #[inline(always)]
     pub fn settle(&mut self, mask: u32, base: S::I) {
@@ -124,10 +124,10 @@ pub trait Gather<S: Simd> {
     fn begin(&mut self, packet: &ValuePacket);
 
     /// Leaps rays over cells that change nothing, and ends finished rays.
-    fn leap(&mut self, rays: &mut Rays<'_, S>);
+    fn leap(&mut self, rays: &mut ValueRays<'_, S>);
 
     /// Gathers over the next cell of each ray; rays not in `crosses` have none.
-    fn gather(&mut self, rays: &mut Rays<'_, S>, corners: &Corners<S>, step: &Step<S>, crosses: S::M);
+    fn gather(&mut self, rays: &mut ValueRays<'_, S>, corners: &Corners<S>, step: &CellStep<S>, crosses: S::M);
 
     /// Stores the numbers of the rays in the packet.
     fn end(&self, packet: &mut ValuePacket);
@@ -138,7 +138,11 @@ pub trait Gather<S: Simd> {
 /// # Safety
 /// As for [`super::packet::cast`]; macro ranges and clouds that `gather` leaps by are the brick's.
 #[inline(always)]
-pub unsafe fn cast<S: Simd, G: Gather<S>>(brick: &PacketBrick<'_>, gather: &mut G, host: &mut dyn Host) -> RayCounters {
+pub unsafe fn cast<S: Simd, G: Gather<S>>(
+    brick: &PacketBrick<'_>,
+    gather: &mut G,
+    host: &mut dyn ValueHost,
+) -> RayCounters {
     let mut packet = ValuePacket::default();
     let mut work = RayCounters::default();
     loop {
@@ -150,7 +154,7 @@ pub unsafe fn cast<S: Simd, G: Gather<S>>(brick: &PacketBrick<'_>, gather: &mut 
         gather.begin(&packet);
         // SAFETY: the caller's promise.
         let walker = unsafe { Walker::<S>::new(&packet.way, &brick.walked) };
-        let mut rays = Rays { brick, walker, numbers: packet.way.rays, host: &mut *host, work };
+        let mut rays = ValueRays { brick, walker, numbers: packet.way.rays, host: &mut *host, work };
         // SAFETY: the caller's promise.
         unsafe { cast_packet::<S, G>(&mut rays, gather) };
         work = rays.work;
@@ -164,7 +168,7 @@ pub unsafe fn cast<S: Simd, G: Gather<S>>(brick: &PacketBrick<'_>, gather: &mut 
 /// # Safety
 /// As for [`cast`].
 #[inline(always)]
-unsafe fn cast_packet<S: Simd, G: Gather<S>>(rays: &mut Rays<'_, S>, gather: &mut G) {
+unsafe fn cast_packet<S: Simd, G: Gather<S>>(rays: &mut ValueRays<'_, S>, gather: &mut G) {
     let (brick, zero) = (rays.brick, S::splat(0.0));
     loop {
         gather.leap(rays);
@@ -189,8 +193,8 @@ unsafe fn cast_packet<S: Simd, G: Gather<S>>(rays: &mut Rays<'_, S>, gather: &mu
 }
 
 /// The field along rays' chords in a cell.
-pub struct Chord<S: Simd> {
-    cell: Cell<S>,
+pub struct ValueChord<S: Simd> {
+    cell: LaneCell<S>,
     /// Entry position.
     entry: [S::F; 3],
     /// Vector from there to the exit, in cells.
@@ -198,10 +202,10 @@ pub struct Chord<S: Simd> {
     ends: [S::F; 2],
 }
 
-impl<S: Simd> Chord<S> {
+impl<S: Simd> ValueChord<S> {
     /// The chords of a step.
     #[inline(always)]
-    pub fn new(corners: &Corners<S>, step: &Step<S>, direction: &[S::F; 3]) -> Self {
+    pub fn new(corners: &Corners<S>, step: &CellStep<S>, direction: &[S::F; 3]) -> Self {
         let (mut entry, mut exit, mut travelled) = (step.fraction, step.fraction, step.fraction);
         for a in 0..3 {
             travelled[a] = step.length * direction[a];
@@ -209,7 +213,7 @@ impl<S: Simd> Chord<S> {
             entry[a] = snapped::<S>(entry[a]);
         }
         let ends = [at_exactly::<S>(corners, entry), at_exactly::<S>(corners, exit)];
-        Self { cell: Cell::new(corners), entry: step.fraction, travelled, ends }
+        Self { cell: LaneCell::new(corners), entry: step.fraction, travelled, ends }
     }
 
     /// The value at u in [0, 1].
@@ -308,7 +312,7 @@ impl<S: Simd> Gather<S> for Extreme<'_, S> {
 
     /// Leaps over macro cells that cannot exceed the ray's extreme, one at a time.
     #[inline(always)]
-    fn leap(&mut self, rays: &mut Rays<'_, S>) {
+    fn leap(&mut self, rays: &mut ValueRays<'_, S>) {
         let Some(ranges) = self.ranges else { return };
         loop {
             let active = rays.walker.active();
@@ -325,7 +329,7 @@ impl<S: Simd> Gather<S> for Extreme<'_, S> {
     }
 
     #[inline(always)]
-    fn gather(&mut self, rays: &mut Rays<'_, S>, corners: &Corners<S>, step: &Step<S>, crosses: S::M) {
+    fn gather(&mut self, rays: &mut ValueRays<'_, S>, corners: &Corners<S>, step: &CellStep<S>, crosses: S::M) {
         let top = if self.is_turned { S::splat(0.0) - least::<S>(corners) } else { greatest::<S>(corners) };
         let surely = step.crosses_surely(&rays.walker.direction);
         let unsure = S::bits((rays.beside_holes(corners) | (S::lt(self.best, top) & !surely)) & crosses);
@@ -336,7 +340,7 @@ impl<S: Simd> Gather<S> for Extreme<'_, S> {
         if S::bits(may_better) == 0 {
             return;
         }
-        let [low, high] = Chord::<S>::new(corners, step, &rays.walker.direction).range();
+        let [low, high] = ValueChord::<S>::new(corners, step, &rays.walker.direction).range();
         let found = if self.is_turned { S::splat(0.0) - low } else { high };
         // Never beyond the corners: rounding must not leave their range.
         let found = S::min(found, top);
@@ -380,7 +384,7 @@ impl<S: Simd> Gather<S> for Mean<'_, S> {
     }
 
     #[inline(always)]
-    fn leap(&mut self, rays: &mut Rays<'_, S>) {
+    fn leap(&mut self, rays: &mut ValueRays<'_, S>) {
         if let Some(cloud) = self.cloud {
             // SAFETY: the cloud is the brick's.
             let leaps = unsafe { rays.walker.leap_by(cloud) };
@@ -391,14 +395,14 @@ impl<S: Simd> Gather<S> for Mean<'_, S> {
     }
 
     #[inline(always)]
-    fn gather(&mut self, rays: &mut Rays<'_, S>, corners: &Corners<S>, step: &Step<S>, crosses: S::M) {
+    fn gather(&mut self, rays: &mut ValueRays<'_, S>, corners: &Corners<S>, step: &CellStep<S>, crosses: S::M) {
         let zero = S::splat(0.0);
         let surely = step.crosses_surely(&rays.walker.direction);
         let unsure = S::bits((rays.beside_holes(corners) | !surely) & crosses);
         if unsure != 0 {
             rays.settle(unsure, step.base);
         }
-        let cell = Cell::<S>::new(corners);
+        let cell = LaneCell::<S>::new(corners);
         let weight = step.length * S::splat(0.5 * self.scale);
         let (mut integral, mut is_hole) = (self.integral, S::lt(zero, zero));
         for u in GAUSS_POINTS {

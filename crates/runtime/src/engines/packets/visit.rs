@@ -8,9 +8,9 @@ use supervol_scene::transfer_function::pieces::{CHANNELS, Column};
 
 use super::frame::PacketFrame;
 use super::leap::ProximityCloud;
-use super::lookup::Lookup;
+use super::lookup::PieceLookup;
 use super::order::{push_children, region_of};
-use super::packet::{Classifier, ClassifyTask, Host, Queues, cast};
+use super::packet::{ClassifyTask, Host, PacketTransfer, Queues, cast};
 use super::places::place_of;
 use super::shade::PacketLighting;
 use super::silhouette::{MakeSilhouette, MeetSilhouette, Silhouette};
@@ -252,7 +252,7 @@ impl ClassifyTask for CastBrick<'_> {
     type Output = RayCounters;
 
     #[inline(always)]
-    fn run<S: Simd, L: Lookup>(mut self, classifier: &Classifier<'_, L>) -> RayCounters {
+    fn run<S: Simd, L: PieceLookup>(mut self, classifier: &PacketTransfer<'_, L>) -> RayCounters {
         let precision = self.host.tables.precision;
         // SAFETY: the tile lends the parts of its rays between the faces of the brick (`TileRays::enter`), to which voxels and walk belong.
         unsafe { cast::<S, L>(&self.packet_brick, classifier, precision, self.queues, &mut self.host) }

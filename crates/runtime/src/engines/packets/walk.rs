@@ -135,7 +135,7 @@ impl PacketBrick<'_> {
 
     /// Offsets of the cells of a round; prefetches the cells of the next round.
     #[inline(always)]
-    pub fn places_of<S: Simd>(&self, steps: &[Step<S>; ROUND]) -> [Places; ROUND] {
+    pub fn places_of<S: Simd>(&self, steps: &[CellStep<S>; ROUND]) -> [Places; ROUND] {
         let mut bases = [steps[0].base; ROUND];
         for (base, step) in bases.iter_mut().zip(steps) {
             *base = step.base;
@@ -197,7 +197,7 @@ pub struct Walker<'a, S: Simd> {
 
 /// A cell on the path.
 #[derive(Clone, Copy)]
-pub struct Step<S: Simd> {
+pub struct CellStep<S: Simd> {
     /// Voxel offset of its first corner.
     pub base: S::I,
     /// Entry position in it.
@@ -206,7 +206,7 @@ pub struct Step<S: Simd> {
     pub length: S::F,
 }
 
-impl<S: Simd> Step<S> {
+impl<S: Simd> CellStep<S> {
     /// Rays that cross the cell at all.
     #[inline(always)]
     pub fn crosses(&self) -> S::M {
@@ -296,9 +296,9 @@ impl<'a, S: Simd> Walker<'a, S> {
 
     /// The next cells of a round.
     #[inline(always)]
-    pub fn round(&mut self) -> [Step<S>; ROUND] {
+    pub fn round(&mut self) -> [CellStep<S>; ROUND] {
         let zero = S::splat(0.0);
-        let mut steps = [Step { base: self.base, fraction: [zero; 3], length: zero }; ROUND];
+        let mut steps = [CellStep { base: self.base, fraction: [zero; 3], length: zero }; ROUND];
         for step in &mut steps {
             *step = self.step();
         }
@@ -307,14 +307,14 @@ impl<'a, S: Simd> Walker<'a, S> {
 
     /// Advances by one cell; lanes that have left the brick stay, with length 0.
     #[inline(always)]
-    fn step(&mut self) -> Step<S> {
+    fn step(&mut self) -> CellStep<S> {
         let mut exits = [self.end; 3];
         for a in 0..3 {
             exits[a] = S::mul_add(self.plane[a], self.inverse[a], self.offset[a]);
         }
         let leave = S::min(S::min(exits[0], exits[1]), S::min(exits[2], self.end));
         let leave = S::max(leave, self.t);
-        let mut step = Step { base: self.base, fraction: exits, length: leave - self.t };
+        let mut step = CellStep { base: self.base, fraction: exits, length: leave - self.t };
         let goes_on = S::lt(leave, self.end);
         for a in 0..3 {
             step.fraction[a] = S::mul_add(self.t, self.direction[a], self.origin_and_ahead[a] - self.plane[a]);

@@ -10,12 +10,12 @@ use supervol_scene::image::Image;
 use supervol_scene::scene::ResolvedScene;
 use supervol_scene::units::InUnits;
 
-use super::on_device::{GpuDrawn, GpuPicture};
+use super::on_device::{GpuDrawn, GpuPicture, device_bytes};
 use super::setting::with_data_scale;
 use super::walk::FinishedBands;
 use super::{FrameWalk, plan_host_for, streamer_for};
 use crate::engines::error::EngineError;
-use crate::engines::gpu::caster::{GpuRenderer, PageEntry};
+use crate::engines::gpu::caster::{GpuRenderer, KnownAnswers, PageEntry};
 use crate::engines::gpu::deviations::DeviationOf;
 use crate::engines::gpu::device::GpuDevice;
 use crate::engines::gpu::engine::GpuEngine;
@@ -30,8 +30,7 @@ use crate::render::error::RenderError;
 use crate::render::options::RenderOptions;
 use crate::render::stats::FrameStats;
 use crate::stop::Stop;
-use crate::stream::budget::CasterBytes;
-use crate::stream::classify::may_have_holes;
+use crate::stream::classify::holes_in;
 use crate::stream::counters::DeviceCounters;
 use crate::stream::field::FieldBrick;
 use crate::stream::streamer::{OnMissing, Streamer};
@@ -131,13 +130,13 @@ impl GpuBackend {
             (caster, _) => {
                 let number = streamer.answers();
                 let answers = Some(Answers { number, lod, states_errors: options.predict_error });
-                let keeps_answers = self.answers == answers;
+                let known = if self.answers == answers { KnownAnswers::Keep } else { KnownAnswers::Forget };
                 self.answers = answers;
                 let [width, height] = scene.image_size;
                 // A picture of larger pixels leaves the memory for the next full-size one.
                 let is_as_large = self.spare.len() == width as usize * height as usize;
                 let spare = FinishedBands::over(if is_as_large { std::mem::take(&mut self.spare) } else { Vec::new() });
-                (self.begin(caster, streamer, picture, keeps_answers)?, spare)
+                (self.begin(caster, streamer, picture, known)?, spare)
             }
         };
         let mut walk =
@@ -164,7 +163,7 @@ impl GpuBackend {
         caster: Option<GpuEngine>,
         streamer: &mut Streamer,
         picture: &GpuPicture<'_>,
-        keeps_answers: bool,
+        known: KnownAnswers,
     ) -> Result<GpuEngine, RenderError> {
         let GpuPicture { scene, options, .. } = *picture;
         let container = streamer.container();
@@ -188,7 +187,7 @@ impl GpuBackend {
                 let before = renderer.stats().counters;
                 renderer.set_max_error(options.max_error);
                 renderer.set_deviations(deviation_of());
-                let has_room = renderer.set_scene(&volume, scene, lod, keeps_answers)?;
+                let has_room = renderer.set_scene(&volume, scene, lod, known)?;
                 has_room.then_some((renderer, before, answered))
             }
             None => None,
@@ -212,13 +211,13 @@ impl GpuBackend {
                 (renderer, DeviceCounters::default(), BTreeSet::new())
             }
         };
-        if !keeps_answers {
+        if known == KnownAnswers::Forget {
             let is_too_coarse = |key: &FieldBrick| streamer.is_too_coarse(*key);
             let keys: Vec<FieldBrick> = renderer.resident().filter(is_too_coarse).collect();
             keys.into_iter().for_each(|key| renderer.set_state(key.brick, PageEntry::TooCoarse));
         }
         let mut caster = GpuEngine::new(renderer, scene.rays(), picture.stops(), deviations, before);
-        if keeps_answers {
+        if known == KnownAnswers::Keep {
             caster.set_answered(answered);
         } else {
             let again = streamer.answer_again(answered);
@@ -243,7 +242,7 @@ fn with_what_fits<T>(memory: &mut u64, make: impl Fn(u64) -> Result<T, GpuError>
 /// Function that computes deviations of bricks from the table of contents.
 fn deviation_of(container: Arc<Container>, deviations: Arc<Deviations>) -> DeviationOf {
     Box::new(move |key| match container.entry(key) {
-        Ok(entry) => deviations.of(key, &entry, may_have_holes(&container, key, &entry)),
+        Ok(entry) => deviations.of(key, &entry, holes_in(&container, key, &entry)),
         Err(_) => Deviation::UNKNOWN,
     })
 }
@@ -260,13 +259,7 @@ pub fn render_gpu_surviving(
     scene: &ResolvedScene,
     options: &RenderOptions,
 ) -> Result<(Image, FrameStats), RenderError> {
-    let plan = plan_host_for(
-        CasterBytes::on_device(options.predict_error),
-        container,
-        scene,
-        options,
-        options.time_budget_ms.is_some(),
-    )?;
+    let plan = plan_host_for(device_bytes(options), container, scene, options, options.time_budget_ms.is_some())?;
     let stop = Stop::at(options.time_budget_ms.map(|ms| Instant::now() + Duration::from_millis(ms)));
     let mut streamer = streamer_for(container, scene, options, plan);
     let before = FrameStats::default();

@@ -12,15 +12,11 @@
 //! in which bricks arrive. With a deadline, rays that still wait continue through coarser bricks, or pause, as
 //! [`crate::render::renderer`] decides.
 
-pub mod check;
 pub mod cpu;
 #[cfg_attr(not(feature = "gpu"), path = "no_gpu.rs")]
 pub(crate) mod gpu;
 pub(crate) mod on_device;
-pub mod predict;
-pub mod reference;
 pub mod setting;
-pub mod stated;
 pub mod walk;
 
 pub use crate::render::error::RenderError;
@@ -28,7 +24,6 @@ pub use crate::render::options::{Backend, LevelChoice, OnProgress, Progress, Ren
 pub(crate) use cpu::cpu_frame_of;
 pub use cpu::{cpu_frame, render_cpu};
 pub use gpu::render_gpu_surviving;
-pub(crate) use reference::render_from_reference;
 pub(crate) use setting::plan_host_for;
 pub use setting::{classifier_for, plan_host, streamer_for};
 pub use walk::{FrameWalk, PASS_LIMIT};

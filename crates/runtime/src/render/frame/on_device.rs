@@ -13,7 +13,7 @@ use crate::engines::totals::ErrorsByReason;
 use crate::render::options::RenderOptions;
 use crate::render::stats::FrameStats;
 use crate::stop::Stop;
-use crate::stream::budget::HostPlan;
+use crate::stream::budget::{EngineBytes, HostPlan};
 
 /// What a picture is made from.
 pub(crate) struct GpuPicture<'a> {
@@ -48,4 +48,9 @@ impl GpuPicture<'_> {
     pub(super) fn stops(&self) -> WhenToStop {
         WhenToStop { stop: self.stop.clone(), is_paused_when_due: self.is_paused_when_due }
     }
+}
+
+/// Host memory of the device's engine.
+pub(crate) fn device_bytes(options: &RenderOptions) -> EngineBytes {
+    if options.predict_error { EngineBytes::STATED_BY_DEVICE } else { EngineBytes::NONE }
 }

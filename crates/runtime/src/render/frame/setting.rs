@@ -11,7 +11,7 @@ use supervol_scene::units::InUnits;
 use crate::lod::LodRule;
 use crate::lod::by_error::{DataScale, LevelsByError};
 use crate::render::options::{LevelChoice, RenderOptions};
-use crate::stream::budget::{BrickBytes, BudgetError, CasterBytes, Demand, HostPlan};
+use crate::stream::budget::{BrickBytes, BudgetError, Demand, EngineBytes, HostPlan};
 use crate::stream::classify::Classifier;
 use crate::stream::priority::BrickOrder;
 use crate::stream::streamer::Streamer;
@@ -25,13 +25,13 @@ pub fn plan_host(
     scene: &ResolvedScene,
     options: &RenderOptions,
 ) -> Result<HostPlan, BudgetError> {
-    let caster = options.ray_caster().bytes(container.pyramid().layout().core());
-    plan_host_for(caster, container, scene, options, options.time_budget_ms.is_some())
+    let engine = options.ray_caster().bytes(container.pyramid().layout().core());
+    plan_host_for(engine, container, scene, options, options.time_budget_ms.is_some())
 }
 
-/// Divides the host budget for a frame with this ray caster, with or without a deadline.
+/// Divides the host budget for a frame with an engine of this memory, with or without a deadline.
 pub(crate) fn plan_host_for(
-    caster: CasterBytes,
+    engine: EngineBytes,
     container: &Container,
     scene: &ResolvedScene,
     options: &RenderOptions,
@@ -40,7 +40,7 @@ pub(crate) fn plan_host_for(
     let demand = Demand {
         image_size: scene.image_size,
         subgrid: scene.subgrid,
-        caster,
+        engine,
         brick: BrickBytes::of(container),
         has_deadline,
         threads: rayon::current_num_threads() as u64,

@@ -6,9 +6,10 @@ use std::time::{Duration, Instant};
 use supervol_format::Lod;
 use supervol_scene::image::Image;
 
-use super::{check, predict};
 use crate::engines::engine::{Advance, Engine, InSteps};
 use crate::engines::maps::Maps;
+use crate::render::accuracy::check;
+use crate::render::accuracy::predict::{self, CastFacts};
 use crate::render::error::RenderError;
 use crate::render::options::{LevelChoice, Progress, RenderOptions};
 use crate::render::stats::FrameStats;
@@ -46,7 +47,7 @@ pub struct FrameWalk<'a> {
 
 /// Progress through the bands of a picture that is cast with interruptions.
 #[derive(Debug, Clone, Default)]
-pub struct Bands {
+pub struct BandProgress {
     /// Pixel rows of the band in progress; empty between two bands.
     rows: Range<u32>,
     /// Pixels of the bands before it.
@@ -183,7 +184,7 @@ impl<'a> FrameWalk<'a> {
         &mut self,
         engine: &mut dyn InSteps,
         (picture, mut maps): (&mut Image, Option<&mut Maps>),
-        bands: &mut Bands,
+        bands: &mut BandProgress,
     ) -> Result<u64, RenderError> {
         self.rows = picture.height;
         self.stop = self.stop.not_before(Instant::now() + LEAST_STEP);
@@ -210,7 +211,7 @@ impl<'a> FrameWalk<'a> {
                 self.stats.converged = false;
                 break;
             }
-            *bands = Bands { rows: bands.rows.end..bands.rows.end, written_before: written };
+            *bands = BandProgress { rows: bands.rows.end..bands.rows.end, written_before: written };
         }
         self.gather_stats(engine);
         Ok(written)
@@ -264,7 +265,7 @@ impl<'a> FrameWalk<'a> {
                 return Err(no_progress(pass, wanted, remaining));
             }
         }
-        Err(RenderError::TooManyPasses { remaining })
+        Err(RenderError::TooManyPasses { remaining, limit: PASS_LIMIT })
     }
 
     /// Runs the passes of a band until it is finished or the walk must stop; returns whether it is finished. Bricks are
@@ -286,7 +287,7 @@ impl<'a> FrameWalk<'a> {
                 return Ok(false);
             }
         }
-        Err(RenderError::TooManyPasses { remaining })
+        Err(RenderError::TooManyPasses { remaining, limit: PASS_LIMIT })
     }
 
     fn pass(&mut self, engine: &mut dyn Engine, on_missing: OnMissing) -> Result<Advance, RenderError> {
@@ -364,7 +365,12 @@ impl<'a> FrameWalk<'a> {
         let errors = totals.errors;
         self.stats.gather_engine(totals);
         let level = check::level_to_check(self.streamer.container(), self.options.level);
-        let predict = |errors| predict::predict(&errors, &self.stats, self.options, level);
+        let cast = CastFacts {
+            rays_terminated_early: self.stats.casting.rays_terminated_early,
+            fallbacks: self.stats.fallbacks,
+            is_converged: self.stats.converged,
+        };
+        let predict = |errors| predict::predict(&errors, &cast, self.options, level);
         self.stats.error_predicted = errors.map(predict);
     }
 }

@@ -8,13 +8,13 @@ use std::time::Instant;
 use supervol_scene::image::Image;
 use supervol_scene::scene::ResolvedScene;
 
-use super::drawing::{sketch_pixel, with_pixels};
-use super::resident::Resident;
 use crate::lod::LodChoice;
+use crate::render::drawing::loaded::LoadedVolume;
+use crate::render::drawing::stage::{sketch_pixel, with_pixels};
 use crate::render::error::RenderError;
 use crate::render::frame::cpu::CpuCaster;
 use crate::render::frame::cpu_frame_of;
-use crate::render::frame::walk::{Bands, FrameWalk};
+use crate::render::frame::walk::{BandProgress, FrameWalk};
 use crate::render::options::{LevelChoice, RenderOptions};
 use crate::stop::Stop;
 use crate::stream::streamer::StreamError;
@@ -36,7 +36,7 @@ pub struct Ahead {
 /// # Errors
 /// If threads cannot be started.
 pub(super) fn look_ahead(
-    resident: &mut Resident,
+    resident: &mut LoadedVolume,
     next: &ResolvedScene,
     options: &RenderOptions,
     stop: &Stop,
@@ -62,11 +62,11 @@ pub(super) fn look_ahead(
     let mut image = Image::unknown(scene.image_size);
     let streamer = resident.streamer();
     let before = streamer.counters();
-    streamer.keep_last_frame(true);
+    streamer.keep_last_frame();
     let mut walk = FrameWalk::new(streamer, plan, &options, Instant::now()).until(stop.clone());
-    let result = walk.run_over(&mut caster, (&mut image, None), &mut Bands::default());
+    let result = walk.run_over(&mut caster, (&mut image, None), &mut BandProgress::default());
     let stats = walk.into_stats();
-    streamer.keep_last_frame(false);
+    streamer.release_last_frame();
     let is_complete = match result {
         Ok(_) => stats.converged,
         // All spare room is used.

@@ -6,22 +6,15 @@
 //! ```
 //!
 //! With a deadline, [`Renderer::advance`] always leaves a whole picture. Every further call improves it, until it
-//! equals the picture that a new renderer draws without a deadline (`drawing`; with slices `layers`; on a GPU
-//! `stages`). All other casters draw a picture in one go, and complete it from coarser bricks at the deadline.
+//! equals the picture that a new renderer draws without a deadline. The picture in progress is a
+//! [`Drawing`](crate::render::drawing::Drawing); the [`backend`] decides which.
 //!
 //! [`Renderer::look_ahead`] reads for the next picture in idle time (`ahead`). [`render`] does all of this for one
 //! picture.
 
 mod ahead;
-mod drawing;
-mod layers;
+mod backend;
 mod pick;
-mod region;
-mod resident;
-mod sampling;
-mod sheet;
-mod spread;
-mod stages;
 
 use std::borrow::Cow;
 use std::sync::Arc;
@@ -31,34 +24,29 @@ use supervol_format::Container;
 use supervol_scene::camera::Camera;
 use supervol_scene::facts::VolumeFacts;
 use supervol_scene::image::Image;
-use supervol_scene::scene::{Mode, ResolvedScene};
+use supervol_scene::scene::ResolvedScene;
 use supervol_scene::units::Units;
 
+pub use self::ahead::Ahead;
+use self::backend::Chosen;
+pub use self::backend::{MakeEngine, NO_DEVICE};
+pub use self::pick::{Picked, PickedOn};
 use crate::engines::engine::Engine;
-use crate::engines::gpu::device::GpuDevice;
-use crate::engines::gpu::hardware::may_have_hardware;
 use crate::engines::gpu::limits::SHARED_MEMORY;
 use crate::engines::maps::Maps;
+use crate::render::drawing::Drawing;
+use crate::render::drawing::loaded::LoadedVolume;
+use crate::render::drawing::means::Means;
 use crate::render::error::RenderError;
 use crate::render::frame::walk::FinishedBands;
-use crate::render::frame::{FrameWalk, plan_host, render_cpu, render_from_reference, streamer_for};
-use crate::render::options::{Backend, LevelChoice, RenderOptions};
+use crate::render::frame::{FrameWalk, plan_host, streamer_for};
+use crate::render::options::{LevelChoice, RenderOptions};
 use crate::render::process;
 use crate::render::stats::{FrameStats, mode_name};
 use crate::render::volume::PlacedVolume;
 use crate::stop::{Canceller, Stop};
-use crate::stream::budget::CasterBytes;
 use crate::stream::counters::milliseconds;
 use crate::stream::streamer::Streamer;
-pub use ahead::Ahead;
-use drawing::Drawing;
-use layers::Layers;
-pub use pick::{Picked, PickedOn};
-use resident::Resident;
-use stages::{Best, Device};
-
-/// Message for the usual case that no GPU is present ([`FrameStats::no_gpu_because`]); printed only on request.
-pub const NO_DEVICE: &str = "no graphics device is there";
 
 /// Draws successive pictures of one volume.
 pub struct Renderer {
@@ -66,48 +54,20 @@ pub struct Renderer {
     options: RenderOptions,
     pool: rayon::ThreadPool,
     canceller: Canceller,
-    drawer: Drawer,
+    /// `None` until a picture is drawn.
+    backend: Option<Chosen>,
     /// Whether a deadline was ever set: from then on memory for deadlines is reserved.
     has_deadline: bool,
-    resident: Option<Resident>,
+    resident: Option<LoadedVolume>,
     scene: Option<ResolvedScene>,
     /// The previous camera, if only the camera has changed.
     came_from: Option<Camera>,
-    work: Work,
+    /// The picture in progress; `None` before it is begun.
+    drawing: Option<Box<dyn Drawing>>,
     /// Cost of streaming before this picture.
     before: FrameStats,
     spent: Duration,
     cpu: Duration,
-}
-
-/// The device or processor that casts the rays, once decided.
-enum Drawer {
-    Undecided,
-    Cpu { no_gpu_because: Option<String> },
-    Gpu { device: Box<Device>, or_cpu: bool },
-    Reference,
-}
-
-/// The picture in progress.
-enum Work {
-    Nothing,
-    InSteps(Box<Drawing>),
-    AtOnce(Image, Box<FrameStats>),
-    InStages(Box<Best>),
-    InLayers(Box<Layers>),
-}
-
-impl Work {
-    /// Statistics so far, including unfinished parts of the scene.
-    fn stats(&self, scene: &ResolvedScene) -> FrameStats {
-        match self {
-            Self::Nothing => FrameStats { pixels_unfinished: scene.pixels(), ..FrameStats::default() },
-            Self::InSteps(drawing) => drawing.stats(),
-            Self::AtOnce(_, stats) => (**stats).clone(),
-            Self::InStages(best) => best.stats.clone(),
-            Self::InLayers(layers) => layers.stats(),
-        }
-    }
 }
 
 /// Result of one step of a picture.
@@ -150,16 +110,29 @@ impl Renderer {
             options,
             pool,
             canceller: Canceller::default(),
-            drawer: Drawer::Undecided,
+            backend: None,
             has_deadline: false,
             resident: None,
             scene: None,
             came_from: None,
-            work: Work::Nothing,
+            drawing: None,
             before: FrameStats::default(),
             spent: Duration::ZERO,
             cpu: Duration::ZERO,
         })
+    }
+
+    /// A renderer that draws by engines from outside, with the usual streamer and budgets: `engines` makes one for each
+    /// picture. Loaded bricks stay from picture to picture. At a deadline, the picture is completed from coarser bricks.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn by_engines(
+        volume: PlacedVolume,
+        options: RenderOptions,
+        engines: impl MakeEngine + 'static,
+    ) -> Result<Self, RenderError> {
+        Ok(Self { backend: Some(Chosen::Outside(Box::new(engines))), ..Self::new(volume, options)? })
     }
 
     /// The volume that it draws.
@@ -168,16 +141,18 @@ impl Renderer {
         &self.volume
     }
 
+    /// Draws another volume from now on, or the same one placed anew. The scene and all loaded data are dropped.
+    pub fn set_volume(&mut self, volume: PlacedVolume) {
+        self.begin_anew();
+        self.volume = volume;
+        (self.resident, self.scene, self.came_from) = (None, None, None);
+        self.before = FrameStats::default();
+    }
+
     /// A canceller that stops [`Self::advance`] from another thread.
     #[must_use]
     pub fn canceller(&self) -> Canceller {
         self.canceller.clone()
-    }
-
-    /// The same renderer, stopped by this canceller instead of its own.
-    #[must_use]
-    pub fn stopped_by(self, canceller: Canceller) -> Self {
-        Self { canceller, ..self }
     }
 
     /// How pictures are made.
@@ -193,8 +168,9 @@ impl Renderer {
     /// If an option is invalid ([`RenderOptions::validate`]); nothing changes then.
     pub fn set_options(&mut self, options: RenderOptions) -> Result<(), RenderError> {
         options.validate()?;
-        if options.backend != self.options.backend {
-            self.drawer = Drawer::Undecided;
+        let is_chosen_by_options = !matches!(self.backend, Some(Chosen::Outside(_)));
+        if is_chosen_by_options && options.backend != self.options.backend {
+            self.backend = None;
         }
         self.options = RenderOptions { threads: self.options.threads, ..options };
         self.begin_anew();
@@ -219,13 +195,13 @@ impl Renderer {
     /// # Errors
     /// If threads cannot be started.
     pub fn look_ahead(&mut self, deadline: Option<Instant>) -> Result<Ahead, RenderError> {
-        let Self { options, pool, drawer, resident, scene, came_from, work, .. } = self;
+        let Self { options, pool, backend, resident, scene, came_from, drawing, .. } = self;
         let (Some(scene), Some(before), Some(resident)) = (scene, came_from, resident) else {
             return Ok(Ahead::default());
         };
-        let is_possible =
-            matches!((drawer, &*work), (Drawer::Cpu { .. }, Work::InSteps(drawing)) if drawing.is_finished());
-        if !is_possible {
+        let is_by_packets =
+            backend.as_ref().is_some_and(Chosen::is_cpu) && options.caster.is_default() && scene.slices.is_empty();
+        if !is_by_packets || !drawing.as_ref().is_some_and(|drawing| drawing.is_finished()) {
             return Ok(Ahead::default());
         }
         let next = ResolvedScene { camera: scene.camera.moved_on_from(before), ..scene.clone() };
@@ -258,7 +234,7 @@ impl Renderer {
             let caster = options.ray_caster().bytes(container.pyramid().layout().core());
             let resident = match resident {
                 Some(resident) => resident,
-                None => fitting(resident, container, (scene, options), caster, *has_deadline)?,
+                None => LoadedVolume::fitting(resident, container, (scene, options), caster, *has_deadline)?,
             };
             pick::pick(resident, (scene, &Units::of(volume.facts())), options, pixel, &stop)
         });
@@ -268,9 +244,8 @@ impl Renderer {
 
     /// Restarts the picture from loaded data; bricks that failed long enough ago are tried again.
     pub fn begin_anew(&mut self) {
-        let before = std::mem::replace(&mut self.work, Work::Nothing);
-        if let (Work::InStages(best), Drawer::Gpu { device, .. }) = (before, &mut self.drawer) {
-            device.backend.take_back(best.image);
+        if let (Some(before), Some(backend)) = (self.drawing.take(), &mut self.backend) {
+            backend.take_back(before.into_memory());
         }
         self.before = FrameStats::default();
         if let Some(resident) = &self.resident {
@@ -298,11 +273,11 @@ impl Renderer {
         match result {
             Ok(()) | Err(RenderError::Cancelled) => {}
             Err(error) => {
-                self.work = Work::Nothing;
+                self.drawing = None;
                 return Err(error);
             }
         }
-        let stats = self.work.stats(&scene);
+        let stats = self.drawn_stats(&scene);
         Ok(Step {
             is_finished: stats.converged,
             is_cancelled,
@@ -314,134 +289,51 @@ impl Renderer {
     }
 
     fn draw(&mut self, scene: &ResolvedScene, stop: &Stop) -> Result<(), RenderError> {
-        let backend = self.options.backend;
-        if !self.options.caster.is_default()
-            && (backend != Backend::Cpu || scene.mode != Mode::Dvr || scene.has_inner_surfaces())
-        {
-            return Err(RenderError::Method { backend, mode: mode_name(scene.mode) });
+        backend::check(scene, &self.options)?;
+        if self.backend.is_none() {
+            self.backend = Some(Chosen::new(self.options.backend, &self.pool)?);
         }
-        if backend == Backend::Gpu && scene.mode == Mode::Slice {
-            return Err(RenderError::SlicesOnGpu);
-        }
-        if matches!(self.drawer, Drawer::Undecided) {
-            self.drawer = self.choose_drawer()?;
-        }
-        let or_cpu = matches!(self.drawer, Drawer::Gpu { or_cpu: true, .. });
-        match self.draw_by_drawer(scene, stop) {
-            Err(error @ (RenderError::Engine(_) | RenderError::Budget(_))) if or_cpu => {
-                self.drawer = Drawer::Cpu { no_gpu_because: Some(error.to_string()) };
-                self.work = Work::Nothing;
-                self.draw_by_drawer(scene, stop)
+        match self.draw_by_backend(scene, stop) {
+            Err(error @ (RenderError::Engine(_) | RenderError::Budget(_)))
+                if self.backend.as_ref().is_some_and(Chosen::is_replaceable) =>
+            {
+                self.backend = Some(Chosen::Cpu { no_gpu_because: Some(error.to_string()) });
+                self.drawing = None;
+                self.draw_by_backend(scene, stop)
             }
             other => other,
         }
     }
 
-    fn draw_by_drawer(&mut self, scene: &ResolvedScene, stop: &Stop) -> Result<(), RenderError> {
-        match self.drawer {
-            Drawer::Cpu { .. } | Drawer::Gpu { .. } if !scene.slices.is_empty() => self.draw_in_layers(scene, stop),
-            _ => self.draw_by_engine(scene, stop),
-        }
-    }
-
-    /// A hardware GPU if the options allow it; otherwise the CPU, with the reason why not the GPU.
-    fn choose_drawer(&self) -> Result<Drawer, RenderError> {
-        let no_gpu = |why: String| Drawer::Cpu { no_gpu_because: Some(why) };
-        let gpu = |device, or_cpu| Drawer::Gpu { device: Box::new(Device::new(device)), or_cpu };
-        Ok(match self.options.backend {
-            Backend::Cpu => Drawer::Cpu { no_gpu_because: None },
-            Backend::Gpu => gpu(self.pool.install(GpuDevice::open)?, false),
-            Backend::Reference => Drawer::Reference,
-            Backend::Auto if !may_have_hardware() => no_gpu(NO_DEVICE.into()),
-            Backend::Auto => match GpuDevice::open() {
-                Ok(device) if device.is_software() => no_gpu(format!("{} is a processor", device.name())),
-                Ok(device) => gpu(device, true),
-                Err(error) => no_gpu(error.to_string()),
-            },
-        })
-    }
-
-    /// A picture with slices: the volume between them is drawn as usual, their colours on the CPU.
-    fn draw_in_layers(&mut self, scene: &ResolvedScene, stop: &Stop) -> Result<(), RenderError> {
-        let Self { volume, options, pool, drawer, has_deadline, resident, work, .. } = self;
-        if !options.caster.is_default() {
-            return Err(RenderError::Method { backend: options.backend, mode: "slices" });
-        }
-        let container = volume.container();
-        let device = match drawer {
-            // A sheet of sections shows no volume between them.
-            Drawer::Gpu { device, .. } if scene.mode != Mode::Slice => Some(&mut **device),
-            _ => None,
-        };
+    fn draw_by_backend(&mut self, scene: &ResolvedScene, stop: &Stop) -> Result<(), RenderError> {
+        let Self { volume, options, pool, backend, has_deadline, resident, drawing, .. } = self;
+        let (container, backend) = (volume.container(), backend.as_mut().expect("a backend is chosen before"));
         pool.install(|| {
-            if !matches!(work, Work::InLayers(_)) {
-                *work = Work::InLayers(Box::new(Layers::new(scene, container, device.is_some())));
-            }
-            let Work::InLayers(layers) = work else { unreachable!("it has just been made so") };
-            let caster_bytes = match device {
-                Some(_) => CasterBytes::on_device(options.predict_error),
-                None => options.ray_caster().bytes(container.pyramid().layout().core()),
+            let drawing = match drawing {
+                Some(drawing) => drawing,
+                None => drawing.insert(backend.begin(container, scene, options)?),
             };
-            let caster_bytes = layers.bytes(caster_bytes);
-            let resident = fitting(resident, container, (&layers.ray_scene(), options), caster_bytes, *has_deadline)?;
-            layers.advance(device, resident, options, stop)
+            if drawing.is_finished() {
+                return Ok(());
+            }
+            let device = backend.device();
+            let means = Means { container, options, device, resident, has_deadline: *has_deadline };
+            drawing.advance(means, stop)
         })
     }
 
-    fn draw_by_engine(&mut self, scene: &ResolvedScene, stop: &Stop) -> Result<(), RenderError> {
-        let Self { volume, options, pool, drawer, has_deadline, resident, work, .. } = self;
-        let container = volume.container();
-        let caster_bytes = match drawer {
-            Drawer::Gpu { .. } => CasterBytes::on_device(options.predict_error),
-            _ => options.ray_caster().bytes(container.pyramid().layout().core()),
-        };
-        pool.install(|| {
-            if let Drawer::Reference = drawer {
-                let (image, stats) = render_from_reference(container, scene, options)?;
-                *work = Work::AtOnce(image, Box::new(stats));
-                return Ok(());
-            }
-            let resident = fitting(resident, container, (scene, options), caster_bytes, *has_deadline)?;
-            if let Drawer::Gpu { device, .. } = drawer {
-                let best = match std::mem::replace(work, Work::Nothing) {
-                    Work::InStages(best) if best.stats.converged => {
-                        *work = Work::InStages(best);
-                        return Ok(());
-                    }
-                    Work::InStages(best) => Some(*best),
-                    _ => None,
-                };
-                *work = Work::InStages(Box::new(stages::draw(device, resident, scene, options, stop, best)?));
-                return Ok(());
-            }
-            if options.caster.is_default() {
-                if !matches!(work, Work::InSteps(_)) {
-                    *work = Work::InSteps(Box::new(Drawing::new(scene.clone())));
-                }
-                let Work::InSteps(drawing) = work else { unreachable!("it has just been made so") };
-                return drawing.advance(resident, options, stop);
-            }
-            if matches!(work, Work::AtOnce(_, stats) if stats.converged) {
-                return Ok(());
-            }
-            resident.aim(scene, options);
-            let plan = resident.plan();
-            let (image, stats) = render_cpu(scene, options, resident.streamer(), plan, stop)?;
-            *work = Work::AtOnce(image, Box::new(stats));
-            Ok(())
-        })
+    /// Statistics of the drawing so far, including unfinished parts of the scene.
+    fn drawn_stats(&self, scene: &ResolvedScene) -> FrameStats {
+        match &self.drawing {
+            Some(drawing) => drawing.stats(),
+            None => FrameStats { pixels_unfinished: scene.pixels(), ..FrameStats::default() },
+        }
     }
 
     /// The picture so far; `None` until each pixel is known at least coarsely.
     #[must_use]
     pub fn picture(&self) -> Option<Cow<'_, Image>> {
-        match &self.work {
-            Work::Nothing => None,
-            Work::InSteps(drawing) => drawing.picture(),
-            Work::AtOnce(image, _) => Some(Cow::Borrowed(image)),
-            Work::InStages(best) => Some(Cow::Borrowed(&best.image)),
-            Work::InLayers(layers) => layers.picture().map(Cow::Owned),
-        }
+        self.drawing.as_ref()?.picture()
     }
 
     /// Consumes the renderer and returns the picture so far.
@@ -453,15 +345,7 @@ impl Renderer {
     /// Consumes the renderer: the picture so far, with [`Self::error_map`] and [`Self::work_map`].
     #[must_use]
     pub fn into_pictures(self) -> Option<(Image, Maps)> {
-        match self.work {
-            Work::Nothing => None,
-            Work::InSteps(drawing) => drawing.into_pictures(),
-            Work::AtOnce(image, _) => Some((image, Maps::default())),
-            Work::InStages(best) => Some(best.into_pictures()),
-            Work::InLayers(layers) => {
-                Some((layers.picture()?, Maps { errors: layers.error_map(), work: layers.work_map() }))
-            }
-        }
+        self.drawing?.into_pictures()
     }
 
     /// Error map: how far each pixel may be from the exact picture of the finest level; grey, 1 is white, opaque.
@@ -469,12 +353,7 @@ impl Renderer {
     /// backends without errors.
     #[must_use]
     pub fn error_map(&self) -> Option<Image> {
-        match &self.work {
-            Work::InSteps(drawing) => drawing.error_map(),
-            Work::InLayers(layers) => layers.error_map(),
-            Work::InStages(best) => best.error_map(),
-            Work::Nothing | Work::AtOnce(..) => None,
-        }
+        self.drawing.as_ref()?.error_map()
     }
 
     /// Work map: cost of the rays of each pixel. Red is the mean number of cells crossed, green that of leaps. `None`
@@ -482,11 +361,7 @@ impl Renderer {
     /// these counts.
     #[must_use]
     pub fn work_map(&self) -> Option<Image> {
-        match &self.work {
-            Work::InSteps(drawing) => drawing.work_map(),
-            Work::InLayers(layers) => layers.work_map(),
-            Work::Nothing | Work::InStages(_) | Work::AtOnce(..) => None,
-        }
+        self.drawing.as_ref()?.work_map()
     }
 
     /// [`Self::error_map`] and [`Self::work_map`].
@@ -498,34 +373,23 @@ impl Renderer {
     /// Statistics of the picture since it was begun.
     #[must_use]
     pub fn stats(&self) -> FrameStats {
-        let mut stats = self.counts();
-        match &self.work {
-            Work::InSteps(drawing) => stats.error_stated = drawing.error_stated(),
-            Work::InLayers(layers) => stats.error_stated = layers.error_stated(),
-            Work::InStages(best) => stats.error_stated = best.error_stated(),
-            Work::Nothing | Work::AtOnce(..) => {}
-        }
-        stats
+        let error_stated = self.drawing.as_ref().and_then(|drawing| drawing.error_stated());
+        FrameStats { error_stated, ..self.counts() }
     }
 
     /// The same without the stated error, which needs a pass over all pixels.
     #[must_use]
     pub fn counts(&self) -> FrameStats {
-        let stats = self.scene.as_ref().map_or_else(FrameStats::default, |scene| self.work.stats(scene));
+        let stats = self.scene.as_ref().map_or_else(FrameStats::default, |scene| self.drawn_stats(scene));
         let mut stats = stats.since(&self.before).with_failures(self.volume.facts().value_range);
         if let Some(scene) = &self.scene {
             [stats.image_width, stats.image_height] = scene.image_size;
             stats.mode = mode_name(scene.mode);
         }
-        if let Drawer::Cpu { no_gpu_because } = &self.drawer {
-            stats.no_gpu_because.clone_from(no_gpu_because);
-        }
-        if let Drawer::Gpu { device, .. } = &self.drawer {
-            if stats.backend == "cpu" {
-                stats.no_gpu_because = Some("sections (mode slice) are drawn by the processor".to_owned());
-            } else {
-                stats.adapter_is_software = device.backend.device().is_software();
-            }
+        let mut default_memory = SHARED_MEMORY;
+        if let Some(backend) = &self.backend {
+            backend.describe(&mut stats);
+            default_memory = backend.default_memory();
         }
         stats.threads = self.pool.current_num_threads();
         stats.level = match self.options.level {
@@ -533,11 +397,7 @@ impl Renderer {
             LevelChoice::Fixed(lod) => Some(lod.min(self.volume.container().pyramid().coarsest()).0),
         };
         stats.host_budget_bytes = self.options.host_memory_bytes;
-        let default = match &self.drawer {
-            Drawer::Gpu { device, .. } => device.backend.default_memory(),
-            Drawer::Undecided | Drawer::Cpu { .. } | Drawer::Reference => SHARED_MEMORY,
-        };
-        stats.gpu_budget_bytes = self.options.gpu_memory_bytes.unwrap_or(default);
+        stats.gpu_budget_bytes = self.options.gpu_memory_bytes.unwrap_or(default_memory);
         stats.max_error_requested = self.options.max_error;
         stats.total_ms = milliseconds(self.spent);
         stats.cpu_ms = milliseconds(self.cpu);
@@ -548,24 +408,7 @@ impl Renderer {
     /// The streamer, read-only; `None` before the first picture.
     #[must_use]
     pub fn streamer(&self) -> Option<&Streamer> {
-        self.resident.as_ref().map(Resident::as_streamer)
-    }
-}
-
-/// The resident data, with its memory divided for pictures of this scene.
-fn fitting<'a>(
-    resident: &'a mut Option<Resident>,
-    container: &Arc<Container>,
-    (scene, options): (&ResolvedScene, &RenderOptions),
-    caster: CasterBytes,
-    has_deadline: bool,
-) -> Result<&'a mut Resident, RenderError> {
-    match resident {
-        Some(resident) => {
-            resident.fit(scene, options, caster, has_deadline)?;
-            Ok(resident)
-        }
-        None => Ok(resident.insert(Resident::new(container, scene, options, caster, has_deadline)?)),
+        self.resident.as_ref().map(LoadedVolume::as_streamer)
     }
 }
 

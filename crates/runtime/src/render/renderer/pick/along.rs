@@ -59,9 +59,9 @@ impl Iterator for Cells {
 
 /// The field in a piece of a ray: `c0 + c1 x + c2 x^2 + c3 x^3`.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Cubic([f64; 4]);
+pub struct FieldCubic([f64; 4]);
 
-impl Cubic {
+impl FieldCubic {
     /// The cubic with these values at [`NODES`].
     #[must_use]
     pub fn through(values: [f64; 4]) -> Self {
@@ -147,8 +147,8 @@ mod tests {
 
     use super::*;
 
-    fn cubic(c: [f64; 4]) -> Cubic {
-        Cubic::through(NODES.map(|x| Cubic(c).at(x)))
+    fn cubic(c: [f64; 4]) -> FieldCubic {
+        FieldCubic::through(NODES.map(|x| FieldCubic(c).at(x)))
     }
 
     #[test]
@@ -173,9 +173,9 @@ mod tests {
         for (ends, root) in turns.windows(2).zip([0.2, 0.5, 0.9]) {
             assert!((field.crossing([ends[0], ends[1]], 0.0) - root).abs() < 1e-12);
         }
-        assert_eq!(Cubic([3.0, 0.0, 0.0, 0.0]).turns(), [0.0, 1.0]);
-        assert_eq!(Cubic([0.0, 2.0, 0.0, 0.0]).turns(), [0.0, 1.0]);
-        assert_eq!(Cubic([0.0, 1.0, -1.0, 0.0]).turns(), [0.0, 0.5, 1.0]);
+        assert_eq!(FieldCubic([3.0, 0.0, 0.0, 0.0]).turns(), [0.0, 1.0]);
+        assert_eq!(FieldCubic([0.0, 2.0, 0.0, 0.0]).turns(), [0.0, 1.0]);
+        assert_eq!(FieldCubic([0.0, 1.0, -1.0, 0.0]).turns(), [0.0, 0.5, 1.0]);
     }
 
     #[test]

@@ -25,11 +25,11 @@ use supervol_scene::scene::{Mode, ResolvedScene};
 use supervol_scene::slices::{Interpolation, SlicePlane, crossings};
 use supervol_scene::units::{InUnits, Units};
 
-use self::along::{Cells, Cubic, NODES};
-use super::resident::Resident;
-use super::sampling::{Chunk, Sampler};
+use self::along::{Cells, FieldCubic, NODES};
+use crate::render::accuracy::check::level_to_check;
+use crate::render::drawing::loaded::LoadedVolume;
+use crate::render::drawing::slices::sampling::{Chunk, Sampler};
 use crate::render::error::RenderError;
-use crate::render::frame::check::level_to_check;
 use crate::render::options::{LevelChoice, RenderOptions};
 use crate::stop::Stop;
 
@@ -75,7 +75,7 @@ pub struct Picked {
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Event {
     /// A piece of the ray in one cell, between two t.
-    Cell([f64; 2], Cubic),
+    Cell([f64; 2], FieldCubic),
     /// An absent or clipped part.
     Gap,
     /// The slice of this number, at t, with its value.
@@ -83,14 +83,14 @@ enum Event {
 }
 
 /// An object, its position t on the ray, and its value in units.
-type Place = (PickedOn, f64, f64);
+type FoundObject = (PickedOn, f64, f64);
 
 /// The point under pixel (x, y) of the finished picture; `None` if nothing is visible.
 ///
 /// # Errors
 /// If the mode has no such point, bricks cannot be fetched, or it is cancelled.
 pub(super) fn pick(
-    resident: &mut Resident,
+    resident: &mut LoadedVolume,
     (scene, units): (&ResolvedScene, &Units),
     options: &RenderOptions,
     [x, y]: [u32; 2],
@@ -134,7 +134,7 @@ struct Walk<'a> {
 
 impl<'a> Walk<'a> {
     fn new(
-        resident: &'a mut Resident,
+        resident: &'a mut LoadedVolume,
         scene: &'a ResolvedScene,
         (ray, index_ray): (Ray, IndexRay),
         (lod, options): (Lod, &RenderOptions),
@@ -226,7 +226,7 @@ impl<'a> Walk<'a> {
             let values = self.values(&nodes.collect::<Vec<_>>(), Interpolation::Linear)?;
             for (cell, values) in run.iter().zip(values.as_chunks::<{ NODES.len() }>().0) {
                 let is_absent = values.iter().any(|value| value.is_nan());
-                let event = if is_absent { Event::Gap } else { Event::Cell(*cell, Cubic::through(*values)) };
+                let event = if is_absent { Event::Gap } else { Event::Cell(*cell, FieldCubic::through(*values)) };
                 if let ControlFlow::Break(found) = visit(event) {
                     return Ok(Some(found));
                 }
@@ -234,9 +234,9 @@ impl<'a> Walk<'a> {
         }
     }
 
-    fn half_of_opacity(&mut self) -> Result<Option<Place>, RenderError> {
+    fn half_of_opacity(&mut self) -> Result<Option<FoundObject>, RenderError> {
         let (scene, mut left) = (self.scene, 1.0);
-        let mut sides = Sides::default();
+        let mut sides = SurfaceSides::default();
         self.events(|event| {
             left *= match event {
                 Event::Cell([t0, t1], field) => {
@@ -247,7 +247,7 @@ impl<'a> Walk<'a> {
                 Event::Slice(number, _, value) if !value.is_nan() => 1.0 - scene.slices[number].opacity,
                 Event::Slice(..) => 1.0,
                 Event::Gap => {
-                    sides = Sides::default();
+                    sides = SurfaceSides::default();
                     1.0
                 }
             };
@@ -257,7 +257,7 @@ impl<'a> Walk<'a> {
             return Ok(None);
         }
         let (half, mut left) = (1.0 - 0.5 * (1.0 - left), 1.0);
-        let mut sides = Sides::default();
+        let mut sides = SurfaceSides::default();
         self.events(|event| {
             match event {
                 Event::Cell([t0, t1], field) => {
@@ -289,14 +289,14 @@ impl<'a> Walk<'a> {
                     }
                 }
                 Event::Slice(..) => {}
-                Event::Gap => sides = Sides::default(),
+                Event::Gap => sides = SurfaceSides::default(),
             }
             ControlFlow::Continue(())
         })
     }
 
     /// The first crossing of a visible surface. A value on the surface counts as above it.
-    fn first_surface(&mut self) -> Result<Option<Place>, RenderError> {
+    fn first_surface(&mut self) -> Result<Option<FoundObject>, RenderError> {
         let scene = self.scene;
         let mut before: Option<f64> = None;
         self.events(|event| {
@@ -334,8 +334,8 @@ impl<'a> Walk<'a> {
     }
 
     /// The first position of the greatest (sign 1) or least value (sign -1).
-    fn extreme(&mut self, sign: f64) -> Result<Option<Place>, RenderError> {
-        let mut best: Option<Place> = None;
+    fn extreme(&mut self, sign: f64) -> Result<Option<FoundObject>, RenderError> {
+        let mut best: Option<FoundObject> = None;
         self.events(|event| {
             if let Event::Cell([t0, t1], field) = event {
                 for x in field.turns() {
@@ -351,7 +351,7 @@ impl<'a> Walk<'a> {
         Ok(best.filter(|(_, _, value)| alpha(*value) >= LEAST_OPACITY))
     }
 
-    fn first_slice(&mut self) -> Result<Option<Place>, RenderError> {
+    fn first_slice(&mut self) -> Result<Option<FoundObject>, RenderError> {
         let scene = self.scene;
         self.events(|event| match event {
             Event::Slice(number, t, value) => slice_that_shows(scene, number, t, value),
@@ -360,20 +360,20 @@ impl<'a> Walk<'a> {
     }
 }
 
-fn slice_that_shows(scene: &ResolvedScene, number: usize, t: f64, value: f64) -> ControlFlow<Place> {
+fn slice_that_shows(scene: &ResolvedScene, number: usize, t: f64, value: f64) -> ControlFlow<FoundObject> {
     let shows = !value.is_nan() && scene.slices[number].opacity > 0.0;
     if shows { ControlFlow::Break((PickedOn::Slice(number), t, value)) } else { ControlFlow::Continue(()) }
 }
 
 /// The ray's side of each surface's value, if known.
 #[derive(Debug, Default)]
-struct Sides {
+struct SurfaceSides {
     value: Option<f64>,
 }
 
-impl Sides {
+impl SurfaceSides {
     /// Crossings of surfaces in a cell, in order: x and surface number. A value on the surface counts as above it.
-    fn cross(&mut self, field: &Cubic, scene: &ResolvedScene) -> Vec<(f64, usize)> {
+    fn cross(&mut self, field: &FieldCubic, scene: &ResolvedScene) -> Vec<(f64, usize)> {
         let mut found = Vec::new();
         for (number, surface) in scene.iso.iter().enumerate() {
             let mut side = self.value.unwrap_or(field.at(0.0)) >= surface.value;
@@ -395,25 +395,25 @@ impl Sides {
 }
 
 /// Optical depth of a piece of this length.
-fn depth_of(field: &Cubic, length: f64, scene: &ResolvedScene) -> f64 {
+fn depth_of(field: &FieldCubic, length: f64, scene: &ResolvedScene) -> f64 {
     depth_between(field, [0.0, 1.0], length, scene)
 }
 
 /// Optical depth between two x in a piece of this length.
-fn depth_between(field: &Cubic, part: [f64; 2], length: f64, scene: &ResolvedScene) -> f64 {
+fn depth_between(field: &FieldCubic, part: [f64; 2], length: f64, scene: &ResolvedScene) -> f64 {
     let function = &scene.transfer_function;
     smooth_parts(field, part, scene).windows(2).map(|ends| field.depth([ends[0], ends[1]], length, function)).sum()
 }
 
 /// Positions between two x at which extinction is not smooth.
-fn smooth_parts(field: &Cubic, [from, to]: [f64; 2], scene: &ResolvedScene) -> Vec<f64> {
+fn smooth_parts(field: &FieldCubic, [from, to]: [f64; 2], scene: &ResolvedScene) -> Vec<f64> {
     let cuts = field.smooth_parts(&scene.transfer_function);
     let inside = cuts.into_iter().filter(|x| from < *x && *x < to);
     std::iter::once(from).chain(inside).chain([to]).collect()
 }
 
 /// The position x, in a part of a piece of this length, at which the wanted optical depth has been gathered.
-fn place_of_depth(field: &Cubic, part: [f64; 2], (length, wanted): (f64, f64), scene: &ResolvedScene) -> f64 {
+fn place_of_depth(field: &FieldCubic, part: [f64; 2], (length, wanted): (f64, f64), scene: &ResolvedScene) -> f64 {
     let function = &scene.transfer_function;
     let mut gathered = 0.0;
     for ends in smooth_parts(field, part, scene).windows(2) {

@@ -6,7 +6,7 @@ use supervol_scene::slices::SlicePlane;
 use supervol_scene::slices::filter::{FilterSpec, FilteredSlice, TexelGrid};
 use supervol_scene::transfer_function::TransferFunction;
 
-use super::layers::Cut;
+use super::cut::Cut;
 use super::sampling::{Chunk, Sampler};
 use crate::render::error::RenderError;
 

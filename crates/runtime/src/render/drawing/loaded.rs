@@ -15,7 +15,7 @@ use crate::render::error::RenderError;
 use crate::render::frame::{classifier_for, plan_host_for, streamer_for};
 use crate::render::options::{LevelChoice, RenderOptions};
 use crate::stop::Stop;
-use crate::stream::budget::{CasterBytes, HostPlan};
+use crate::stream::budget::{EngineBytes, HostPlan};
 use crate::stream::field::Field;
 use crate::stream::priority::BrickOrder;
 use crate::stream::residency::{BrickView, Resident as Brick};
@@ -26,7 +26,7 @@ const SKETCHES_SHARE: u64 = 8;
 
 /// A streamer that outlives its pictures.
 #[derive(Debug)]
-pub struct Resident {
+pub struct LoadedVolume {
     streamer: Streamer,
     plan: HostPlan,
     aimed: Aim,
@@ -58,35 +58,49 @@ impl Aim {
     }
 }
 
-impl Resident {
+impl LoadedVolume {
     /// An empty store.
-    ///
-    /// # Errors
-    /// If the host budget is too small for pictures of this size.
-    pub fn new(
+    fn new(
         container: &Arc<Container>,
         scene: &ResolvedScene,
         options: &RenderOptions,
-        caster: CasterBytes,
+        engine: EngineBytes,
         has_deadline: bool,
     ) -> Result<Self, RenderError> {
-        let plan = plan_host_for(caster, container, scene, options, has_deadline)?;
+        let plan = plan_host_for(engine, container, scene, options, has_deadline)?;
         let streamer = streamer_for(container, scene, options, plan);
         Ok(Self { streamer, plan, aimed: Aim::new(scene, options), spread: None, is_spread_read: false, plans: None })
     }
 
-    /// Divides the memory again: for a picture of another size, by another caster, or with a deadline.
+    /// The resident data, with its memory divided for a picture of this scene.
     ///
     /// # Errors
     /// If the host budget is too small.
-    pub fn fit(
+    pub fn fitting<'a>(
+        resident: &'a mut Option<Self>,
+        container: &Arc<Container>,
+        (scene, options): (&ResolvedScene, &RenderOptions),
+        engine: EngineBytes,
+        has_deadline: bool,
+    ) -> Result<&'a mut Self, RenderError> {
+        match resident {
+            Some(resident) => {
+                resident.fit(scene, options, engine, has_deadline)?;
+                Ok(resident)
+            }
+            None => Ok(resident.insert(Self::new(container, scene, options, engine, has_deadline)?)),
+        }
+    }
+
+    /// Divides the memory again: for a picture of another size, by another engine, or with a deadline.
+    fn fit(
         &mut self,
         scene: &ResolvedScene,
         options: &RenderOptions,
-        caster: CasterBytes,
+        engine: EngineBytes,
         has_deadline: bool,
     ) -> Result<(), RenderError> {
-        let plan = plan_host_for(caster, self.streamer.container(), scene, options, has_deadline)?;
+        let plan = plan_host_for(engine, self.streamer.container(), scene, options, has_deadline)?;
         if plan != self.plan {
             self.streamer.set_plan(plan);
             self.plan = plan;

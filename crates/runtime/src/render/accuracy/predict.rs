@@ -20,7 +20,6 @@ use supervol_scene::image::GREY_LEVELS;
 
 use crate::engines::totals::EngineErrors;
 use crate::render::options::{LevelChoice, RenderOptions};
-use crate::render::stats::FrameStats;
 
 /// Error for one reason.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -50,6 +49,17 @@ pub struct ErrorPredicted {
     pub rounding: Term,
 }
 
+/// Facts of a picture that decide which errors it has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct CastFacts {
+    /// Rays that ended early.
+    pub rays_terminated_early: u64,
+    /// Times a coarser brick stood in for a wanted one.
+    pub fallbacks: u64,
+    /// Whether every ray was finished with the bricks that it wanted.
+    pub is_converged: bool,
+}
+
 impl Term {
     fn bound(error: f64) -> Self {
         Self { grey_levels: Some(error * GREY_LEVELS), is_bound: true }
@@ -70,21 +80,21 @@ impl Term {
 /// The prediction for a frame with these statistics and errors of its engine; `level` is the level of the exact
 /// picture.
 #[must_use]
-pub fn predict(errors: &EngineErrors, stats: &FrameStats, options: &RenderOptions, level: Lod) -> ErrorPredicted {
+pub fn predict(errors: &EngineErrors, cast: &CastFacts, options: &RenderOptions, level: Lod) -> ErrorPredicted {
     let cells = Term::estimate(errors.cells);
-    let ray_ends = Term::bound(if stats.casting.rays_terminated_early > 0 { errors.ray_ends } else { 0.0 });
+    let ray_ends = Term::bound(if cast.rays_terminated_early > 0 { errors.ray_ends } else { 0.0 });
     let transfer_function = Term::estimate(errors.transfer_function);
     let rounding = Term::estimate(errors.rounding);
-    let levels = levels(errors, stats, options);
+    let levels = levels(errors, cast, options);
     let total = Term::sum([cells, ray_ends, transfer_function, levels, rounding]);
     ErrorPredicted { level: level.0, total, cells, ray_ends, transfer_function, levels, rounding }
 }
 
-fn levels(errors: &EngineErrors, stats: &FrameStats, options: &RenderOptions) -> Term {
+fn levels(errors: &EngineErrors, cast: &CastFacts, options: &RenderOptions) -> Term {
     match options.level {
         LevelChoice::Auto => Term::bound(errors.levels),
         // The difference between a level that stands in and the requested level is not summed up.
-        LevelChoice::Fixed(_) if stats.fallbacks > 0 || !stats.converged => Term::UNKNOWN,
+        LevelChoice::Fixed(_) if cast.fallbacks > 0 || !cast.is_converged => Term::UNKNOWN,
         LevelChoice::Fixed(_) => Term::bound(0.0),
     }
 }
@@ -92,42 +102,37 @@ fn levels(errors: &EngineErrors, stats: &FrameStats, options: &RenderOptions) ->
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::stream::counters::RayCounters;
     const ERRORS: EngineErrors =
         EngineErrors { cells: 0.004, levels: 0.003, ray_ends: 0.001, transfer_function: 0.002, rounding: 1e-5 };
 
-    fn stats() -> FrameStats {
-        FrameStats { converged: true, ..FrameStats::default() }
-    }
+    const CAST: CastFacts = CastFacts { rays_terminated_early: 0, fallbacks: 0, is_converged: true };
 
-    fn prediction(stats: &FrameStats, level: LevelChoice) -> ErrorPredicted {
-        predict(&ERRORS, stats, &RenderOptions { level, max_error: 0.01, ..RenderOptions::default() }, Lod::FINEST)
+    fn prediction(cast: &CastFacts, level: LevelChoice) -> ErrorPredicted {
+        predict(&ERRORS, cast, &RenderOptions { level, max_error: 0.01, ..RenderOptions::default() }, Lod::FINEST)
     }
 
     #[test]
     fn the_total_is_the_sum_and_a_bound_only_if_all_terms_are() {
-        let stats =
-            FrameStats { casting: RayCounters { rays_terminated_early: 3, ..RayCounters::default() }, ..stats() };
-        let found = prediction(&stats, LevelChoice::Auto);
+        let found = prediction(&CastFacts { rays_terminated_early: 3, ..CAST }, LevelChoice::Auto);
         let sum = 255.0 * (0.004 + 0.003 + 0.001 + 0.002 + 1e-5);
         assert!((found.total.grey_levels.unwrap() - sum).abs() < 1e-9 && !found.total.is_bound, "{found:?}");
         assert_eq!((found.ray_ends, found.levels), (Term::bound(0.001), Term::bound(0.003)));
         assert!(!found.cells.is_bound && !found.transfer_function.is_bound && !found.rounding.is_bound);
         assert!(Term::sum([Term::bound(1.0); 5]).is_bound);
         // Rays that reach the end of the volume leave nothing out.
-        assert_eq!(prediction(&self::stats(), LevelChoice::Auto).ray_ends, Term::bound(0.0));
+        assert_eq!(prediction(&CAST, LevelChoice::Auto).ray_ends, Term::bound(0.0));
     }
 
     #[test]
     fn a_level_that_is_asked_for_is_what_the_picture_is_held_against() {
-        let stood_in = FrameStats { fallbacks: 1, ..stats() };
-        let late = FrameStats { converged: false, ..stats() };
+        let stood_in = CastFacts { fallbacks: 1, ..CAST };
+        let late = CastFacts { is_converged: false, ..CAST };
         let fixed = LevelChoice::Fixed(Lod(1));
-        assert_eq!(prediction(&stats(), fixed).levels, Term::bound(0.0));
-        for stats in [&stood_in, &late] {
+        assert_eq!(prediction(&CAST, fixed).levels, Term::bound(0.0));
+        for cast in [&stood_in, &late] {
             // Against the finest level every drawn brick has a bound; against another level it has none.
-            assert_eq!(prediction(stats, LevelChoice::Auto).levels, Term::bound(0.003));
-            let found = prediction(stats, fixed);
+            assert_eq!(prediction(cast, LevelChoice::Auto).levels, Term::bound(0.003));
+            let found = prediction(cast, fixed);
             assert!(found.levels == Term::UNKNOWN && found.total == Term::UNKNOWN, "{found:?}");
         }
     }

@@ -1,27 +1,19 @@
-//! The reference backend: loads one whole level into memory, then runs the brute-force integrator.
+//! One whole level in memory, for the reference integrator.
 //!
 //! Eight bytes per voxel must fit the host budget. Every brick of the level must be readable: a reference has no
 //! fallbacks.
-
-use std::sync::Arc;
-use std::time::Instant;
 
 use glam::DVec3;
 use supervol_format::level_reader::LevelReader;
 use supervol_format::space::HALF_VOXEL;
 use supervol_format::{Container, Geometry, Level, Lod, ValueRange};
 use supervol_scene::clip::Clip;
-use supervol_scene::image::Image;
 use supervol_scene::scene::ResolvedScene;
 use supervol_scene::units::InUnits;
 
-use super::check::level_to_check;
-use crate::engines::reference::{ReferenceVolume, render_reference_counted};
+use crate::engines::reference::ReferenceVolume;
 use crate::render::error::RenderError;
-use crate::render::options::RenderOptions;
-use crate::render::stats::FrameStats;
 use crate::stream::budget::BrickBytes;
-use crate::stream::counters::{RayCounters, StreamCounters, milliseconds};
 
 /// Bytes of one voxel in a reference volume.
 const VOXEL_BYTES: u64 = 8;
@@ -78,34 +70,4 @@ pub fn scene_of_level(container: &Container, lod: Lod, scene: &ResolvedScene) ->
     let kept = [std::array::from_fn(|a| low[a].max(domain[0][a])), std::array::from_fn(|a| high[a].min(domain[1][a]))];
     let index_box = Some(kept.map(|corner| level.from_level_0(corner)));
     ResolvedScene { clip: Clip { index_box, ..scene.clip.clone() }, ..scene.clone() }
-}
-
-/// Draws the picture with the reference integrator.
-///
-/// # Errors
-/// If the level does not fit the host budget, or a brick cannot be read.
-pub(crate) fn render_from_reference(
-    container: &Arc<Container>,
-    scene: &ResolvedScene,
-    options: &RenderOptions,
-) -> Result<(Image, FrameStats), RenderError> {
-    let lod = level_to_check(container, options.level);
-    let volume = load_level(container, lod, scene, options.host_memory_bytes)?;
-    let start = Instant::now();
-    let picture = render_reference_counted(&volume, &scene_of_level(container, lod, scene));
-    let level = container.pyramid().level_at(lod);
-    let stats = FrameStats {
-        backend: "reference",
-        converged: true,
-        passes: 1,
-        bands: 1,
-        bricks_total: container.pyramid().brick_count(),
-        streaming: StreamCounters { page_ins: level.brick_count(), ..StreamCounters::default() },
-        render_ms: milliseconds(start.elapsed()),
-        casting: RayCounters { rays: scene.rays(), ..RayCounters::default() },
-        reference_capped_pieces: picture.capped_pieces,
-        error_bound: container.manifest().level_errors.get(lod.0 as usize).copied().unwrap_or(0.0),
-        ..FrameStats::default()
-    };
-    Ok((picture.image, stats))
 }

@@ -11,9 +11,9 @@ use supervol_format::brick::APRON;
 use supervol_format::{BrickIndex, BrickKey, Geometry, Lod, Pyramid};
 use supervol_scene::facts::value_map;
 use supervol_scene::slices::{Interpolation, interpolate};
+use supervol_scene::units::InUnits;
 use supervol_scene::value_map::ValueMap;
 
-use super::layers::scale_of;
 use crate::render::error::RenderError;
 use crate::stop::{LEAST_STEP, Stop};
 use crate::stream::field::{Field, FieldBrick};
@@ -88,7 +88,8 @@ impl<'a> Sampler<'a> {
     /// Geometry of level 0, and the voxels of level 0 along each axis of one voxel of this level.
     #[must_use]
     pub fn grid(&self) -> (Geometry, [u64; 3]) {
-        scale_of(self.streamer.container(), self.lod)
+        let container = self.streamer.container();
+        (InUnits::of(container).geometry, container.pyramid().level_at(self.lod).scale)
     }
 
     /// Samples the waiting points of a chunk (index coordinates of level 0) until none waits or the deadline passes.

@@ -1,0 +1,136 @@
+//! Stages by a device. A stage replaces the picture before it once all its rays are finished. The first picture waits for
+//! bricks until it must begin ([`Device::pace`]).
+
+use std::time::{Duration, Instant};
+
+use supervol_scene::scene::ResolvedScene;
+
+use super::device::{Device, LEAST_SURE_SHARE};
+use super::means::Tools;
+use super::stage::{Begun, Canvas, Cast, StageCaster, options_for, sketch_pixel, with_pixels};
+use crate::engines::gpu::device::GpuDevice;
+use crate::engines::maps::AskedMaps;
+use crate::render::error::RenderError;
+use crate::render::frame::on_device::{GpuDrawn, GpuPicture};
+use crate::render::options::RenderOptions;
+use crate::stop::Stop;
+
+/// Casts stages on the device of the [`Tools`]. The device itself keeps the rays of a paused stage.
+pub(super) struct DeviceStages;
+
+impl StageCaster for DeviceStages {
+    fn backend(&self) -> &'static str {
+        "gpu"
+    }
+
+    fn maps(&self, options: &RenderOptions) -> AskedMaps {
+        AskedMaps { work: false, ..options.asked_maps() }
+    }
+
+    fn first(&self, scene: &ResolvedScene, tools: &Tools<'_>, deadline: Instant) -> (u32, Instant) {
+        let (Device { backend, pace }, now) = (device_of(tools), Instant::now());
+        // Times of software adapters vary too much, and a picture that must be completed cannot be stopped.
+        let known = pace
+            .fitting(scene.image_size, deadline.saturating_duration_since(now))
+            .filter(|_| !backend.device().deals_as_software());
+        match known {
+            Some((pixel, took)) => (pixel, deadline.checked_sub(took.div_f64(LEAST_SURE_SHARE)).unwrap_or(now)),
+            None => (sketch_pixel(scene), now),
+        }
+    }
+
+    fn sketch(
+        &mut self,
+        canvas: &mut Canvas,
+        pixel: u32,
+        tools: &mut Tools<'_>,
+        stop: &Stop,
+    ) -> Result<Cast, RenderError> {
+        draw(canvas, Begun { pixel, spent: Duration::ZERO }, WhenDue::Complete, tools, stop)
+    }
+
+    fn cast(
+        &mut self,
+        canvas: &mut Canvas,
+        stage: Begun,
+        tools: &mut Tools<'_>,
+        stop: &Stop,
+    ) -> Result<Cast, RenderError> {
+        let began = Instant::now();
+        match draw(canvas, stage, WhenDue::Pause, tools, stop) {
+            Err(RenderError::Cancelled) => {
+                Ok(Cast { is_finished: false, took: stage.spent + began.elapsed(), is_typical: false })
+            }
+            cast => cast,
+        }
+    }
+
+    /// Enlarges the picture, in memory of an older one: new memory would take as long as a picture.
+    fn show(&mut self, canvas: &mut Canvas, tools: &mut Tools<'_>) {
+        if canvas.pixel > 1
+            && let Some(picture) = canvas.picture.take()
+        {
+            let large = device_of_mut(tools).backend.enlarged(picture, canvas.pixel, canvas.scene.image_size);
+            (canvas.picture, canvas.pixel) = (Some(large), 1);
+        }
+    }
+}
+
+/// The handling of rays that still wait at the deadline.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum WhenDue {
+    /// They pause, to continue in the next step.
+    Pause,
+    /// Resident coarser bricks complete the picture.
+    Complete,
+}
+
+/// Draws the picture of one pixel size. If the canvas shows a full-size picture already, its memory is reused later.
+fn draw(
+    canvas: &mut Canvas,
+    Begun { pixel, spent }: Begun,
+    when_due: WhenDue,
+    tools: &mut Tools<'_>,
+    stop: &Stop,
+) -> Result<Cast, RenderError> {
+    let began = Instant::now();
+    let Tools { options, device, resident } = tools;
+    let Device { backend, pace } = device.as_deref_mut().expect(DEVICE_IS_THERE);
+    let (scene, options) = (&canvas.scene, *options);
+    let room = ([scene.camera.width, scene.camera.height], options.predict_error);
+    // Shaders that sum up errors differ. If the final picture needs errors, all stages use these shaders.
+    let options =
+        RenderOptions { predict_error: options.predict_error, ..options_for(resident.container(), options, pixel) };
+    let seen = with_pixels(scene, pixel);
+    resident.aim(&seen, &options);
+    let (plan, before) = (resident.plan(), canvas.stats.clone());
+    let is_paused_when_due = when_due == WhenDue::Pause;
+    let picture = GpuPicture { scene: &seen, options: &options, plan, stop, is_paused_when_due, before, room };
+    let GpuDrawn { image, stats, maps, errors, fetching } =
+        backend.draw(resident.streamer(), &picture, &GpuDevice::open)?;
+    let took = began.elapsed();
+    pace.note(scene.image_size, pixel, took.saturating_sub(fetching));
+    let full_size = scene.pixels();
+    if let Some(before) = canvas.picture.replace(image)
+        && before.pixels.len() as u64 == full_size
+    {
+        backend.take_back(before);
+    }
+    (canvas.pixel, canvas.stats) = (pixel, stats);
+    if pixel == 1 {
+        canvas.finished = full_size;
+        canvas.maps.errors = maps.errors;
+        canvas.by_reason = errors;
+    }
+    Ok(Cast { is_finished: true, took: spent + took, is_typical: true })
+}
+
+const DEVICE_IS_THERE: &str = "a drawing by a device is advanced with its device";
+
+fn device_of<'a>(tools: &'a Tools<'_>) -> &'a Device {
+    tools.device.as_deref().expect(DEVICE_IS_THERE)
+}
+
+fn device_of_mut<'a>(tools: &'a mut Tools<'_>) -> &'a mut Device {
+    tools.device.as_deref_mut().expect(DEVICE_IS_THERE)
+}

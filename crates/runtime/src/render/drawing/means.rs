@@ -1,0 +1,57 @@
+//! The parts of a renderer that its drawings share.
+
+use std::sync::Arc;
+
+use supervol_format::Container;
+use supervol_scene::scene::ResolvedScene;
+
+use super::device::Device;
+use super::loaded::LoadedVolume;
+use crate::render::error::RenderError;
+use crate::render::frame::on_device::device_bytes;
+use crate::render::options::RenderOptions;
+use crate::stream::budget::EngineBytes;
+
+/// The parts of a renderer that outlive its pictures.
+pub(crate) struct Means<'a> {
+    /// The volume.
+    pub(crate) container: &'a Arc<Container>,
+    /// Options of the picture.
+    pub(crate) options: &'a RenderOptions,
+    /// The device that casts the rays; `None`: the CPU.
+    pub(crate) device: Option<&'a mut Device>,
+    /// Loaded data; `None` before the first picture.
+    pub(crate) resident: &'a mut Option<LoadedVolume>,
+    /// Whether memory for deadlines is reserved.
+    pub(crate) has_deadline: bool,
+}
+
+/// The same, with memory divided for one picture.
+pub(crate) struct Tools<'a> {
+    /// Options of the picture.
+    pub(crate) options: &'a RenderOptions,
+    /// The device that casts the rays; `None`: the CPU.
+    pub(crate) device: Option<&'a mut Device>,
+    /// Loaded data.
+    pub(crate) resident: &'a mut LoadedVolume,
+}
+
+impl<'a> Means<'a> {
+    /// Divides the memory for a picture of this scene by an engine that takes `bytes`.
+    ///
+    /// # Errors
+    /// If the host budget is too small.
+    pub(crate) fn for_picture(self, scene: &ResolvedScene, bytes: EngineBytes) -> Result<Tools<'a>, RenderError> {
+        let Self { container, options, device, resident, has_deadline } = self;
+        let resident = LoadedVolume::fitting(resident, container, (scene, options), bytes, has_deadline)?;
+        Ok(Tools { options, device, resident })
+    }
+
+    /// Host memory of the device's engine, or of the CPU's.
+    pub(crate) fn engine_bytes(&self) -> EngineBytes {
+        match self.device {
+            Some(_) => device_bytes(self.options),
+            None => self.options.ray_caster().bytes(self.container.pyramid().layout().core()),
+        }
+    }
+}
