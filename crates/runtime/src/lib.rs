@@ -9,7 +9,7 @@
 //!
 //! Engines open no file, wait for nothing, and never change what is resident.
 
-#![warn(clippy::undocumented_unsafe_blocks)]
+#![warn(clippy::missing_errors_doc, clippy::undocumented_unsafe_blocks, missing_debug_implementations)]
 
 pub mod engines;
 pub mod lod;

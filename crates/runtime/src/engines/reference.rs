@@ -85,6 +85,7 @@ pub fn render_reference_counted(volume: &ReferenceVolume, scene: &ResolvedScene)
 }
 
 /// Single pixels of the picture of a scene.
+#[derive(Debug)]
 pub struct ReferenceCaster<'a> {
     frame: Frame<'a>,
 }
@@ -161,6 +162,7 @@ impl ReferenceVolume {
     }
 }
 
+#[derive(Debug)]
 struct Frame<'a> {
     volume: &'a ReferenceVolume,
     scene: &'a ResolvedScene,

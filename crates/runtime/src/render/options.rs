@@ -98,6 +98,27 @@ pub struct RenderOptions {
     pub rays_finished: Option<Arc<AtomicU64>>,
 }
 
+impl std::fmt::Debug for RenderOptions {
+    /// All options but the two that watch the progress.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("RenderOptions")
+            .field("backend", &self.backend)
+            .field("level", &self.level)
+            .field("host_memory_bytes", &self.host_memory_bytes)
+            .field("process_bytes", &self.process_bytes)
+            .field("cache_bytes", &self.cache_bytes)
+            .field("gpu_memory_bytes", &self.gpu_memory_bytes)
+            .field("threads", &self.threads)
+            .field("skipping", &self.skipping)
+            .field("caster", &self.caster)
+            .field("time_budget_ms", &self.time_budget_ms)
+            .field("max_error", &self.max_error)
+            .field("predict_error", &self.predict_error)
+            .field("count_work", &self.count_work)
+            .finish_non_exhaustive()
+    }
+}
+
 impl Default for RenderOptions {
     fn default() -> Self {
         Self {

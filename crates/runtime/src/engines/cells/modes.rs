@@ -22,6 +22,7 @@ use crate::stream::counters::RayCounters;
 const HALVINGS: u32 = 12;
 
 /// One chord: the field along it, and the gradient if the frame is shaded and the gradient is known.
+#[derive(Debug)]
 pub struct CellChord {
     /// Least and greatest corner of its cell.
     pub low: f32,
@@ -36,6 +37,7 @@ pub struct CellChord {
 }
 
 /// Shading at a point: the part that does not depend on the chord.
+#[derive(Debug)]
 pub struct ShadeSetup<'a> {
     /// Lighting of the frame; `None`: unshaded.
     pub lighting: Option<&'a Lighting>,

@@ -67,6 +67,7 @@ pub(crate) struct CastRay {
 }
 
 /// One ray at one level: data shared by all its bricks there.
+#[derive(Debug)]
 pub struct LevelVisit<'a> {
     pub(crate) scene: &'a RayScene,
     pub(crate) axis_ray: &'a AxisRay,
@@ -130,6 +131,7 @@ impl<'a> LevelVisit<'a> {
 }
 
 /// One ray's visit to one brick.
+#[derive(Debug)]
 pub struct BrickVisit<'a> {
     pub(crate) level: LevelVisit<'a>,
     brick: &'a DecodedBrick,

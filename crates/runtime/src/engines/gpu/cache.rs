@@ -27,6 +27,7 @@ pub const EMPTY_BLOCK: [u8; 2] = [u8::MAX, 0];
 pub const WHOLE_BLOCK: [u8; 2] = [0, u8::MAX];
 
 /// Contents of a slot.
+#[derive(Debug)]
 pub struct SlotContents {
     /// The voxels.
     pub texels: Texels,
@@ -37,6 +38,7 @@ pub struct SlotContents {
 }
 
 /// Textures and tables of resident bricks.
+#[derive(Debug)]
 pub struct GpuCache {
     gpu: GpuDevice,
     textures: Vec<wgpu::Texture>,
@@ -204,6 +206,9 @@ impl GpuCache {
     }
 
     /// Waits for earlier uploads if this many more bytes would exceed the staging limit.
+    ///
+    /// # Errors
+    /// If the device fails.
     pub fn make_room(&mut self, bytes: u64) -> Result<(), GpuError> {
         self.bytes_in_flight += bytes;
         if self.bytes_in_flight > self.staging_bytes {

@@ -128,6 +128,12 @@ struct PartsInProgress {
     more: Vec<u32>,
 }
 
+impl std::fmt::Debug for GpuRenderer {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("GpuRenderer").field("device", &self.gpu).field("options", &self.options).finish_non_exhaustive()
+    }
+}
+
 impl GpuRenderer {
     /// A renderer of one volume, with its first scene; nothing is resident. Errors of rays are summed up if
     /// `deviation_of` is given and there is memory for it ([`GpuOptions::sums_errors`]).

@@ -20,6 +20,7 @@ const ROUNDING: f64 = 1.0 + 2.0 * f32::EPSILON as f64;
 pub type DeviationOf = Box<dyn Fn(BrickKey) -> Deviation + Send + Sync>;
 
 /// See the module.
+#[derive(Debug)]
 pub struct DeviationTable {
     gpu: GpuDevice,
     /// The buffer that shaders bind.

@@ -35,7 +35,7 @@ const STORAGE_TEXTURES: u32 = TEXTURE_LIMIT as u32 + 1;
 type KeptPipelines = (Variant, Arc<Pipelines>);
 
 /// One opened GPU: device, queue and limits. A clone is the same device.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 pub struct GpuDevice {
     /// The logical device.
     pub device: wgpu::Device,

@@ -35,6 +35,7 @@ wgsl_type! {
 }
 
 /// Text and field offsets of one shared struct.
+#[derive(Debug)]
 pub struct StructLayout {
     /// Name in Rust and in WGSL.
     pub name: &'static str,

@@ -18,6 +18,7 @@ use crate::engines::rules::{FIT_SHARE, MAX_ERROR_LIMITS};
 use crate::lod::{LodChoice, LodRule};
 
 /// What belongs to one picture.
+#[derive(Debug)]
 pub struct Picture {
     pub(crate) mode: Mode,
     pub(crate) subgrid: u32,
@@ -105,7 +106,11 @@ impl Picture {
 /// Fewest pixels that are worth a thread.
 pub const PIXELS_TOGETHER: usize = 1 << 12;
 
-/// Has the rays of a grid written, row by row, and over the pixels what they are on average: straight there where a pixel is a ray.
+/// Calls `write` with memory for the rays of a grid, row by row, and writes their means per pixel to `to`. If a pixel is one
+/// ray, `write` gets `to` itself.
+///
+/// # Errors
+/// Those of `write`.
 pub fn over_rays<T>(
     RayGrid { width, height }: RayGrid,
     subgrid: u32,

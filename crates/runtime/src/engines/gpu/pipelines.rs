@@ -21,6 +21,7 @@ pub struct Variant {
 }
 
 /// All pipelines and their layouts.
+#[derive(Debug)]
 pub struct Pipelines {
     variant: Variant,
     scene_layout: wgpu::BindGroupLayout,
@@ -41,6 +42,7 @@ pub struct Pipelines {
 }
 
 /// A pipeline, with the layout of its own bindings.
+#[derive(Debug)]
 pub struct Pipeline {
     /// The pipeline.
     pub pipeline: wgpu::ComputePipeline,
@@ -48,6 +50,7 @@ pub struct Pipeline {
 }
 
 /// Bindings of group 0.
+#[derive(Debug)]
 pub struct SceneBindings<'a> {
     /// `Scene`
     pub scene: &'a wgpu::Buffer,

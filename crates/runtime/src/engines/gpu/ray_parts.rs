@@ -14,6 +14,7 @@ use super::layout::RayPart;
 use super::rays::{RayGrid, ViewLines};
 
 /// The rays of a picture, and the solids that cut them.
+#[derive(Debug)]
 pub struct RayParts {
     rays: PixelRays,
     size: [u32; 2],

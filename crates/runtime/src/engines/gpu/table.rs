@@ -6,6 +6,7 @@ use super::layout::TABLE_WIDTH as WIDTH;
 use crate::engines::gpu::error::GpuError;
 
 /// A table of texels of one or four 32-bit words, row by row.
+#[derive(Debug)]
 pub struct Table {
     texture: wgpu::Texture,
     /// The view that shaders bind.

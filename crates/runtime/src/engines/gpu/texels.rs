@@ -103,6 +103,7 @@ impl VoxelStorage {
 }
 
 /// A brick's voxels as texels of a slot, x fastest.
+#[derive(Debug)]
 pub struct Texels {
     /// Texels along x, y and z.
     pub(super) size: [u32; 3],

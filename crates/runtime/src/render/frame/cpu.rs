@@ -74,6 +74,7 @@ pub fn render_cpu(
 }
 
 /// The CPU ray caster: reads bricks directly from the host cache.
+#[derive(Debug)]
 pub struct CpuCaster {
     frame: CpuFrame,
     /// The rays of the present band; `None` before the first one.

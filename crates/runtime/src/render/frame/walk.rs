@@ -32,6 +32,7 @@ const LEAST_PATIENCE: Duration = Duration::from_millis(10);
 /// Runs one engine through the passes of one frame.
 ///
 /// The streamer outlives the walk: its bricks serve the next frame.
+#[derive(Debug)]
 pub struct FrameWalk<'a> {
     streamer: &'a mut Streamer,
     plan: HostPlan,

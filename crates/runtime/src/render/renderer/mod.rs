@@ -96,6 +96,12 @@ impl Step {
     }
 }
 
+impl std::fmt::Debug for Renderer {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Renderer").field("options", &self.options).field("scene", &self.scene).finish_non_exhaustive()
+    }
+}
+
 impl Renderer {
     /// A renderer that has loaded nothing. `options` apply to its pictures, except that `time_budget_ms` applies to
     /// [`render`] only.
