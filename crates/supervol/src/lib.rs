@@ -31,7 +31,7 @@
 //! | draw pictures while a camera moves | [`Volume::renderer`], [`Renderer::advance`] |
 //! | know how exact a picture is | [`Picture::error_stated`], [`Picture::error_map`], [`Picture::check`] |
 //! | find the voxel under a pixel | [`Renderer::pick`] |
-//! | draw by an algorithm of one's own | [`Volume::draw_by`], [`Engine`] |
+//! | draw by an engine of one's own | [`Engine`], [`Volume::draw_by`], [`Volume::renderer_by`] |
 //!
 //! # Conventions
 //!
