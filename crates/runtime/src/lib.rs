@@ -9,7 +9,23 @@
 //!
 //! Engines open no file, wait for nothing, and never change what is resident.
 
-#![warn(clippy::missing_errors_doc, clippy::undocumented_unsafe_blocks, missing_debug_implementations)]
+#![warn(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    clippy::missing_errors_doc,
+    clippy::undocumented_unsafe_blocks,
+    missing_debug_implementations
+)]
+#![cfg_attr(
+    test,
+    allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_possible_wrap,
+        clippy::cast_sign_loss,
+        reason = "tests use small numbers"
+    )
+)]
 
 pub mod engines;
 pub mod lod;

@@ -1,6 +1,7 @@
 //! One ray between passes: its way, and what it has gathered.
 
 use supervol_format::BrickKey;
+use supervol_format::cast::single;
 use supervol_scene::clip::Segment;
 
 /// One ray between passes.
@@ -96,5 +97,5 @@ impl IsoSides {
 /// The pixel of a ray that has gathered light: premultiplied colour and opacity.
 #[inline]
 pub(crate) fn pixel_of_light([r, g, b]: [f64; 3], transmittance: f64) -> [f32; 4] {
-    [r, g, b, 1.0 - transmittance].map(|v| v as f32)
+    [r, g, b, 1.0 - transmittance].map(single)
 }

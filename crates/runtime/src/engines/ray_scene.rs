@@ -1,6 +1,7 @@
 //! The description of a picture that all ray casters on the CPU share.
 
 use std::ops::Range;
+use supervol_format::cast::{narrow, single};
 
 use supervol_format::{Geometry, Lod, Pyramid, ValueRange};
 use supervol_scene::camera::{Camera, Ray};
@@ -89,8 +90,8 @@ impl RayScene {
         };
         let surface = |s: &IsoSpec| IsoSurface {
             value: map.from_data(s.value),
-            color: s.color.map(|c| c as f32),
-            alpha: s.alpha as f32,
+            color: s.color.map(single),
+            alpha: single(s.alpha),
         };
         Self {
             field: Field::FIRST,
@@ -133,7 +134,7 @@ impl RayScene {
 
     /// The picture of these rays, row by row from the top, sub-grid averaged.
     pub(crate) fn image_of(&self, pixels: Vec<[f32; 4]>) -> Image {
-        Image { width: self.camera.width, height: self.rows.len() as u32, pixels }.downsampled(self.subgrid)
+        Image { width: self.camera.width, height: narrow::<u32>(self.rows.len()), pixels }.downsampled(self.subgrid)
     }
 
     /// The pixel of a ray that has gathered so much.
@@ -148,7 +149,7 @@ impl RayScene {
         if value.is_nan() {
             return [0.0; 4];
         }
-        let [r, g, b, alpha] = self.transfer_function.classify(value as f32);
+        let [r, g, b, alpha] = self.transfer_function.classify(single(value));
         [r * alpha, g * alpha, b * alpha, alpha]
     }
 
@@ -171,7 +172,7 @@ impl RayScene {
     #[inline]
     pub(crate) fn pixel_of(&self, ray: usize) -> [u32; 2] {
         let width = self.camera.width as usize;
-        [(ray % width) as u32, self.rows.start + (ray / width) as u32]
+        [narrow::<u32>(ray % width), self.rows.start + narrow::<u32>(ray / width)]
     }
 
     /// Whether rays gather light, and not values.

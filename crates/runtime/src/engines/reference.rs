@@ -12,6 +12,7 @@
 //! It holds the whole volume in memory: suitable for small volumes only.
 
 use std::sync::atomic::{AtomicU64, Ordering};
+use supervol_format::cast::{narrow, single, whole};
 
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
@@ -79,7 +80,7 @@ pub fn render_reference_counted(volume: &ReferenceVolume, scene: &ResolvedScene)
     let frame = Frame::new(volume, scene);
     let (width, height) = (scene.camera.width, scene.camera.height);
     let pixels = (0..height).into_par_iter().flat_map_iter(|y| (0..width).map(move |x| (x, y)));
-    let pixels = pixels.map(|(x, y)| frame.pixel(x, y).map(|v| v as f32)).collect();
+    let pixels = pixels.map(|(x, y)| frame.pixel(x, y).map(single)).collect();
     let image = Image { width, height, pixels }.downsampled(scene.subgrid);
     ReferencePicture { image, capped_pieces: frame.capped_pieces.into_inner() }
 }
@@ -104,7 +105,7 @@ impl<'a> ReferenceCaster<'a> {
         let pixel = |&[x, y]: &[u32; 2]| {
             let n = self.frame.scene.subgrid;
             let rays = (0..n).flat_map(|j| (0..n).map(move |i| (n * x + i, n * y + j)));
-            let pixels = rays.map(|(x, y)| self.frame.pixel(x, y).map(|v| v as f32)).collect();
+            let pixels = rays.map(|(x, y)| self.frame.pixel(x, y).map(single)).collect();
             let mean = Image { width: n, height: n, pixels }.downsampled(n).pixels[0];
             each();
             mean
@@ -122,7 +123,7 @@ impl<'a> ReferenceCaster<'a> {
 impl ReferenceVolume {
     /// Value of a voxel, indices clamped to the grid.
     fn voxel(&self, index: [i64; 3]) -> f64 {
-        let [i, j, k] = [0, 1, 2].map(|a| index[a].clamp(0, self.dims[a] as i64 - 1) as usize);
+        let [i, j, k] = [0, 1, 2].map(|a| narrow::<usize>(index[a].clamp(0, narrow::<i64>(self.dims[a]) - 1)));
         self.values[i + self.dims[0] * (j + self.dims[1] * k)]
     }
 
@@ -137,7 +138,7 @@ impl ReferenceVolume {
             let bit = [corner & 1, corner >> 1 & 1, corner >> 2];
             let weight = weights[bit[0]][0] * weights[bit[1]][1] * weights[bit[2]][2];
             if weight != 0.0 {
-                let value = self.voxel([0, 1, 2].map(|a| cell[a] as i64 + bit[a] as i64));
+                let value = self.voxel([0, 1, 2].map(|a| whole::<i64>(cell[a]) + narrow::<i64>(bit[a])));
                 if value.is_nan() {
                     return None;
                 }
@@ -468,7 +469,7 @@ fn filtered(
     let dims = Dims(volume.dims.map(|n| n as u64));
     let grid = TexelGrid::new(slice, &volume.geometry, dims, &scene.clip, [1; 3]);
     let to_index = ToIndex::new(&volume.geometry);
-    let value = |p: DVec3| interpolate(to_index.point(p), slice.interpolation, |index| volume.voxel(index)) as f32;
+    let value = |p: DVec3| single(interpolate(to_index.point(p), slice.interpolation, |index| volume.voxel(index)));
     let made = FilteredSlice::new(grid, grid.points(0..grid.texels()).map(value).collect(), filter, 0.0);
     let colors = slice.colors.is_none().then(|| made.colors(filter.kind));
     Some((made, colors))
@@ -548,7 +549,7 @@ fn pieces_of(ray: &IndexRay, segment: Segment) -> Vec<[f64; 2]> {
     let mut ends = vec![segment.t0, segment.t1];
     for axis in 0..3 {
         let (a, b) = (ray.at(segment.t0)[axis], ray.at(segment.t1)[axis]);
-        let (low, high) = (a.min(b).floor() as i64, a.max(b).ceil() as i64);
+        let (low, high) = (whole::<i64>(a.min(b).floor()), whole::<i64>(a.max(b).ceil()));
         for plane in low..=high {
             let t = (plane as f64 - ray.origin[axis]) / ray.direction[axis];
             if t > segment.t0 && t < segment.t1 {

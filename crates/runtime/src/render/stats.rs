@@ -5,6 +5,7 @@
 //! gathers them.
 
 use std::collections::BTreeMap;
+use supervol_format::cast::narrow;
 
 use serde::Serialize;
 use supervol_format::{Lod, ValueRange};
@@ -203,7 +204,7 @@ impl FrameStats {
         self.bricks_by_state = met.map(|kind| (kind.name(), states.total(kind))).collect();
         self.bricks_by_level = (0..pyramid.levels().len())
             .map(|level| {
-                let lod = Lod(level as u8);
+                let lod = Lod(narrow::<u8>(level));
                 LevelStats {
                     level,
                     resident: states.count(lod, StateKind::InHost),

@@ -15,6 +15,7 @@
 //! parts. [`Demand::process_bytes`] states the bytes of the program itself: its threads' stacks and the container's
 //! manifest. They reduce the cache, but never cause a refusal.
 
+use supervol_format::cast::narrow;
 use supervol_format::codec::wavelet::DECODING_BYTES_PER_VOXEL;
 use supervol_format::container::reader::CACHED_TOC_PAGES;
 use supervol_format::container::toc;
@@ -237,7 +238,7 @@ impl HostPlan {
         }
         Ok(Self {
             budget_bytes,
-            band_rows: band_rows as u32,
+            band_rows: narrow::<u32>(band_rows),
             fixed_bytes: fixed,
             made_bytes: made,
             state_limit: usize::try_from(states / RECORD_BYTES).unwrap_or(usize::MAX),

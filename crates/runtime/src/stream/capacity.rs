@@ -9,6 +9,7 @@
 
 use super::priority::Rank;
 use crate::stream::field::FieldBrick;
+use supervol_format::cast::index;
 
 /// Part of the cache, as a divisor, that bricks at or behind the frontier may fill: one half.
 const AHEAD_SHARE: u64 = 2;
@@ -61,7 +62,7 @@ pub fn admit(candidates: &[Candidate], frontier: Rank, supply: Supply) -> usize 
         } else {
             bytes <= supply.unused_bytes + supply.free_bytes
                 && supply.live_bytes + supply.reserved_bytes + bytes <= supply.budget_bytes / AHEAD_SHARE
-                && i < supply.bricks.div_ceil(AHEAD_SHARE as usize)
+                && i < supply.bricks.div_ceil(index(AHEAD_SHARE))
         };
         if !fits {
             return i;

@@ -9,6 +9,7 @@ use std::io::ErrorKind;
 use std::ops::Range;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
+use supervol_format::cast::index;
 
 use supervol_format::byte_source::ReadShape;
 use supervol_format::container::ContainerError;
@@ -73,8 +74,8 @@ pub type Answer = (FieldBrick, Result<Record, ContainerError>);
 pub fn read_merged(read_at: &ReadAt<'_>, merged: &MergedRead, counters: &mut StreamCounters) -> Vec<Answer> {
     counters.merged_reads += u64::from(merged.records.len() > 1);
     let part = |buffer: &Arc<Vec<u8>>, r: &RecordRequest| {
-        let start = (r.offset - merged.bytes.start) as usize;
-        Record { buffer: buffer.clone(), range: start..start + r.bytes as usize }
+        let start = index(r.offset - merged.bytes.start);
+        Record { buffer: buffer.clone(), range: start..start + index(r.bytes) }
     };
     match read_range(read_at, merged.bytes.clone(), counters) {
         Ok(buffer) => merged.records.iter().map(|r| (r.key, Ok(part(&buffer, r)))).collect(),
@@ -84,7 +85,7 @@ pub fn read_merged(read_at: &ReadAt<'_>, merged: &MergedRead, counters: &mut Str
             .iter()
             .map(|r| {
                 let alone = read_range(read_at, r.offset..r.offset + r.bytes, counters);
-                (r.key, alone.map(|buffer| Record { buffer, range: 0..r.bytes as usize }))
+                (r.key, alone.map(|buffer| Record { buffer, range: 0..index(r.bytes) }))
             })
             .collect(),
     }

@@ -17,6 +17,7 @@
 //! is only nearly strict: a brick may be fetched twice, and the picture is the same.
 
 use glam::DVec3;
+use supervol_format::cast::{narrow, whole};
 use supervol_format::space::HALF_VOXEL;
 use supervol_format::{BrickKey, Geometry, Pyramid};
 use supervol_scene::camera::{Camera, Projection};
@@ -64,7 +65,7 @@ impl BrickOrder {
             }
             Projection::Orthographic { .. } => {
                 let direction = index_from_world.transform_vector3(camera.forward);
-                View::Direction(direction.to_array().map(|v| if v == 0.0 { 0 } else { v.signum() as Rank }))
+                View::Direction(direction.to_array().map(|v| if v == 0.0 { 0 } else { whole::<i64>(v.signum()) }))
             }
         };
         Self { view }
@@ -88,11 +89,11 @@ impl BrickOrder {
         let scale = pyramid.level_at(key.lod()).scale;
         (0..3)
             .map(|a| {
-                let edge = (core * scale[a]) as Rank;
+                let edge = narrow::<i64>(core * scale[a]);
                 let brick = Rank::from(key.brick().0[a]);
                 match &self.view {
                     View::Eye(eye) => {
-                        let eye_brick = (eye[a] / edge as f64).floor() as Rank;
+                        let eye_brick = whole::<i64>((eye[a] / edge as f64).floor());
                         ((brick - eye_brick).abs() + 1) * edge
                     }
                     View::Direction(sign) => match sign[a] {

@@ -4,6 +4,7 @@
 //!
 //! Bricks include their apron, x fastest. Macro cells cover the core from its first voxel, x fastest.
 
+use supervol_format::cast::narrow;
 use supervol_format::codec::BrickShape;
 use supervol_format::container::toc::BrickEntry;
 use supervol_format::voxel_type::{Absence, Voxel};
@@ -95,7 +96,7 @@ impl DecodedBrick {
         };
         let macro_ranges = refilled(macro_ranges, macro_ranges_stored.map(render_range));
         // A stored extent is at most 132 voxels.
-        Self { key, extent: extent.map(|n| n as u32), voxels, macro_ranges }
+        Self { key, extent: extent.map(narrow::<u32>), voxels, macro_ranges }
     }
 
     /// Bytes held by the voxels and the ranges.

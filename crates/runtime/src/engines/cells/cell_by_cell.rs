@@ -1,6 +1,7 @@
 //! The integrator of the scalar caster: trilinear cell by trilinear cell (docs/decisions/001-cells-not-steps.md).
 
 use supervol_format::BrickKey;
+use supervol_format::cast::single;
 use supervol_scene::scene::Mode;
 
 use super::cell::{Cell, cubic_of_cell};
@@ -98,7 +99,7 @@ pub(crate) fn exact_cell(
     let mut state = RayState::new(None);
     gather_exact_cell(level, brick, key, base, t, &mut state);
     let [r, g, b] = state.color;
-    [r, g, b, state.transmittance].map(|v| v as f32)
+    [r, g, b, state.transmittance].map(single)
 }
 
 /// Gathers over the part of a ray in the cell of [`exact_cell`]; leaves its begin in `state.t`.

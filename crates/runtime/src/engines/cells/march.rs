@@ -1,5 +1,6 @@
 //! One ray through the resident bricks, until it is finished or waits.
 
+use supervol_format::cast::narrow;
 use supervol_format::{BrickIndex, BrickKey, Lod};
 use supervol_scene::clip::IndexRay;
 
@@ -115,7 +116,7 @@ fn brick_at(frame: &CellFrame, ray: &AxisRay, t: f64, mut lod: Lod) -> (BrickKey
         let level = frame.scene.pyramid.level_at(lod);
         let bricks = CellBox { low: [0; 3], high: level.bricks.map(|n| i64::from(n) - 1) };
         let walk = GridWalk::new(ray, Planes::of_bricks(level, core), bricks, t);
-        let key = BrickKey::new(lod, BrickIndex(walk.index.map(|i| i as u32)));
+        let key = BrickKey::new(lod, BrickIndex(walk.index.map(narrow::<u32>)));
         if frame.scene.lod.is_fine_enough(&frame.scene.pyramid, key) {
             return (key, walk.exit());
         }

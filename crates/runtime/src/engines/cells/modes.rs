@@ -4,6 +4,7 @@
 //! world length.
 
 use glam::Vec3;
+use supervol_format::cast::{single, whole};
 use supervol_scene::scene::ISO_LIMIT;
 use supervol_scene::transfer_function::RenderTransferFunction;
 
@@ -64,7 +65,7 @@ impl CellChord {
     /// s(u), clamped to the corners' range: rounding must not leave it.
     #[inline]
     fn value(&self, u: Real) -> f32 {
-        (cubic_at(&self.cubic, u) as f32).clamp(self.low, self.high)
+        single(cubic_at(&self.cubic, u)).clamp(self.low, self.high)
     }
 
     #[inline]
@@ -100,7 +101,7 @@ pub fn gather_dvr(
     let h = chord.h;
     if chord.low == chord.high && chord.gradient.is_none() {
         let [r, g, b, alpha] = tf.classify(chord.low);
-        let opacity = opacity_of(tf.extinction(alpha) * h as f32);
+        let opacity = opacity_of(tf.extinction(alpha) * single(h));
         counters.samples += 1;
         composite(state, [r, g, b].map(|c| c * opacity), opacity);
         return;
@@ -152,7 +153,7 @@ fn gather_part(
                 color[point] = chord.shaded(setup, [r, g, b], u);
             }
         }
-        let (c, opacity) = integrate_pair(kappa, color, (step * chord.h) as f32);
+        let (c, opacity) = integrate_pair(kappa, color, single(step * chord.h));
         composite(state, c, opacity);
     }
     u64::from(2 * wanted)
@@ -165,7 +166,7 @@ fn wanted_pairs(tf: &RenderTransferFunction, chord: &CellChord, u: [Real; 2], ch
     let plain = pairs_between(tf, &chord.cubic, u, chord.h);
     let Some(change) = change else { return plain };
     let middle = 0.5 * (u[0] + u[1]);
-    let tau = tf.extinction(tf.classify(chord.value(middle))[3]) * (chord.h * (u[1] - u[0])) as f32;
+    let tau = tf.extinction(tf.classify(chord.value(middle))[3]) * single(chord.h * (u[1] - u[0]));
     plain.max(shaded_pair_count(change, tau))
 }
 
@@ -185,14 +186,14 @@ fn denser(pairs: u32, density: f32) -> u32 {
         return pairs;
     }
     // `as` saturates.
-    ((pairs as f32 * density).ceil() as u32).clamp(1, PAIR_LIMIT)
+    whole::<u32>((pairs as f32 * density).ceil()).clamp(1, PAIR_LIMIT)
 }
 
 /// The greatest value so far.
 pub fn gather_mip(chord: &CellChord, state: &mut RayState) {
     if f64::from(chord.high) > state.value || state.value.is_nan() {
         let (_, high) = cubic_extremes(&chord.cubic, monotone_intervals(&chord.cubic).as_slice());
-        state.value = f64::from((high as f32).clamp(chord.low, chord.high)).max(state.value);
+        state.value = f64::from(single(high).clamp(chord.low, chord.high)).max(state.value);
     }
 }
 
@@ -200,7 +201,7 @@ pub fn gather_mip(chord: &CellChord, state: &mut RayState) {
 pub fn gather_minip(chord: &CellChord, state: &mut RayState) {
     if f64::from(chord.low) < state.value || state.value.is_nan() {
         let (low, _) = cubic_extremes(&chord.cubic, monotone_intervals(&chord.cubic).as_slice());
-        state.value = f64::from((low as f32).clamp(chord.low, chord.high)).min(state.value);
+        state.value = f64::from(single(low).clamp(chord.low, chord.high)).min(state.value);
     }
 }
 

@@ -3,6 +3,7 @@
 //! Between the values at which the transfer function bends or steps, kappa and colour are smooth in u. A two-point
 //! Gauss rule is then of fourth order. `h` is a world length, `kappa` extinction per world length.
 
+use supervol_format::cast::{single, whole};
 use supervol_scene::transfer_function::RenderTransferFunction;
 
 use super::cell::{Parameters, Real, cubic_at, cubic_roots, monotone_intervals};
@@ -62,7 +63,7 @@ pub fn pair_count(variation: f32, tau: f32) -> u32 {
     let root = (variation * (1.0 / PAIR_VARIATION)).sqrt().sqrt();
     let wanted = root + variation * (PAIRS_PER_VARIATION + tau * (1.0 / PAIR_VARIATION_DEPTH));
     // `as` saturates, and maps NaN to 0.
-    (wanted.ceil() as u32).clamp(1, PAIR_LIMIT)
+    whole::<u32>(wanted.ceil()).clamp(1, PAIR_LIMIT)
 }
 
 /// Number of Gauss pairs for an interval in which the normal turns this far (a length), of optical depth `tau`.
@@ -70,7 +71,7 @@ pub fn pair_count(variation: f32, tau: f32) -> u32 {
 #[must_use]
 pub fn shaded_pair_count(turn: f32, tau: f32) -> u32 {
     let wanted = turn * (1.0 / PAIR_NORMAL_CHANGE) + turn * tau * (1.0 / PAIR_NORMAL_DEPTH);
-    (wanted.ceil() as u32).clamp(1, PAIR_LIMIT)
+    whole::<u32>(wanted.ceil()).clamp(1, PAIR_LIMIT)
 }
 
 /// Positions at which the chord is split: its ends, and the crossings of its cubic with the knots. There are at most
@@ -92,14 +93,14 @@ pub fn splits_of_chord(cubic: &[Real; 4], knots: &[f32]) -> Splits {
 #[inline]
 #[must_use]
 pub fn pairs_between(tf: &RenderTransferFunction, cubic: &[Real; 4], u: [Real; 2], h: Real) -> u32 {
-    let values = [u[0], 0.5 * (u[0] + u[1]), u[1]].map(|u| cubic_at(cubic, u) as f32);
+    let values = [u[0], 0.5 * (u[0] + u[1]), u[1]].map(|u| single(cubic_at(cubic, u)));
     let low = values[0].min(values[1]).min(values[2]);
     let high = values[0].max(values[1]).max(values[2]);
     let variation = tf.variation(low, high);
     if variation == 0.0 {
         return 1;
     }
-    pair_count(variation, tf.extinction(tf.classify(values[1])[3]) * (h * (u[1] - u[0])) as f32)
+    pair_count(variation, tf.extinction(tf.classify(values[1])[3]) * single(h * (u[1] - u[0])))
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@
 //! equals the differences of the interpolant over one voxel to each side. Vectors are in world space.
 
 use glam::{DMat3, Mat3, Vec3};
+use supervol_format::cast::single;
 use supervol_scene::scene::Shading;
 
 use super::cell::{Real, cubic_at, cubic_of_cell, replace_unreached};
@@ -35,12 +36,12 @@ impl Lighting {
     #[must_use]
     pub fn new(shading: &Shading, geometry: &supervol_format::Geometry, range_width: f64) -> Self {
         Self {
-            ambient: shading.ambient as f32,
-            diffuse: shading.diffuse as f32,
-            specular: shading.specular as f32,
-            shininess: shading.shininess as f32,
-            lights: shading.lights.iter().map(|l| (l.to_light.as_vec3(), l.intensity as f32)).collect(),
-            gradient_floor: (GRADIENT_FLOOR * range_width / geometry.smallest_spacing()) as f32,
+            ambient: single(shading.ambient),
+            diffuse: single(shading.diffuse),
+            specular: single(shading.specular),
+            shininess: single(shading.shininess),
+            lights: shading.lights.iter().map(|l| (l.to_light.as_vec3(), single(l.intensity))).collect(),
+            gradient_floor: single(GRADIENT_FLOOR * range_width / geometry.smallest_spacing()),
             world_from_index_gradient: geometry.world_from_index_gradient(),
         }
     }
@@ -78,7 +79,7 @@ impl ChordGradient {
     #[inline]
     #[must_use]
     pub fn at(&self, u: Real) -> Vec3 {
-        Vec3::from_array(self.cubics.map(|c| cubic_at(&c, u) as f32))
+        Vec3::from_array(self.cubics.map(|c| single(cubic_at(&c, u))))
     }
 }
 

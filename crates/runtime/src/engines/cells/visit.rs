@@ -6,6 +6,7 @@
 use glam::Vec3;
 use supervol_format::BrickKey;
 use supervol_format::brick::{APRON, MACRO_CELL};
+use supervol_format::cast::narrow;
 use supervol_scene::clip::Segment;
 use supervol_scene::scene::Mode;
 use supervol_scene::transfer_function::RenderTransferFunction;
@@ -52,8 +53,8 @@ impl StoredVoxel for f32 {
 #[inline]
 #[must_use]
 pub fn cells_of_macro_cell(index: [i64; 3]) -> CellBox {
-    let low = index.map(|m| m * MACRO_CELL as i64 - 1);
-    CellBox { low, high: low.map(|v| v + MACRO_CELL as i64) }
+    let low = index.map(|m| m * narrow::<i64>(MACRO_CELL) - 1);
+    CellBox { low, high: low.map(|v| v + narrow::<i64>(MACRO_CELL)) }
 }
 
 /// A ray in the form for the scalar caster.
@@ -153,9 +154,9 @@ impl<'a> BrickVisit<'a> {
         let core = pyramid.core_box(key);
         let extent = brick.extent.map(|n| n as usize);
         assert_eq!(extent, core.extent().map(|n| n + 2 * APRON), "stored extent of {key}");
-        let start = core.start.map(|s| s as i64);
-        let low = start.map(|s| s / MACRO_CELL as i64);
-        let counts = core.extent().map(|n| n.div_ceil(MACRO_CELL) as i64);
+        let start = core.start.map(narrow::<i64>);
+        let low = start.map(|s| s / narrow::<i64>(MACRO_CELL));
+        let counts = core.extent().map(|n| narrow::<i64>(n.div_ceil(MACRO_CELL)));
         let planes = pyramid.level_at(key.lod());
         Self {
             brick,
@@ -199,8 +200,8 @@ impl<'a> BrickVisit<'a> {
 
     #[inline]
     fn macro_range(&self, index: [i64; 3]) -> [f32; 2] {
-        let [x, y, z] = [0, 1, 2].map(|a| (index[a] - self.macro_cells.low[a]) as usize);
-        let [nx, ny] = [0, 1].map(|a| (self.macro_cells.high[a] - self.macro_cells.low[a] + 1) as usize);
+        let [x, y, z] = [0, 1, 2].map(|a| narrow::<usize>(index[a] - self.macro_cells.low[a]));
+        let [nx, ny] = [0, 1].map(|a| narrow::<usize>(self.macro_cells.high[a] - self.macro_cells.low[a] + 1));
         self.brick.macro_ranges[x + nx * (y + ny * z)]
     }
 
@@ -246,14 +247,14 @@ impl<'a> BrickVisit<'a> {
     #[inline]
     #[must_use]
     pub fn base(&self, cell: [i64; 3]) -> usize {
-        let [x, y, z] = [0, 1, 2].map(|axis| (cell[axis] - self.start[axis] + APRON as i64) as usize);
+        let [x, y, z] = [0, 1, 2].map(|axis| narrow::<usize>(cell[axis] - self.start[axis] + narrow::<i64>(APRON)));
         x + self.strides[0] * y + self.strides[1] * z
     }
 
     /// The trilinear cell whose first corner has this offset in the voxel array.
     pub(crate) fn cell_at_base(&self, base: usize) -> [i64; 3] {
         let inside = [base % self.strides[0], base % self.strides[1] / self.strides[0], base / self.strides[1]];
-        std::array::from_fn(|axis| self.start[axis] + inside[axis] as i64 - APRON as i64)
+        std::array::from_fn(|axis| self.start[axis] + narrow::<i64>(inside[axis]) - narrow::<i64>(APRON))
     }
 
     /// Render value of the voxel at an offset from `base`; NaN if absent.
@@ -264,8 +265,9 @@ impl<'a> BrickVisit<'a> {
     #[must_use]
     pub fn value<T: StoredVoxel>(&self, voxels: &[T], base: usize, offset: [i32; 3]) -> f32 {
         let [dx, dy, dz] = offset.map(|o| o as isize);
-        let at = base as isize + dx + dy * self.strides[0] as isize + dz * self.strides[1] as isize;
-        voxels[at as usize].render_value(&self.level.scene.map)
+        let at =
+            narrow::<isize>(base) + dx + dy * narrow::<isize>(self.strides[0]) + dz * narrow::<isize>(self.strides[1]);
+        voxels[narrow::<usize>(at)].render_value(&self.level.scene.map)
     }
 
     /// Render values at the eight corners of the cell at `base`, x fastest; NaN if absent.

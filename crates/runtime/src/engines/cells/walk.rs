@@ -7,6 +7,7 @@
 
 use supervol_format::Level;
 use supervol_format::brick::MACRO_CELL;
+use supervol_format::cast::whole;
 use supervol_format::space::HALF_VOXEL;
 use supervol_scene::clip::{IndexRay, ROUNDED_LENGTH};
 
@@ -109,7 +110,7 @@ impl Planes {
         let position: [f64; 3] =
             std::array::from_fn(|a| (ray.coordinate(a, t) - self.first[a]) * self.inverse_spacing[a]);
         // `as` saturates.
-        let index = std::array::from_fn(|a| (position[a].floor() as i64).clamp(cells.low[a], cells.high[a]));
+        let index = std::array::from_fn(|a| whole::<i64>(position[a].floor()).clamp(cells.low[a], cells.high[a]));
         (index, std::array::from_fn(|a| (position[a] - index[a] as f64).clamp(0.0, 1.0)))
     }
 
@@ -193,7 +194,7 @@ fn locate(ray: &AxisRay, planes: &Planes, cells: &CellBox, axis: usize, t: f64) 
     let (low, high) = (cells.low[axis], cells.high[axis]);
     let position = (ray.coordinate(axis, t) - planes.first[axis]) * planes.inverse_spacing[axis];
     // `as` saturates.
-    let mut i = (position.floor() as i64).clamp(low, high);
+    let mut i = whole::<i64>(position.floor()).clamp(low, high);
     let crossed = |plane: i64| ray.crossing(axis, planes.plane(axis, plane)) <= t;
     if ray.direction[axis] > 0.0 {
         while i < high && crossed(i + 1) {

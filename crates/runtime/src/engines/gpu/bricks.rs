@@ -1,6 +1,7 @@
 //! Slot contents of a decoded brick: its voxels as texels, the ranges of its macro cells, and those of their blocks.
 
 use supervol_format::brick::{APRON, MACRO_CELL};
+use supervol_format::cast::whole;
 
 use crate::engines::blocks::ranges_of_blocks;
 use crate::engines::gpu::cache::{BlockRanges, EMPTY_BLOCK, EMPTY_RANGE, SlotContents, WHOLE_BLOCK};
@@ -87,7 +88,7 @@ fn share_of([low, high]: [f32; 2], block: [f32; 2]) -> [u8; 2] {
         return EMPTY_BLOCK;
     }
     let parts = block.map(|end| (end - low) / (high - low) * f32::from(u8::MAX));
-    [(parts[0] - PART_MARGIN).floor() as u8, (parts[1] + PART_MARGIN).ceil() as u8]
+    [whole::<u8>((parts[0] - PART_MARGIN).floor()), whole::<u8>((parts[1] + PART_MARGIN).ceil())]
 }
 
 #[cfg(test)]

@@ -13,6 +13,7 @@ use super::slots::SlotIndex;
 use crate::engines::gpu::error::GpuError;
 use crate::engines::gpu::limits::TEXTURE_LIMIT;
 use crate::engines::gpu::texels::{Texels, VoxelStorage};
+use supervol_format::cast::narrow;
 
 /// Range of a macro cell without values: the least is above the greatest.
 pub const EMPTY_RANGE: [f32; 2] = [1.0, -1.0];
@@ -133,7 +134,7 @@ impl GpuCache {
     /// Textures that hold slots.
     #[must_use]
     pub fn texture_count(&self) -> u32 {
-        self.textures.len() as u32
+        narrow::<u32>(self.textures.len())
     }
 
     /// Slots of all textures.

@@ -17,6 +17,7 @@
 
 use std::ops::Range;
 use std::time::Instant;
+use supervol_format::cast::{narrow, single};
 
 use bytemuck::Zeroable;
 use rayon::prelude::*;
@@ -254,7 +255,7 @@ impl GpuRenderer {
         let tables = scene_tables::tables(volume, scene)?;
         let dims = self.pyramid.level_at(Lod::FINEST).dims;
         let lines = ViewLines::new(&scene.camera, volume.geometry, dims);
-        config.stride = lines.stride() as f32;
+        config.stride = single(lines.stride());
         let mut view = lines.view(&scene.camera, volume.geometry, dims, &scene.clip)?;
         view.first_value = match scene.mode {
             Mode::Mip => f32::MIN,
@@ -271,7 +272,7 @@ impl GpuRenderer {
             let entry = self.pyramid.level_at(Lod::FINEST).brick_count() + i as u64;
             self.pyramid.key(entry).expect("entries below the count have keys").lod().0.into()
         });
-        (self.pyramid.levels().len() - 1 - coarsest) as u32
+        narrow::<u32>(self.pyramid.levels().len() - 1 - coarsest)
     }
 
     /// Writes the known entries when a picture begins: resident bricks, and bricks that are too coarse.

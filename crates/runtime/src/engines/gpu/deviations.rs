@@ -1,6 +1,7 @@
 //! Deviations of bricks for shaders: a table of all different ones; each page holds the number of its own.
 
 use std::collections::HashMap;
+use supervol_format::cast::{narrow, single};
 
 use supervol_format::BrickKey;
 use supervol_scene::scene::Mode;
@@ -74,9 +75,9 @@ impl DeviationTable {
         if next >= self.room {
             return DEVIATION_UNKNOWN;
         }
-        self.numbers.insert(key, next as u32);
+        self.numbers.insert(key, narrow::<u32>(next));
         self.pending.push(deviation);
-        next as u32
+        narrow::<u32>(next)
     }
 
     /// Writes the new deviations.
@@ -96,13 +97,13 @@ const fn room(sums_errors: bool) -> usize {
 /// The deviation in `f32`, never less; `shift` is subtracted from every data value.
 #[must_use]
 pub fn on_device(deviation: &Deviation, shift: f64) -> GpuDeviation {
-    let up = |error: f64| (error * ROUNDING).min(f64::from(FAR)) as f32;
+    let up = |error: f64| single((error * ROUNDING).min(f64::from(FAR)));
     let value = |data: f64| (data - shift).clamp(-f64::from(FAR), f64::from(FAR));
     let Deviation { beneath, .. } = *deviation;
     let [least, greatest] = if beneath.is_empty() {
         [FAR, -FAR]
     } else {
-        [(value(beneath.min) as f32).next_down(), (value(beneath.max) as f32).next_up()]
+        [single(value(beneath.min)).next_down(), single(value(beneath.max)).next_up()]
     };
     GpuDeviation {
         per_length: deviation.per_length.map(up),

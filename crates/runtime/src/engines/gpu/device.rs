@@ -9,6 +9,7 @@
 use std::pin::pin;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::task::{Context, Poll, Waker};
+use supervol_format::cast::narrow;
 
 use super::pipelines::{Pipelines, Variant};
 use super::shaders::TexelAccess;
@@ -29,6 +30,7 @@ const CARD_MEMORY: u64 = 1 << 30;
 const VARIANT_LIMIT: usize = 10;
 
 /// Storage textures of a shader: the cache's and the transfer function's light table. WebGPU guarantees one less.
+#[expect(clippy::cast_possible_truncation, reason = "a small constant")]
 const STORAGE_TEXTURES: u32 = TEXTURE_LIMIT as u32 + 1;
 
 /// Pipelines, and what they were compiled for.
@@ -282,7 +284,7 @@ impl GpuDevice {
         let rows = size.height * size.depth_or_array_layers;
         let layout = wgpu::TexelCopyBufferLayout {
             offset: 0,
-            bytes_per_row: Some(bytes.len() as u32 / rows),
+            bytes_per_row: Some(narrow::<u32>(bytes.len()) / rows),
             rows_per_image: Some(size.height),
         };
         self.queue.write_texture(place, bytes, layout, size);

@@ -1,6 +1,7 @@
 //! Errors of pixels from the shader's sums of errors of rays: see docs/decisions/013-stated-error.md.
 
 use rayon::prelude::*;
+use supervol_format::cast::single;
 use supervol_scene::image::Image;
 use supervol_scene::scene::Mode;
 
@@ -84,7 +85,7 @@ impl GpuRenderer {
 impl Picture {
     /// Whether a finished ray ended before it left the volume.
     fn has_ended(&self, [.., transmittance]: &DeviceRay) -> bool {
-        self.mode == Mode::Dvr && *transmittance <= (END_SHARE * self.exactness.max_error) as f32
+        self.mode == Mode::Dvr && *transmittance <= single(END_SHARE * self.exactness.max_error)
     }
 
     /// Errors of a finished ray, by reason; `core`: voxels along an edge of a full brick's core.
@@ -115,6 +116,6 @@ impl Picture {
         };
         let [off, levels] = deviations.of_finished(&deviations::of_ray(self.mode, errors), &finished);
         let by_reason = ErrorsByReason { cells, levels, presence_may_change: errors.presence_may_change != 0 };
-        (off as f32, by_reason)
+        (single(off), by_reason)
     }
 }

@@ -7,6 +7,7 @@
 //! their unfinished rays are read after it.
 
 use supervol_format::BrickKey;
+use supervol_format::cast::index;
 
 use super::layout::GpuCounters;
 use super::slots::SlotIndex;
@@ -108,7 +109,7 @@ pub fn listed_misses(words: &[u32]) -> u32 {
 #[must_use]
 pub fn read_misses(words: &[u32], slots: u64) -> (Vec<(u32, u32)>, u64) {
     let listed = listed_misses(words);
-    let list = &words[words_with(slots, 0) as usize..words_with(slots, listed) as usize];
+    let list = &words[index(words_with(slots, 0))..index(words_with(slots, listed))];
     let mut misses: Vec<(u32, u32)> = list.chunks_exact(2).map(|pair| (pair[0], pair[1])).collect();
     misses.sort_unstable();
     (misses, u64::from(words[MISS_COUNT_WORD] - listed))
@@ -116,7 +117,7 @@ pub fn read_misses(words: &[u32], slots: u64) -> (Vec<(u32, u32)>, u64) {
 
 /// The slots whose bit is set.
 pub fn read_uses(words: &[u32], slots: u64) -> impl Iterator<Item = SlotIndex> + '_ {
-    let bits = &words[HEADER_WORDS..words_with(slots, 0) as usize];
+    let bits = &words[HEADER_WORDS..index(words_with(slots, 0))];
     (0u32..).zip(bits).flat_map(|(word, &bits)| {
         (0..32).filter(move |bit| bits >> bit & 1 != 0).map(move |bit| SlotIndex(word * 32 + bit))
     })

@@ -5,6 +5,7 @@
 //! elsewhere in the compiled shader than in Rust. A `vec3` is always followed by a scalar: then both sides pack alike.
 
 use bytemuck::{Pod, Zeroable};
+use supervol_format::cast::single;
 
 use super::limits;
 use crate::engines::cells::quadrature;
@@ -114,7 +115,7 @@ shared_constants! {
     /// Bins of the transfer function: gpu/light_table.rs.
     LIGHT_BINS = 4096;
     /// Texels of that table from a bin to the next one.
-    LIGHT_TEXELS = super::limits::BIN_TEXELS as u32;
+    LIGHT_TEXELS = super::limits::LIGHT_TEXELS;
     /// Greatest root of a channel's share of the greatest channel.
     GREATEST_ROOT = super::limits::GREATEST_ROOT;
     /// Rays of one workgroup: one tile of 8 x 8 pixels.
@@ -601,7 +602,7 @@ fn borrowed_constants() -> [(&'static str, &'static str, String); 47] {
         ("KNOT_LIMIT", "u32", format!("{}u", quadrature::KNOT_LIMIT)),
         ("PAIR_LIMIT", "u32", format!("{}u", quadrature::PAIR_LIMIT)),
         ("POSITION_ERROR", "f32", format!("{:?}", rules::POSITION_ERROR)),
-        ("GAUSS_OFFSET", "f32", format!("{:?}", quadrature::GAUSS_OFFSET as f32)),
+        ("GAUSS_OFFSET", "f32", format!("{:?}", single(quadrature::GAUSS_OFFSET))),
         ("GAUSS_DISTANCE", "f32", format!("{:?}", quadrature::GAUSS_DISTANCE)),
         ("PAIR_VARIATION", "f32", format!("{:?}", rules::PAIR_VARIATION)),
         ("PAIRS_PER_VARIATION", "f32", format!("{:?}", rules::PAIRS_PER_VARIATION)),

@@ -6,6 +6,7 @@
 
 use glam::Vec3;
 use supervol_format::Geometry;
+use supervol_format::cast::whole;
 
 use super::layout::LIGHT_BINS;
 use super::light_table::LightTable;
@@ -88,7 +89,7 @@ fn light_bin(value: f32) -> f32 {
 
 /// Texel `i` of a bin.
 fn texel(table: &LightTable, i: usize, bin: f32) -> [u32; 4] {
-    let first = 4 * (BIN_TEXELS * (bin + 1.0) as usize + i);
+    let first = 4 * (BIN_TEXELS * whole::<usize>(bin + 1.0) + i);
     std::array::from_fn(|word| table.words[first + word])
 }
 

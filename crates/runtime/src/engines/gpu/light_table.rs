@@ -16,6 +16,7 @@
 //! Packets on the CPU look up pieces (`transfer_function::pieces`), which takes a search and twice as many texels. A
 //! bin is found by one conversion, for any number of control points. The price: a kink is blurred over a bin.
 
+use supervol_format::cast::{single, whole};
 use supervol_scene::transfer_function::TransferFunction;
 use supervol_scene::transfer_function::pieces::{CHANNELS, Column, TransferPieces};
 use supervol_scene::value_map::ValueMap;
@@ -63,7 +64,7 @@ impl LightTable {
     #[must_use]
     pub fn new(source: &TransferFunction, shift: f64, tolerance: f64) -> Self {
         let points = source.points();
-        let value_of = |i: usize| f64::from((points[i].value - shift) as f32);
+        let value_of = |i: usize| f64::from(single(points[i].value - shift));
         let (first, last) = (value_of(0), value_of(points.len() - 1));
         // A function of one step, or of one point, gets a width.
         let width = if last > first { last - first } else { first.abs().max(1.0) * f64::from(f32::EPSILON) * 64.0 };
@@ -76,8 +77,8 @@ impl LightTable {
         let edges: Vec<At> = (0..=LIGHT_BINS).map(edge).collect();
         // Below the first bin there are no steps, no bends, and no area.
         let before = At { antiderivative: [0.0; CHANNELS], ..at(&pieces, first - width, false) };
-        let whole = edges.iter().flat_map(|edge| edge.antiderivative).fold(0.0, f64::max) * scale / per_bin;
-        let unit = whole.max(f64::from(f32::MIN_POSITIVE)) / f64::from(i32::MAX - 1);
+        let greatest = edges.iter().flat_map(|edge| edge.antiderivative).fold(0.0, f64::max) * scale / per_bin;
+        let unit = greatest.max(f64::from(f32::MIN_POSITIVE)) / f64::from(i32::MAX - 1);
         let most = points.iter().map(|p| source.kappa(p.alpha)).fold(f64::MIN_POSITIVE, f64::max);
         let mut words = vec![0; 4 * TEXELS];
         let mut write = |i: usize, place: usize, texel: [u32; 4]| {
@@ -101,22 +102,22 @@ impl LightTable {
                 line_of(ends, mean)
             };
             // Integers: their differences are exact, however much lies below.
-            let k = begin.antiderivative.map(|k| (k * scale / per_bin / unit).round() as u32);
+            let k = begin.antiderivative.map(|k| whole::<u32>((k * scale / per_bin / unit).round()));
             let k = std::array::from_fn(|c| k[(c + 1) % CHANNELS]);
             write(0, place, k);
             write(1, place, packed(ends, most));
             let [bends, color] = begin.sums;
             let colors = if is_outside { 0.0 } else { edges[place].sums[1] - color };
-            write(2, place, [bends * scale * per_bin, color, colors, colors_before].map(|v| (v as f32).to_bits()));
+            write(2, place, [bends * scale * per_bin, color, colors, colors_before].map(|v| single(v).to_bits()));
             colors_before = colors;
         }
         Self {
             words,
-            first: first as f32,
-            middle: (first + 0.5 * width) as f32,
-            bins_per_value: (1.0 / per_bin) as f32,
-            unit: unit as f32,
-            most: (most * scale) as f32,
+            first: single(first),
+            middle: single(first + 0.5 * width),
+            bins_per_value: single(1.0 / per_bin),
+            unit: single(unit),
+            most: single(most * scale),
             is_resolved,
         }
     }
@@ -129,13 +130,13 @@ impl LightTable {
         let (first, per_value) = (f64::from(self.first), f64::from(self.bins_per_value));
         if storage == VoxelStorage::F32 {
             let centre = self.middle;
-            return [centre, self.bins_per_value, ((f64::from(centre) - first) * per_value) as f32];
+            return [centre, self.bins_per_value, single((f64::from(centre) - first) * per_value)];
         }
         let (scale, offset) = (f64::from(map.scale), f64::from(map.offset));
         // The number whose value is nearest to the middle; `as` maps NaN to 0.
-        let centre = f64::from(((f64::from(self.middle) - offset) / scale).round() as u16);
+        let centre = f64::from(whole::<u16>(((f64::from(self.middle) - offset) / scale).round()));
         let at_centre = (centre * scale + offset - first) * per_value;
-        [centre as f32, (scale * per_value) as f32, at_centre as f32]
+        [single(centre), single(scale * per_value), single(at_centre)]
     }
 }
 
@@ -155,7 +156,7 @@ fn line_of(ends: [[f64; CHANNELS]; 2], mean: [f64; CHANNELS]) -> [[f64; CHANNELS
 
 /// Red, green, blue, extinction at both ends: roots of their shares of `most`, 16 bits each.
 fn packed([left, right]: [[f64; CHANNELS]; 2], most: f64) -> [u32; 4] {
-    let root = |v: f64| ((v / most).clamp(0.0, 1.0).sqrt() * f64::from(GREATEST_ROOT)).round() as u32;
+    let root = |v: f64| whole::<u32>(((v / most).clamp(0.0, 1.0).sqrt() * f64::from(GREATEST_ROOT)).round());
     let pair = |a: f64, b: f64| root(a) | root(b) << 16;
     [pair(left[1], left[2]), pair(left[3], left[0]), pair(right[1], right[2]), pair(right[3], right[0])]
 }

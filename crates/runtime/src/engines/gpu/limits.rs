@@ -4,7 +4,9 @@
 pub const TEXTURE_LIMIT: usize = 4;
 
 /// Texels of the light table from a bin to the next one: three, and one that fills the cache line of 64 bytes.
-pub const BIN_TEXELS: usize = 4;
+pub const BIN_TEXELS: usize = LIGHT_TEXELS as usize;
+/// The same, as shaders know it.
+pub const LIGHT_TEXELS: u32 = 4;
 
 /// Greatest root of a channel's share of the greatest channel, in the second texel of a bin.
 pub const GREATEST_ROOT: u32 = 65_535;

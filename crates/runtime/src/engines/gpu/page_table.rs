@@ -4,6 +4,7 @@
 //! index in the table of contents plus the first entry of its field. A shader that draws a field adds that number to
 //! the first entry of each level. The words themselves are on the device and are written there ([`super::cache`]).
 
+use supervol_format::cast::narrow;
 use supervol_format::{Lod, Pyramid};
 
 use crate::stream::field::{Field, FieldBrick};
@@ -70,7 +71,7 @@ impl PageTable {
         let entry = u64::from(entry);
         let number = self.fields.partition_point(|(first, _)| *first <= entry).checked_sub(1)?;
         let (first, pyramid) = &self.fields[number];
-        Some(Field(number as u16).brick(pyramid.key(entry - first)?))
+        Some(Field(narrow::<u16>(number)).brick(pyramid.key(entry - first)?))
     }
 
     /// Records the content of an entry for the next pass.

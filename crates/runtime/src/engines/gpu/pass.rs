@@ -9,6 +9,7 @@ use std::collections::VecDeque;
 use std::ops::Range;
 use std::sync::Arc;
 use std::time::Instant;
+use supervol_format::cast::{index, narrow};
 
 use bytemuck::Zeroable;
 use supervol_scene::transfer_function::RenderTransferFunction;
@@ -94,7 +95,7 @@ const fn ray_bytes(sums_errors: bool) -> u64 {
 /// Rows of rays of this width that fit [`STATES_LIMIT`], in whole pixels of `subgrid` rows; at least one pixel's.
 pub(super) fn band_rows(width: u32, subgrid: u32, sums_errors: bool) -> u32 {
     let row_of_tiles = RayGrid { width, height: TILE }.places() * ray_bytes(sums_errors);
-    let rows = (STATES_LIMIT / row_of_tiles).min(u64::from(u32::MAX / TILE)) as u32 * TILE;
+    let rows = narrow::<u32>((STATES_LIMIT / row_of_tiles).min(u64::from(u32::MAX / TILE))) * TILE;
     (rows - rows % subgrid).max(subgrid)
 }
 
@@ -389,7 +390,7 @@ impl DeviceCaster {
             cache.write_slot_list(slots);
             let mut encoder = self.encoder();
             let bound = self.bound();
-            self.dispatch(&mut encoder, &bound.pipelines.classify_cells, &bound.classify, slots.len() as u32);
+            self.dispatch(&mut encoder, &bound.pipelines.classify_cells, &bound.classify, narrow::<u32>(slots.len()));
             self.gpu.submit(encoder);
         }
     }
@@ -397,7 +398,7 @@ impl DeviceCaster {
     /// Begins the rays of these rows of pixels.
     pub(super) fn begin(&mut self, rows: Range<u32>) {
         self.grid = RayGrid { width: self.view.width, height: rows.end - rows.start };
-        let places = self.grid.places() as u32;
+        let places = narrow::<u32>(self.grid.places());
         self.look_at_all();
         self.view =
             View { first_row: rows.start, height: rows.end, tiles_x: self.grid.tiles()[0], places, ..self.view };
@@ -442,7 +443,7 @@ impl DeviceCaster {
     pub(super) fn begin_parts(&mut self, parts: &[RayPart]) {
         self.look_at_all();
         for parts in parts.chunks(PARTS_AT_ONCE) {
-            let groups = (parts.len() as u32).div_ceil(WORKGROUP_RAYS);
+            let groups = narrow::<u32>(parts.len()).div_ceil(WORKGROUP_RAYS);
             // The last workgroup is filled up with places that do not exist.
             let mut whole = parts.to_vec();
             whole.resize((groups * WORKGROUP_RAYS) as usize, RayPart { place: u32::MAX, ..RayPart::zeroed() });
@@ -587,7 +588,7 @@ impl DeviceCaster {
         let mut encoder = self.encoder();
         encoder.clear_buffer(&self.feedback, 0, Some(COUNTERS_BYTES));
         let bound = self.bound();
-        self.dispatch(&mut encoder, &bound.pipelines.raycast, &bound.cast, tiles.len() as u32);
+        self.dispatch(&mut encoder, &bound.pipelines.raycast, &bound.cast, narrow::<u32>(tiles.len()));
         let (counters, tile_bytes) = (&self.counters[buffer], 4 * tiles.len() as u64);
         encoder.copy_buffer_to_buffer(&self.feedback, 0, counters, 0, COUNTERS_BYTES);
         encoder.copy_buffer_to_buffer(&self.feedback, self.first_tile, counters, COUNTERS_BYTES, tile_bytes);
@@ -611,7 +612,7 @@ impl DeviceCaster {
         let bytes = COUNTERS_BYTES + 4 * run.tiles.len() as u64;
         let (counters, states) =
             self.gpu.read_after(Some(run.submission), &self.counters[run.buffer], bytes, |bytes| {
-                let (counters, states) = bytes.split_at(COUNTERS_BYTES as usize);
+                let (counters, states) = bytes.split_at(index(COUNTERS_BYTES));
                 (bytemuck::pod_read_unaligned::<GpuCounters>(counters), bytemuck::pod_collect_to_vec::<u8, u32>(states))
             })?;
         raw.feedback.add(&counters);
@@ -672,7 +673,7 @@ impl DeviceCaster {
 
 /// Tiles of a grid of rays, by number.
 fn all_tiles(grid: RayGrid) -> Range<u32> {
-    0..(grid.places() / u64::from(WORKGROUP_RAYS)) as u32
+    0..narrow::<u32>(grid.places() / u64::from(WORKGROUP_RAYS))
 }
 
 /// Sorts tiles into squares of [`SQUARE`] tiles.

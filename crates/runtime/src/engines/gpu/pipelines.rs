@@ -1,6 +1,7 @@
 //! Compute pipelines and their bindings, in the order of `shaders/shared/config.wgsl`.
 
 use std::sync::OnceLock;
+use supervol_format::cast::narrow;
 
 use super::device::GpuDevice;
 use super::shaders::{
@@ -104,9 +105,9 @@ impl Pipelines {
     pub fn new(gpu: &GpuDevice, variant: Variant) -> Result<Self, GpuError> {
         let texels = gpu.texels();
         let mut scene_entries: Vec<_> = (0..).zip(SCENE_TABLES).map(|(i, access)| entry(texels, i, access)).collect();
-        let cache = (SCENE_TABLES.len() as u32..).take(TEXTURE_LIMIT);
+        let cache = (narrow::<u32>(SCENE_TABLES.len())..).take(TEXTURE_LIMIT);
         scene_entries.extend(cache.map(|i| entry(texels, i, Access::Texels(wgpu::TextureViewDimension::D3))));
-        scene_entries.push(entry(texels, scene_entries.len() as u32, Access::Read));
+        scene_entries.push(entry(texels, narrow::<u32>(scene_entries.len()), Access::Read));
         gpu.checked("the compute pipelines", || {
             let scene_layout = layout(gpu, &scene_entries);
             let view_layout = layout(gpu, &scene_entries[..1]);

@@ -6,6 +6,7 @@
 //! their turn comes; only the list of rays with another part is kept.
 
 use rayon::prelude::*;
+use supervol_format::cast::narrow;
 use supervol_format::{Dims, Geometry};
 use supervol_scene::camera::{Camera, PixelRays};
 use supervol_scene::clip::{Clip, ToIndex, clip_parts};
@@ -50,7 +51,7 @@ impl RayParts {
     /// The first parts of all rays of a band that begins in this row.
     #[must_use]
     pub fn first(&self, grid: RayGrid, first_row: u32) -> Turn {
-        let places: Vec<u32> = (0..grid.places() as u32).collect();
+        let places: Vec<u32> = (0..narrow::<u32>(grid.places())).collect();
         self.turn(grid, first_row, &places, 0)
     }
 

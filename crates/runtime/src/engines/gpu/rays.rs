@@ -10,6 +10,7 @@
 
 use bytemuck::Zeroable;
 use glam::{DMat3, DVec3};
+use supervol_format::cast::{narrow, single, whole};
 use supervol_format::space::HALF_VOXEL;
 use supervol_format::{Dims, Geometry};
 use supervol_scene::camera::{Camera, Projection, Ray};
@@ -56,9 +57,9 @@ impl RayGrid {
     /// pixels within a tile. Rays cast together by groups of lanes are then closer than in rows of 8.
     #[must_use]
     pub fn pixel(self, place: u64) -> [u32; 2] {
-        let (tile, lane) = (place / u64::from(WORKGROUP_RAYS), (place % u64::from(WORKGROUP_RAYS)) as u32);
+        let (tile, lane) = (place / u64::from(WORKGROUP_RAYS), narrow::<u32>(place % u64::from(WORKGROUP_RAYS)));
         let tiles_x = u64::from(self.tiles()[0]);
-        let [tx, ty] = [tile % tiles_x, tile / tiles_x].map(|n| n as u32);
+        let [tx, ty] = [tile % tiles_x, tile / tiles_x].map(narrow::<u32>);
         let block = lane / 8;
         [tx * TILE + block % 2 * 4 + lane % 4, ty * TILE + block / 2 * 2 + lane / 4 % 2]
     }
@@ -161,8 +162,8 @@ impl ViewLines {
         let beyond = length - (origin - ray.origin).dot(ray.direction);
         let strides = (beyond / direction.length() / self.stride).max(0.0);
         // The number of strides through the largest volume is far below 32 bits.
-        let whole = strides.floor().min(f64::from(u32::MAX));
-        (whole as u32, ((strides - whole) * self.stride) as f32)
+        let full = strides.floor().min(f64::from(u32::MAX));
+        (whole::<u32>(full), single((strides - full) * self.stride))
     }
 
     /// The view in the form for the shader.
@@ -194,8 +195,8 @@ impl ViewLines {
             let [low, high] = clip.index_box.unwrap_or([[f64::NEG_INFINITY; 3], [f64::INFINITY; 3]]).map(|c| c[a]);
             let low = low.clamp(-HALF_VOXEL, dims.0[a] as f64);
             let high = high.clamp(-1.0, dims.0[a] as f64 - HALF_VOXEL);
-            (view.box_low[a], view.box_low_rest[a]) = (low.floor() as i32, (low - low.floor()) as f32);
-            (view.box_high[a], view.box_high_rest[a]) = (high.floor() as i32, (high - high.floor()) as f32);
+            (view.box_low[a], view.box_low_rest[a]) = (whole::<i32>(low.floor()), single(low - low.floor()));
+            (view.box_high[a], view.box_high_rest[a]) = (whole::<i32>(high.floor()), single(high - high.floor()));
         }
         // Planes that do not meet the volume cut off nothing or all of it; heights above all others are representable.
         let corners = corners_of_volume(geometry, dims);
@@ -227,7 +228,7 @@ impl ViewLines {
     /// [`View::length`].
     fn length(&self, camera: &Camera) -> [f32; 4] {
         let along =
-            |v: LinearNumber<DVec3>, axis: DVec3| [v.base.dot(axis) as f32, (v.per_x + v.per_y).dot(axis) as f32];
+            |v: LinearNumber<DVec3>, axis: DVec3| [single(v.base.dot(axis)), single((v.per_x + v.per_y).dot(axis))];
         let [[u, u_x], [v, v_y]] = [along(self.direction, camera.right), along(self.direction, camera.up)];
         [u, u_x, v, v_y]
     }
@@ -264,9 +265,10 @@ fn affine(line: LinearNumber<f64>) -> Affine {
 }
 
 /// The number in fixed point, rounded towards zero; its whole part must fit 32 bits.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "the number is cut into words")]
 fn fixed(value: f64) -> Fixed {
     // Multiplying by a power of two is exact.
-    let bits = (value * 2f64.powi(64)) as i128;
+    let bits = whole::<i128>(value * 2f64.powi(64));
     Fixed { whole: (bits >> 64) as i32, high: (bits >> 32) as u32, low: bits as u32 }
 }
 

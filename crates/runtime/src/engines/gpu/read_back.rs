@@ -2,6 +2,7 @@
 //! host makes pixels of one piece the next one is on its way.
 
 use std::collections::VecDeque;
+use supervol_format::cast::{index, narrow};
 
 use super::pass::DeviceCaster;
 use super::pixels::{DeviceRay, ERROR_BYTES, GATHERED_BYTES, PIECES_IN_FLIGHT};
@@ -28,7 +29,7 @@ impl DeviceCaster {
         let grid = self.grid();
         let pixels = u64::from(grid.width) * u64::from(grid.height);
         let mut flying: VecDeque<Piece> = VecDeque::new();
-        for (number, first) in (0..pixels).step_by(self.pixels.rays as usize).enumerate() {
+        for (number, first) in (0..pixels).step_by(index(self.pixels.rays)).enumerate() {
             if flying.len() == PIECES_IN_FLIGHT
                 && let Some(piece) = flying.pop_front()
             {
@@ -47,10 +48,10 @@ impl DeviceCaster {
     }
 
     fn submit_piece(&self, first: u64, rays: u64, buffer: usize, sums_errors: bool) -> wgpu::SubmissionIndex {
-        self.write_job(first as u32, 0);
+        self.write_job(narrow::<u32>(first), 0);
         let (pixels, bound) = (&self.pixels, self.bound());
         let mut encoder = self.encoder();
-        let groups = rays.div_ceil(u64::from(WORKGROUP_RAYS)) as u32;
+        let groups = narrow::<u32>(rays.div_ceil(u64::from(WORKGROUP_RAYS)));
         let bindings = [&bound.pixels.view, &bound.pixels.buffers];
         self.dispatch_on(&mut encoder, &bound.pipelines.gather_pixels, bindings, groups);
         let (to, bytes) = (&pixels.read_back[buffer], rays * GATHERED_BYTES);
@@ -69,8 +70,8 @@ impl DeviceCaster {
     ) -> Result<(), GpuError> {
         let bytes = rays * (GATHERED_BYTES + if sums_errors { ERROR_BYTES } else { 0 });
         self.gpu.read_after(Some(submission), &self.pixels.read_back[buffer], bytes, |bytes| {
-            let (gathered, errors) = bytes.split_at((rays * GATHERED_BYTES) as usize);
-            visit(first as usize, bytemuck::cast_slice(gathered), bytemuck::cast_slice(errors));
+            let (gathered, errors) = bytes.split_at(index(rays * GATHERED_BYTES));
+            visit(index(first), bytemuck::cast_slice(gathered), bytemuck::cast_slice(errors));
         })
     }
 }

@@ -2,6 +2,7 @@
 
 use bytemuck::Zeroable;
 use supervol_format::brick::APRON;
+use supervol_format::cast::{narrow, single};
 use supervol_format::{Geometry, Pyramid, ValueRange};
 use supervol_scene::scene::{Mode, ResolvedScene};
 use supervol_scene::transfer_function::{ALPHA_LIMIT, RenderTransferFunction};
@@ -93,37 +94,37 @@ pub fn config(
         world_z: column(world.z_axis),
         mode: mode_number(scene.mode)?,
         flags: flags.iter().filter(|(on, _)| *on).map(|(_, flag)| flag).sum(),
-        level_count: volume.pyramid.levels().len() as u32,
+        level_count: narrow::<u32>(volume.pyramid.levels().len()),
         gradient_x: column(gradient.x_axis),
         gradient_y: column(gradient.y_axis),
         gradient_z: column(gradient.z_axis),
-        iso_count: scene.iso.len() as u32,
+        iso_count: narrow::<u32>(scene.iso.len()),
         value_scale: map.scale,
         value_offset: map.offset,
         absent: map.absent.map_or(0, u32::from),
-        core: volume.pyramid.layout().core() as u32,
-        point_count: tf.points.len() as u32,
-        bin_count: tf.bins.len() as u32,
-        alpha_limit: ALPHA_LIMIT as f32,
+        core: narrow::<u32>(volume.pyramid.layout().core()),
+        point_count: narrow::<u32>(tf.points.len()),
+        bin_count: narrow::<u32>(tf.bins.len()),
+        alpha_limit: single(ALPHA_LIMIT),
         bins_per_value: tf.bins_per_value,
         inverse_unit_distance: tf.inverse_unit_distance,
         transmittance_limit: match scene.mode {
-            Mode::Dvr => (END_SHARE * max_error) as f32,
-            _ => (1.0 - TERMINATION_OPACITY) as f32,
+            Mode::Dvr => single(END_SHARE * max_error),
+            _ => single(1.0 - TERMINATION_OPACITY),
         },
         light_centre,
         light_scale,
         light_offset,
         light_unit: light.unit,
         light_most: light.most,
-        cell_error: cell_error(max_error) as f32,
+        cell_error: single(cell_error(max_error)),
         // The error of a Gauss pair falls with the fourth power of its width.
-        pair_share: (PAIR_ERROR / max_error).sqrt().sqrt() as f32,
+        pair_share: single((PAIR_ERROR / max_error).sqrt().sqrt()),
         miss_limit: MISS_LIMIT,
-        visible_points: tf.points.iter().filter(|p| p.rgba[3] > 0.0).count() as u32,
-        miss_words: miss_words(places.slots) as u32,
-        wait_words: wait_words(places.slots) as u32,
-        tile_words: tile_words(places.slots, places.entries) as u32,
+        visible_points: narrow::<u32>(tf.points.iter().filter(|p| p.rgba[3] > 0.0).count()),
+        miss_words: narrow::<u32>(miss_words(places.slots)),
+        wait_words: narrow::<u32>(wait_words(places.slots)),
+        tile_words: narrow::<u32>(tile_words(places.slots, places.entries)),
         grids: places.grids,
         ..Config::zeroed()
     };
@@ -133,8 +134,8 @@ pub fn config(
         config.specular = lighting.specular;
         config.shininess = lighting.shininess;
         config.gradient_floor = lighting.gradient_floor;
-        config.light_count = lighting.lights.len() as u32;
-        config.least_shaded = (LEAST_SHADED_SHARE * max_error) as f32;
+        config.light_count = narrow::<u32>(lighting.lights.len());
+        config.least_shaded = single(LEAST_SHADED_SHARE * max_error);
         config.light_sum = lighting.lights.iter().map(|light| light.1).sum();
     }
     Ok(config)
@@ -169,18 +170,18 @@ pub fn tables(volume: &GpuVolume<'_>, scene: &ResolvedScene) -> Result<Tables, G
     for (slot, level) in tables.levels.iter_mut().zip(volume.pyramid.levels()) {
         *slot = GpuLevel {
             bricks: level.bricks,
-            first_entry: level.first_entry as u32,
+            first_entry: narrow::<u32>(level.first_entry),
             scale_log2: level.scale.map(u64::ilog2),
             padding: 0,
         };
     }
     for (slot, light) in tables.lights.iter_mut().zip(scene.shading.iter().flat_map(|s| &s.lights)) {
-        *slot = GpuLight { to_light: light.to_light.as_vec3().to_array(), intensity: light.intensity as f32 };
+        *slot = GpuLight { to_light: light.to_light.as_vec3().to_array(), intensity: single(light.intensity) };
     }
     for (slot, iso) in tables.isos.iter_mut().zip(&scene.iso) {
         *slot = GpuIso {
-            color: iso.color.map(|c| c as f32),
-            alpha: iso.alpha as f32,
+            color: iso.color.map(single),
+            alpha: single(iso.alpha),
             value: volume.value_map.from_data(iso.value),
             ..GpuIso::zeroed()
         };
@@ -215,5 +216,5 @@ pub fn transfer_index(tf: &RenderTransferFunction) -> Vec<u32> {
 /// Voxels along each axis of a slot.
 #[must_use]
 pub fn slot_edge(pyramid: &Pyramid) -> u32 {
-    (pyramid.layout().core() + 2 * APRON) as u32
+    narrow::<u32>(pyramid.layout().core() + 2 * APRON)
 }

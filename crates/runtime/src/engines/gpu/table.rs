@@ -4,6 +4,7 @@
 use super::device::GpuDevice;
 use super::layout::TABLE_WIDTH as WIDTH;
 use crate::engines::gpu::error::GpuError;
+use supervol_format::cast::narrow;
 
 /// A table of texels of one or four 32-bit words, row by row.
 #[derive(Debug)]
@@ -22,7 +23,7 @@ impl Table {
     /// # Errors
     /// [`GpuError::TableLimit`] beyond the size of textures, and errors of the device.
     pub fn new(gpu: &GpuDevice, doing: &str, texels: usize, texel_words: usize) -> Result<Self, GpuError> {
-        let rows = texels.max(1).div_ceil(WIDTH as usize) as u32;
+        let rows = narrow::<u32>(texels.max(1).div_ceil(WIDTH as usize));
         let most = gpu.limits().max_texture_dimension_2d;
         if rows > most {
             let bytes = |rows: u32| u64::from(rows) * u64::from(WIDTH) * 4 * texel_words as u64;
@@ -63,7 +64,7 @@ impl Table {
         let row_words = WIDTH as usize * self.texel_words;
         let mut rows = words.to_vec();
         rows.resize(words.len().next_multiple_of(row_words), 0);
-        let height = (rows.len() / row_words) as u32;
+        let height = narrow::<u32>(rows.len() / row_words);
         let size = wgpu::Extent3d { width: WIDTH, height, depth_or_array_layers: 1 };
         gpu.write_texture(self.texture.as_image_copy(), bytemuck::cast_slice(&rows), size);
     }

@@ -4,6 +4,7 @@
 
 use glam::{Mat3, Vec3};
 use supervol_format::brick::MACRO_CELL;
+use supervol_format::cast::{narrow, single, whole};
 
 use super::layout::{Config, STEP_OF_BYTES};
 use crate::engines::cells::cell::{cubic_at, monotone_root};
@@ -14,7 +15,7 @@ use crate::engines::rules::{EASY, HARD, LEAST_PART, LEAST_SHARE, PARTS_LIMIT, PA
 /// Number of a macro cell among those of all slots.
 #[must_use]
 pub fn macro_place(slot: u32, core: u32, [x, y, z]: [u32; 3]) -> u32 {
-    let edge = core / MACRO_CELL as u32;
+    let edge = core / narrow::<u32>(MACRO_CELL);
     slot * edge.pow(3) + x + edge * (y + edge * z)
 }
 
@@ -119,7 +120,7 @@ pub fn segment_end(stride: f32, strides: u32, end_strides: u32, end_rest: f32) -
 #[must_use]
 pub fn rebase(stride: f32, strides: u32, t: f32) -> (u32, f32) {
     let passed = (t / stride).floor();
-    (strides + passed as u32, t - passed * stride)
+    (strides + whole::<u32>(passed), t - passed * stride)
 }
 
 /// (Least, greatest) corner.
@@ -172,7 +173,7 @@ pub fn normal_at(gradient: Vec3) -> Vec3 {
 /// Sides of surfaces of the field at u of a chord.
 #[must_use]
 pub fn sides_at(isos: &[f32], cubic: &[f64; 4], range: [f32; 2], u: f64) -> u32 {
-    sides_of(isos, value_at(cubic, range, u) as f32)
+    sides_of(isos, single(value_at(cubic, range, u)))
 }
 
 /// Unit world vector of a direction in index space.

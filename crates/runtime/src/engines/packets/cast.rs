@@ -7,6 +7,7 @@
 //! Protocol as in [`super`]: a tile keeps the gathered state of its rays only while some of them wait.
 
 use std::sync::atomic::{AtomicBool, Ordering};
+use supervol_format::cast::narrow;
 
 use rayon::prelude::*;
 use supervol_format::Lod;
@@ -47,7 +48,7 @@ pub(super) fn cast_tiles(view: &dyn BrickView, frame: &PacketFrame, tiles: &mut 
                 feedback.is_stopped = true;
                 return feedback;
             }
-            let corner = [index % columns, index / columns].map(|i| i as u32 * TILE_SIDE);
+            let corner = [index % columns, index / columns].map(|i| narrow::<u32>(i) * TILE_SIDE);
             begin_tile(frame, corner, tile, rays, &mut feedback);
             let begun = rays.going();
             if begun > 0 {

@@ -1,6 +1,7 @@
 //! Fetches the eight corner voxels of each lane's cell from a brick, as stored numbers.
 
 use std::marker::PhantomData;
+use supervol_format::cast::{narrow, single, whole};
 
 use supervol_format::brick::APRON;
 use supervol_scene::value_map::ValueMap;
@@ -50,8 +51,8 @@ impl Stored {
             Self::U8 | Self::U16 => {
                 // The number whose render value is nearest to the origin; `as` maps NaN to 0.
                 let (scale, offset) = (f64::from(map.scale), f64::from(map.offset) - f64::from(origin));
-                let centre = f64::from((-offset / scale).round() as u16);
-                [centre as f32, map.scale, (offset + centre * scale) as f32]
+                let centre = f64::from(whole::<u16>((-offset / scale).round()));
+                [single(centre), map.scale, single(offset + centre * scale)]
             }
             Self::F32 => [origin, 1.0, 0.0],
         }
@@ -222,7 +223,7 @@ impl<'a> BrickVoxels<'a> {
 #[must_use]
 pub fn strides_of(core: [usize; 3]) -> [i32; 2] {
     let [nx, ny, _] = core.map(|n| n + 2 * APRON);
-    [nx as i32, (nx * ny) as i32]
+    [narrow::<i32>(nx), narrow::<i32>(nx * ny)]
 }
 
 /// The voxels around cells whose first corners lie at `base`.

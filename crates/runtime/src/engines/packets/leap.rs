@@ -9,6 +9,7 @@
 //! ([`super::blocks`]).
 
 use supervol_format::brick::MACRO_CELL;
+use supervol_format::cast::narrow;
 
 use super::simd::{Simd, hidden_in_memory};
 use crate::stream::residency::DecodedBrick;
@@ -85,7 +86,7 @@ impl<const SIDE: usize> ProximityCloud<SIDE> {
     /// The cloud of visible cubes: one flag per cube, x fastest; `cells` along each axis.
     #[must_use]
     pub fn of_shown(cells: [usize; 3], ahead: [AxisDirection; 3], shown: impl Iterator<Item = bool>) -> Self {
-        let most = cells.iter().copied().max().unwrap_or(1).min(usize::from(FAR)) as u8;
+        let most = narrow::<u8>(cells.iter().copied().max().unwrap_or(1).min(usize::from(FAR)));
         let mut distances = Vec::with_capacity(cells.iter().product::<usize>() + PADDING);
         // A product, because visibility alternates too often for a branch.
         distances.extend(shown.map(|shows| most * u8::from(!shows)));
@@ -157,7 +158,7 @@ pub fn macro_cells_of(brick: &DecodedBrick, apron: usize) -> [usize; 3] {
 /// Index of a macro cell, x fastest, with `cells` along each axis.
 #[inline(always)]
 fn place_in<S: Simd>(cells: [usize; 3], macro_cell: [S::I; 3]) -> S::I {
-    let (nx, ny) = (S::splat_int(cells[0] as i32), S::splat_int(cells[1] as i32));
+    let (nx, ny) = (S::splat_int(narrow::<i32>(cells[0])), S::splat_int(narrow::<i32>(cells[1])));
     macro_cell[0] + nx * (macro_cell[1] + ny * macro_cell[2])
 }
 
@@ -179,7 +180,7 @@ impl MacroRanges {
     /// In every lane of the mask, the macro cell is one of these.
     #[inline(always)]
     pub unsafe fn gather<S: Simd>(&self, macro_cell: [S::I; 3], mask: S::M) -> [S::F; 2] {
-        let place = place_in::<S>(self.cells, macro_cell) * S::splat_int(size_of::<f32>() as i32);
+        let place = place_in::<S>(self.cells, macro_cell) * S::splat_int(narrow::<i32>(size_of::<f32>()));
         // SAFETY: the caller's promise; there is one number of either kind for each macro cell.
         let (low, high) = unsafe {
             (S::gather(self.low.as_ptr().cast(), place, mask), S::gather(self.high.as_ptr().cast(), place, mask))
@@ -232,7 +233,7 @@ fn neighbours_in_rows(sign: isize, [row, plane]: [usize; 2], ahead: [AxisDirecti
     let [xs, ys, zs] = ahead.map(AxisDirection::steps);
     let rows = zs.flat_map(|z| ys.clone().map(move |y| (y, z)));
     let rows = rows.filter(|&(y, z)| z == sign || (z == 0 && y == sign));
-    rows.flat_map(|(y, z)| xs.clone().map(move |x| x + y * row as isize + z * plane as isize)).collect()
+    rows.flat_map(|(y, z)| xs.clone().map(move |x| x + y * narrow::<isize>(row) + z * narrow::<isize>(plane))).collect()
 }
 
 /// Lowers a vector of distances by those of all neighbours at these offsets.

@@ -2,6 +2,7 @@
 //! bounds of [`crate::lod::deviation`].
 
 use std::sync::Arc;
+use supervol_format::cast::single;
 
 use supervol_format::{BrickKey, Lod};
 use supervol_scene::scene::Mode;
@@ -99,7 +100,7 @@ pub(super) fn errors_of(frame: &PacketFrame, gathered: &Gathered, pixels: &[[f32
         let [off, of_levels] = deviations.of_finished(&levels.rays[ray], &finished);
         greatest.levels = greatest.levels.max(of_levels);
         greatest.cells = greatest.cells.max(cells);
-        off as f32
+        single(off)
     });
     Some(Box::new(TileErrors { of_rays, greatest }))
 }

@@ -3,6 +3,7 @@
 //! Up to 16 or 32 pieces fit into one or two registers, and a look-up takes one instruction. More pieces are gathered
 //! from memory.
 
+use supervol_format::cast::narrow;
 use supervol_scene::transfer_function::pieces::{CHANNELS, COLUMNS, Column, TransferPieces};
 
 use super::simd::Simd;
@@ -38,7 +39,7 @@ fn search<S: Simd, L: PieceLookup>(table: &L, length: usize, value: S::F) -> S::
     let mut piece = S::splat_int(0);
     let mut step = length / 2;
     while step > 0 {
-        let candidate = piece + S::splat_int(step as i32);
+        let candidate = piece + S::splat_int(narrow::<i32>(step));
         let knot = table.column::<S>(Column::Knot, 0, candidate);
         piece = S::select_int(S::le(knot, value), candidate, piece);
         step /= 2;
@@ -100,8 +101,8 @@ impl PieceLookup for ManyPieces<'_> {
     #[inline(always)]
     fn column<S: Simd>(&self, column: Column, channel: usize, piece: S::I) -> S::F {
         let column = self.pieces.column(column, channel);
-        let last = S::splat_int(column.len() as i32 - 1);
-        let bytes = S::and_int(piece, last) * S::splat_int(size_of::<f32>() as i32);
+        let last = S::splat_int(narrow::<i32>(column.len()) - 1);
+        let bytes = S::and_int(piece, last) * S::splat_int(narrow::<i32>(size_of::<f32>()));
         // SAFETY: the length is a power of two, so that the masked piece is an index of the column.
         let bits = unsafe { S::gather(column.as_ptr().cast(), bytes, S::mask_from_bits(u32::MAX)) };
         S::float_from_bits(bits)

@@ -22,6 +22,7 @@ use super::simd::{LANES_LIMIT, Places, Simd, exp_minus, for_three};
 use super::walk::{CellStep, Packet, PacketBrick, PerLane, ROUND, Walker, places_along};
 use crate::engines::rules::{POSITION_ERROR, VALUE_ERROR};
 use crate::stream::counters::RayCounters;
+use supervol_format::cast::narrow;
 
 /// Least share of visible lanes, in parts of [`DENSE_OF`], to shade a round's cells in place: packing has a cost, too.
 const DENSE: usize = 5;
@@ -558,7 +559,7 @@ impl<S: Simd, L: PieceLookup> Round<'_, S, L> {
             let is_hole = S::is_nan(chord.values[1]) & !in_plane;
             let waits = is_left & steps[number].crosses() & !is_hole;
             parts.least_depths[number] = [0.0; LANES_LIMIT];
-            let slot = S::load_int(&LANE_NUMBERS) + S::splat_int((number * LANES_LIMIT) as i32);
+            let slot = S::load_int(&LANE_NUMBERS) + S::splat_int(narrow::<i32>(number * LANES_LIMIT));
             // One by one, each cell may be settled by one rule.
             let error = S::select(S::is_nan(chord.values[1]), chord.values[1], S::splat(0.0));
             let cell = QueuedCell { slot, base: steps[number].base, chord: *chord, error, per_error };
@@ -595,6 +596,6 @@ pub fn queued<S: Simd>(
     part: &Part<S>,
     per_error: S::F,
 ) -> QueuedCell<S> {
-    let slot = S::load_int(&LANE_NUMBERS) + S::splat_int((number * LANES_LIMIT) as i32);
+    let slot = S::load_int(&LANE_NUMBERS) + S::splat_int(narrow::<i32>(number * LANES_LIMIT));
     QueuedCell { slot, base: step.base, chord: *chord, error: part.error, per_error }
 }

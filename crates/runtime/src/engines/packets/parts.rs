@@ -4,6 +4,7 @@
 //! stay with a ray, so its parts are composited, compared or averaged as one whole. Packets and bricks do not know of
 //! parts (docs/decisions/022-solids-and-picking.md). In each part, rays may wait for bricks.
 
+use supervol_format::cast::narrow;
 use supervol_scene::clip::{IndexRay, Segment};
 use supervol_scene::scene::Mode;
 
@@ -48,7 +49,7 @@ pub(super) fn part_of_ray(
 
 /// Whether a ray of a tile, whose first pixel is counted in the frame's rows, lies in the picture.
 pub(super) fn is_in_picture(frame: &PacketFrame, corner: [u32; 2], ray: usize) -> bool {
-    let size = [frame.scene.camera.width, frame.scene.rows.len() as u32];
+    let size = [frame.scene.camera.width, narrow::<u32>(frame.scene.rows.len())];
     (0..2).all(|a| corner[a] + place_of(ray)[a] < size[a])
 }
 
@@ -62,7 +63,7 @@ pub(super) fn has_ended(frame: &PacketFrame, gathered: &Gathered, ray: usize) ->
 
 /// Rays of a tile that lie in the picture.
 pub(super) fn rays_in_picture(frame: &PacketFrame, corner: [u32; 2]) -> u64 {
-    let size = [frame.scene.camera.width, frame.scene.rows.len() as u32];
+    let size = [frame.scene.camera.width, narrow::<u32>(frame.scene.rows.len())];
     let [columns, rows] = [0, 1].map(|a| TILE_SIDE.min(size[a].saturating_sub(corner[a])));
     u64::from(columns) * u64::from(rows)
 }

@@ -13,6 +13,7 @@
 use super::queue::Queue;
 use super::simd::{LANES_LIMIT, Simd, exp_minus, for_three, lanes};
 use super::walk::{PerLane, ROUND};
+use supervol_format::cast::narrow;
 
 /// Most waiting cells of one ray.
 pub const PENDING_LIMIT: usize = 3 * ROUND;
@@ -71,7 +72,8 @@ impl RoundParts {
             let mut lanes = [0.0; LANES_LIMIT];
             S::store(values, &mut lanes);
             for (&slot, value) in slots.iter().zip(lanes).take(count) {
-                self.numbers[slot as usize / LANES_LIMIT % ROUND][number][slot as usize % LANES_LIMIT] = value;
+                self.numbers[narrow::<usize>(slot) / LANES_LIMIT % ROUND][number]
+                    [narrow::<usize>(slot) % LANES_LIMIT] = value;
             }
         }
     }
@@ -135,7 +137,7 @@ impl Pending {
                 numbers[lane] = value;
             }
             self.least_depths[number][lane] = least_depth;
-            *slot = f32::from_bits((number * LANES_LIMIT + lane) as u32);
+            *slot = f32::from_bits(narrow::<u32>(number * LANES_LIMIT + lane));
             self.counts[lane] += 1;
         }
         left
@@ -281,7 +283,7 @@ impl<S: Simd> Light<S> {
         for number in 0..usize::from(most).min(PENDING_LIMIT) {
             let (light, part) = (&pending.light[number], &pending.parts[number]);
             let depth = S::load(&light[3]);
-            let is_there = S::lt_int(S::splat_int(number as i32), counts) & !self.ended;
+            let is_there = S::lt_int(S::splat_int(narrow::<i32>(number)), counts) & !self.ended;
             let is_there = is_there & S::lt(depth, S::splat(f32::INFINITY));
             let dimmed = S::select(is_there, exp_minus::<S>(self.hidden), zero);
             let transmittance = S::select(is_there, exp_minus::<S>(depth + self.hidden), zero);

@@ -5,11 +5,12 @@ use super::places::{TILE_RAYS, TILE_SIDE, place_of};
 use super::tile::Gathered;
 use crate::engines::ray::{RayState, pixel_of_light};
 use crate::engines::ray_scene::RayScene;
+use supervol_format::cast::narrow;
 
 /// Tiles along both sides of the rows of a picture.
 #[must_use]
 pub fn tiles_of(scene: &RayScene) -> [u32; 2] {
-    [scene.camera.width.div_ceil(TILE_SIDE), (scene.rows.len() as u32).div_ceil(TILE_SIDE)]
+    [scene.camera.width.div_ceil(TILE_SIDE), narrow::<u32>(scene.rows.len()).div_ceil(TILE_SIDE)]
 }
 
 /// One tile between passes.

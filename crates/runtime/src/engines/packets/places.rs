@@ -9,6 +9,7 @@ pub const TILE_RAYS: usize = (TILE_SIDE * TILE_SIDE) as usize;
 
 /// Place in the tile of ray number `ray`: neighbours in number are neighbours in the picture.
 #[must_use]
+#[expect(clippy::cast_possible_truncation, reason = "a tile has few rays")]
 pub const fn place_of(ray: usize) -> [u32; 2] {
     let ray = ray as u32;
     let (block, inside) = (ray / (BLOCK_SIDE * BLOCK_SIDE), ray % (BLOCK_SIDE * BLOCK_SIDE));

@@ -2,6 +2,7 @@
 
 use super::integrate::Chord;
 use super::simd::{Simd, for_three, load_from};
+use supervol_format::cast::narrow;
 
 /// Numbers of a [`QueuedCell`]: slot and base as bits.
 pub const CELL_NUMBERS: usize = 10;
@@ -83,7 +84,7 @@ impl<const CAPACITY: usize, const MORE: usize> Queue<CAPACITY, MORE> {
     #[must_use]
     pub fn used<S: Simd>(&self, first: usize) -> S::M {
         let count = (self.length - first).min(S::LANES);
-        S::mask_from_bits(((1u64 << count) - 1) as u32)
+        S::mask_from_bits(narrow::<u32>((1u64 << count) - 1))
     }
 
     /// The cells from number `first` on, lane by lane; anything in lanes behind the last.

@@ -19,6 +19,7 @@ use crate::engines::rules::{
     EASY, EXACT_FROM, HARD, LEAST_PART, LEAST_SHARE, PARTS_LIMIT, PARTS_PER_ROOT, SHORTEST, TRIES_LIMIT,
 };
 use crate::stream::counters::RayCounters;
+use supervol_format::cast::narrow;
 
 /// Share of the lanes, as its inverse, that must be without work before they get new cells: that costs a quarter of a part.
 const REFILL_SHARE: u32 = 5;
@@ -164,8 +165,8 @@ impl<L: PieceLookup> Task for Refine<'_, L> {
         let mut taken = 0;
         loop {
             let mut going = S::bits(cuts.going()).count_ones();
-            let idle = S::LANES as u32 - going;
-            if going == 0 || (taken < count && idle * REFILL_SHARE >= S::LANES as u32) {
+            let idle = narrow::<u32>(S::LANES) - going;
+            if going == 0 || (taken < count && idle * REFILL_SHARE >= narrow::<u32>(S::LANES)) {
                 self.hand_over(&cuts, &mut work);
                 taken += self.refill(&mut cuts, taken);
                 going = S::bits(cuts.going()).count_ones();
@@ -238,7 +239,8 @@ impl<L: PieceLookup> Refine<'_, L> {
         let exact = S::bits(!is_settled & done);
         work.cells_exact += u64::from(exact.count_ones());
         for lane in lanes(S::bits(done)) {
-            let (number, ray) = (slots[lane] as usize / LANES_LIMIT, slots[lane] as usize % LANES_LIMIT);
+            let (number, ray) =
+                (narrow::<usize>(slots[lane]) / LANES_LIMIT, narrow::<usize>(slots[lane]) % LANES_LIMIT);
             let mut part = numbers.map(|values| values[lane]);
             if exact >> lane & 1 == 1 {
                 let [r, g, b, transmittance] = self.host.integrate_exactly(self.lanes.rays[ray], bases[lane]);

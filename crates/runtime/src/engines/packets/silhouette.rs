@@ -11,6 +11,7 @@
 
 use glam::{DMat3, DVec3};
 use supervol_format::Geometry;
+use supervol_format::cast::{narrow, single, whole};
 use supervol_format::space::HALF_VOXEL;
 use supervol_scene::camera::{Camera, PixelRays, Projection};
 
@@ -110,8 +111,8 @@ impl Silhouette {
         let (boxes, i) = (&mut self.boxes[number / SIDE_BY_SIDE], number % SIDE_BY_SIDE);
         // Pixels whose centres lie inside; casts saturate.
         let edges = [columns[0].ceil(), columns[1].floor(), rows[0].ceil(), rows[1].floor()];
-        (0..4).for_each(|edge| boxes.edges[edge][i] = edges[edge] as i32);
-        (0..2).for_each(|end| boxes.depths[end][i] = depths[end] as f32);
+        (0..4).for_each(|edge| boxes.edges[edge][i] = whole::<i32>(edges[edge]));
+        (0..2).for_each(|end| boxes.depths[end][i] = single(depths[end]));
     }
 }
 
@@ -216,7 +217,7 @@ impl Task for MeetSilhouette<'_> {
     fn run<S: Simd>(self) {
         let Self { silhouette, projector, corner, rays } = self;
         let corner = corner.map(|n| i32::try_from(n).unwrap_or(i32::MAX));
-        let last = corner.map(|n| n.saturating_add(TILE_SIDE as i32 - 1));
+        let last = corner.map(|n| n.saturating_add(narrow::<i32>(TILE_SIDE) - 1));
         let mut pixels = DepthsOfPixels { near: [[f32::INFINITY; ROW]; ROW], far: [[f32::NEG_INFINITY; ROW]; ROW] };
         let mut is_met = false;
         for boxes in &silhouette.boxes {
@@ -232,9 +233,10 @@ impl Task for MeetSilhouette<'_> {
             }
             is_met = true;
             for i in (0..SIDE_BY_SIDE).filter(|&i| meets[i] != 0) {
-                let in_tile = |n: i32, axis: usize| n.saturating_sub(corner[axis]).clamp(0, TILE_SIDE as i32 - 1);
+                let in_tile =
+                    |n: i32, axis: usize| n.saturating_sub(corner[axis]).clamp(0, narrow::<i32>(TILE_SIDE) - 1);
                 let columns = [left[i], right[i]].map(|n| in_tile(n, 0));
-                let rows = [top[i], bottom[i]].map(|n| in_tile(n, 1) as usize);
+                let rows = [top[i], bottom[i]].map(|n| narrow::<usize>(in_tile(n, 1)));
                 pixels.add(columns, rows, boxes.depths.map(|depths| depths[i]));
             }
         }
@@ -258,7 +260,7 @@ struct DepthsOfPixels {
 impl DepthsOfPixels {
     #[inline(always)]
     fn add(&mut self, [left, right]: [i32; 2], [top, bottom]: [usize; 2], [near, far]: [f32; 2]) {
-        let is_inside: [bool; ROW] = std::array::from_fn(|x| (left <= x as i32) & (x as i32 <= right));
+        let is_inside: [bool; ROW] = std::array::from_fn(|x| (left <= narrow::<i32>(x)) & (narrow::<i32>(x) <= right));
         for y in top..=bottom {
             for (x, &is_inside) in is_inside.iter().enumerate() {
                 let (n, f) = (&mut self.near[y][x], &mut self.far[y][x]);

@@ -13,6 +13,7 @@ use super::lookup::PieceLookup;
 use super::packet::{ClassifyTask, PacketTransfer, Precision, Round};
 use super::simd::{LANES_LIMIT, Simd};
 use super::walk::{Packet, PacketBrick, ROUND, Walker};
+use supervol_format::cast::single;
 
 /// Numbers of cells to try, the greatest first: divisors of a round's. If none suits, it is one.
 pub const SPANS: [usize; 2] = [6, 3];
@@ -104,7 +105,7 @@ impl ChooseSpan<'_> {
         let mut length = f32::INFINITY;
         for (a, step) in STEPS.into_iter().enumerate() {
             let last = (self.brick.walked.core()[a] - 1) as f32;
-            let origin = last * (number as f64 * step).fract() as f32;
+            let origin = last * single((number as f64 * step).fract());
             let direction = self.direction[a];
             let ahead = if direction > 0.0 { last - origin } else { origin };
             // No sample leaves the brick.

@@ -5,6 +5,7 @@
 //! render values that the scalar caster gives them.
 
 use supervol_format::brick::{APRON, MACRO_CELL};
+use supervol_format::cast::{single, whole};
 use supervol_scene::scene::{ISO_LIMIT, Mode};
 use supervol_scene::value_map::ValueMap;
 
@@ -166,14 +167,14 @@ impl Numbers {
     /// The number of voxels with this render value; `None` where there is none, or more than one.
     pub(super) fn of_voxel(&self, value: f32) -> Option<f32> {
         if self.stored == Stored::F32 {
-            return Some(self.quotient(f64::from(value)) as f32);
+            return Some(single(self.quotient(f64::from(value))));
         }
         let quotient = (f64::from(value) - f64::from(self.map.offset)) / f64::from(self.map.scale);
         // `as` rounds down what is not negative, and needs no call.
-        let nearest = f64::from((quotient + 0.5) as u32);
-        let has_value = |number: f64| self.map.from_stored_number(number as f32) == value;
+        let nearest = f64::from(whole::<u32>(quotient + 0.5));
+        let has_value = |number: f64| self.map.from_stored_number(single(number)) == value;
         let is_the_one = has_value(nearest) && !has_value(nearest - 1.0) && !has_value(nearest + 1.0);
-        is_the_one.then(|| self.turned(nearest - f64::from(self.centre)) as f32)
+        is_the_one.then(|| single(self.turned(nearest - f64::from(self.centre))))
     }
 
     /// The range of numbers of all voxels in a range of render values.
@@ -184,19 +185,19 @@ impl Numbers {
         let [a, b] = [low, high].map(|value| self.quotient(f64::from(value)));
         let (least, greatest) = (a.min(b), a.max(b));
         if self.stored == Stored::F32 {
-            return [least as f32, greatest as f32];
+            return [single(least), single(greatest)];
         }
         // Whole numbers that may have these values as far as `f32` tells.
         let size = f64::from(low.abs().max(high.abs())) + f64::from(self.map.offset).abs();
         let rounding = 4.0 * f64::from(f32::EPSILON) * size / f64::from(self.map.scale).abs();
-        [(least - rounding).ceil() as f32, (greatest + rounding).floor() as f32]
+        [single((least - rounding).ceil()), single((greatest + rounding).floor())]
     }
 
     /// A number that is not greater than a render value's.
     pub(super) fn not_above(&self, value: f64) -> f32 {
         // `as` rounds to the nearest `f32`.
-        let exact = self.of_voxel(value as f32).filter(|_| f64::from(value as f32) == value);
-        exact.unwrap_or_else(|| (self.quotient(value) as f32).next_down())
+        let exact = self.of_voxel(single(value)).filter(|_| f64::from(single(value)) == value);
+        exact.unwrap_or_else(|| single(self.quotient(value)).next_down())
     }
 
     /// Render value of a number.
@@ -204,7 +205,7 @@ impl Numbers {
         let stored = self.turned(f64::from(number)) + f64::from(self.centre);
         match self.stored {
             Stored::F32 => stored,
-            _ if stored == f64::from(stored as u32) => f64::from(self.map.from_stored_number(stored as f32)),
+            _ if stored == f64::from(whole::<u32>(stored)) => f64::from(self.map.from_stored_number(single(stored))),
             _ => stored * f64::from(self.map.scale) + f64::from(self.map.offset),
         }
     }
@@ -214,7 +215,7 @@ impl Numbers {
     pub(super) fn threshold(&self, value: f32) -> f32 {
         let quotient = self.quotient(f64::from(value));
         if self.stored == Stored::F32 {
-            return quotient as f32;
+            return single(quotient);
         }
         let is_above = |whole: i64| self.map.from_stored_number(whole.unsigned_abs() as f32) >= value;
         let (mut low, mut high) = if self.is_turned { (-GREATEST_STORED, 1) } else { (0, GREATEST_STORED + 1) };
@@ -222,10 +223,10 @@ impl Numbers {
             let middle = low + (high - low).div_euclid(2);
             if is_above(middle) { high = middle } else { low = middle + 1 }
         }
-        let first_above = (low as f64 - self.turned(f64::from(self.centre))) as f32;
+        let first_above = single(low as f64 - self.turned(f64::from(self.centre)));
         // Between the last whole number below and the first above: at the surface itself, where `f32` can say so.
         if quotient.is_finite() {
-            (quotient as f32).clamp((first_above - 1.0).next_up(), first_above)
+            single(quotient).clamp((first_above - 1.0).next_up(), first_above)
         } else {
             first_above
         }

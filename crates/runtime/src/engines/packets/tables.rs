@@ -1,6 +1,7 @@
 //! Tables of a picture that all its packets look up, and what is kept of bricks.
 
 use std::sync::Arc;
+use supervol_format::cast::single;
 
 use glam::DVec3;
 use supervol_format::BrickKey;
@@ -210,7 +211,7 @@ impl PacketTables {
         };
         let world: DVec3 = scene.geometry.linear() * direction;
         let per_world = 1.0 / world.length();
-        std::array::from_fn(|a| (direction[a] * per_world / scale[a]) as f32)
+        std::array::from_fn(|a| single(direction[a] * per_world / scale[a]))
     }
 
     /// How to go through a brick.
@@ -252,14 +253,14 @@ fn origin_of(source: &TransferFunction, shift: f64) -> f32 {
     let (first, last) = (points[0].value - shift, points[points.len() - 1].value - shift);
     let middle = 0.5 * first + 0.5 * last;
     let is_far = middle.is_finite() && middle.abs() > last - first;
-    if is_far { middle as f32 } else { 0.0 }
+    if is_far { single(middle) } else { 0.0 }
 }
 
 fn precision_of(max_error: f64, has_steps: bool, sums_errors: bool) -> Precision {
     Precision {
-        cell_error: cell_error(max_error) as f32,
-        last_transmittance: (END_SHARE * max_error) as f32,
-        least_shaded: (LEAST_SHADED_SHARE * max_error) as f32,
+        cell_error: single(cell_error(max_error)),
+        last_transmittance: single(END_SHARE * max_error),
+        least_shaded: single(LEAST_SHADED_SHARE * max_error),
         has_steps,
         sums_errors,
     }

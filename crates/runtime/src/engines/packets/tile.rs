@@ -8,6 +8,7 @@
 //! Spaces: rays run in the index space of level 0; t is a world length.
 
 use supervol_format::BrickKey;
+use supervol_format::cast::{narrow, single};
 use supervol_format::space::HALF_VOXEL;
 use supervol_scene::clip::{IndexRay, Segment};
 
@@ -24,7 +25,7 @@ pub(super) type PerRay = [f64; TILE_RAYS];
 /// The nearest `f32`, except that only an integer becomes an integer. So a ray beside a plane of voxels stays on its
 /// side of it, which decides whether holes next to the plane count.
 fn beside_planes(position: f64) -> f32 {
-    let nearest = position as f32;
+    let nearest = single(position);
     let is_moved_onto_plane = nearest.fract() == 0.0 && f64::from(nearest) != position;
     match (is_moved_onto_plane, f64::from(nearest) < position) {
         (false, _) => nearest,
@@ -314,7 +315,7 @@ impl TileRays {
         }
         let mut count = 0;
         for ray in 0..TILE_RAYS {
-            self.hits[count] = ray as u16;
+            self.hits[count] = narrow::<u16>(ray);
             count += usize::from(self.entry[ray] < self.exit[ray]);
             // The last write may lie at the end; it is never read.
             if count == TILE_RAYS {
@@ -364,7 +365,7 @@ impl TileRays {
             self.exit[ray] = if far < self.exit[ray] { far } else { self.exit[ray] };
         }
         for (start, (from, entry)) in self.start.iter_mut().zip(from.iter().zip(&self.entry)) {
-            *start = (from - entry) as f32;
+            *start = single(from - entry);
         }
         let mut count = 0;
         for i in 0..self.hit_count {
@@ -416,13 +417,13 @@ impl TileRays {
         for a in 0..3 {
             let position = self.origin[a][ray] + entry * self.direction[a][ray];
             let local = (position + HALF_VOXEL) * grid.inverse_scale[a] - HALF_VOXEL - grid.start[a];
-            packet.origin[a][lane] = if self.direction[a][ray] == 0.0 { beside_planes(local) } else { local as f32 };
-            packet.direction[a][lane] = (self.direction[a][ray] * grid.inverse_scale[a]) as f32;
+            packet.origin[a][lane] = if self.direction[a][ray] == 0.0 { beside_planes(local) } else { single(local) };
+            packet.direction[a][lane] = single(self.direction[a][ray] * grid.inverse_scale[a]);
         }
-        packet.length[lane] = (self.exit[ray] - entry) as f32;
+        packet.length[lane] = single(self.exit[ray] - entry);
         packet.start[lane] = if self.has_starts { self.start[ray] } else { 0.0 };
-        packet.front[lane] = self.gathered.transmittance[ray] as f32;
-        packet.rays[lane] = ray as u16;
+        packet.front[lane] = single(self.gathered.transmittance[ray]);
+        packet.rays[lane] = narrow::<u16>(ray);
     }
 
     /// Adds a part's contribution to one ray.

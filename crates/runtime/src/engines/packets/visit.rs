@@ -1,6 +1,7 @@
 //! A tile of rays through the bricks of a view, front to back; mode `dvr` in each brick.
 
 use glam::Vec3;
+use supervol_format::cast::single;
 use supervol_format::{BrickIndex, BrickKey, Lod};
 use supervol_scene::clip::Segment;
 use supervol_scene::scene::Mode;
@@ -165,8 +166,8 @@ impl CastTile<'_> {
             let ray = self.rays.hits()[i];
             let [entry, exit] = self.rays.interval(ray);
             let transmittance = (-f64::from(kappa) * (exit - entry)).exp();
-            let color = emission.map(|e| e / kappa * (1.0 - transmittance) as f32);
-            self.rays.add(ray, color, transmittance as f32, last);
+            let color = emission.map(|e| e / kappa * single(1.0 - transmittance));
+            self.rays.add(ray, color, single(transmittance), last);
         }
         self.feedback.counters.cells += self.rays.hits().len() as u64;
     }

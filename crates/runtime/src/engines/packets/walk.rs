@@ -8,6 +8,7 @@
 //! path, so leaping changes nothing.
 
 use supervol_format::brick::{APRON, MACRO_CELL};
+use supervol_format::cast::narrow;
 
 use super::fetch::{BrickVoxels, strides_of};
 use super::leap::ProximityCloud;
@@ -83,7 +84,7 @@ impl<'a> WalkedBrick<'a> {
     /// A brick whose core has `core` voxels along each axis, without a cloud.
     #[must_use]
     pub fn new(core: [usize; 3]) -> Self {
-        Self { core: core.map(|n| n as i32), strides: strides_of(core), cloud: None }
+        Self { core: core.map(narrow::<i32>), strides: strides_of(core), cloud: None }
     }
 
     /// The same brick with a cloud for leaping.
@@ -92,7 +93,7 @@ impl<'a> WalkedBrick<'a> {
     /// If the cloud belongs to a brick of another size.
     #[must_use]
     pub fn with_cloud(self, cloud: Option<&'a ProximityCloud<BLOCK>>) -> Self {
-        let core = self.core.map(|n| n as usize);
+        let core = self.core.map(narrow::<usize>);
         assert!(cloud.is_none_or(|cloud| cloud.covers(core)), "the cloud does not cover a brick of {core:?} voxels");
         Self { cloud, ..self }
     }
@@ -130,7 +131,7 @@ impl PacketBrick<'_> {
     #[must_use]
     pub fn first_base(&self) -> i32 {
         let [dy, dz] = self.voxels.strides();
-        (APRON as i32 - 1) * (1 + dy + dz)
+        (narrow::<i32>(APRON) - 1) * (1 + dy + dz)
     }
 
     /// Offsets of the cells of a round; prefetches the cells of the next round.

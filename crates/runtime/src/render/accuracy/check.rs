@@ -6,6 +6,7 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
+use supervol_format::cast::{narrow, whole};
 
 use serde::Serialize;
 use supervol_format::random::Random;
@@ -143,7 +144,7 @@ pub fn measure_error(
 fn percentile(differences: &[f64]) -> f64 {
     let mut sizes: Vec<f64> = differences.iter().map(|&d| greatest([d])).collect();
     sizes.sort_by(f64::total_cmp);
-    let rank = (sizes.len() as f64 * PERCENTILE).ceil() as usize;
+    let rank = whole::<usize>((sizes.len() as f64 * PERCENTILE).ceil());
     sizes[rank.clamp(1, sizes.len()) - 1]
 }
 
@@ -152,7 +153,7 @@ fn spread_pixels([width, height]: [u32; 2], count: u64, seed: u64) -> Vec<[u32; 
     let (w, h) = (u64::from(width), u64::from(height));
     let count = count.clamp(1, w * h);
     // Fields are as square as the picture allows; more columns if that gives too few fields.
-    let columns = ((count as f64 * w as f64 / h as f64).sqrt().ceil() as u64).clamp(count.div_ceil(h), w);
+    let columns = whole::<u64>((count as f64 * w as f64 / h as f64).sqrt().ceil()).clamp(count.div_ceil(h), w);
     let rows = count.div_ceil(columns);
     let mut random = Random::new(seed);
     (0..count)
@@ -161,7 +162,7 @@ fn spread_pixels([width, height]: [u32; 2], count: u64, seed: u64) -> Vec<[u32; 
             let field = (2 * i + 1) * rows * columns / (2 * count);
             let mut within = |i: u64, fields: u64, size: u64| {
                 let (low, high) = (i * size / fields, (i + 1) * size / fields);
-                (low + random.below(high - low)) as u32
+                narrow::<u32>(low + random.below(high - low))
             };
             [within(field % columns, columns, w), within(field / columns, rows, h)]
         })

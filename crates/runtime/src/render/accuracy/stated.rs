@@ -10,6 +10,7 @@
 //! `mean`, and positions of crossings in `iso`. The term of levels is always a bound.
 
 use serde::Serialize;
+use supervol_format::cast::single;
 use supervol_scene::image::{GREY_LEVELS, Image};
 
 use crate::engines::totals::ErrorsByReason;
@@ -82,7 +83,7 @@ pub fn in_colors(mut map: Image) -> Image {
         let levels = (f64::from(pixel[0]) * GREY_LEVELS).clamp(COLORS[0].0, COLORS[COLORS.len() - 1].0);
         let next = COLORS.partition_point(|color| color.0 < levels).clamp(1, COLORS.len() - 1);
         let [(low, before), (high, after)] = [COLORS[next - 1], COLORS[next]];
-        let share = ((levels / low).ln() / (high / low).ln()) as f32;
+        let share = single((levels / low).ln() / (high / low).ln());
         let [r, g, b] = std::array::from_fn(|c| before[c] + share * (after[c] - before[c]));
         *pixel = [r, g, b, 1.0];
     }

@@ -1,6 +1,7 @@
 //! A stage: the picture of one pixel size, and the canvas that it is drawn on.
 
 use std::time::{Duration, Instant};
+use supervol_format::cast::narrow;
 
 use supervol_format::{Container, Lod};
 use supervol_scene::image::Image;
@@ -131,7 +132,7 @@ pub(super) fn next_pixel(pixel: u32, took: Duration, left: Duration) -> u32 {
     let expected = |next: u32| {
         let halvings = (pixel / next).ilog2();
         let error = if next == 1 { TIME_PER_ERROR } else { 1.0 };
-        took.mul_f64(error * TIME_PER_HALVING.powi(halvings as i32))
+        took.mul_f64(error * TIME_PER_HALVING.powi(narrow::<i32>(halvings)))
     };
     let sure = left.mul_f64(LEAST_SURE_SHARE);
     let half = (pixel / 2).max(1);
@@ -155,7 +156,7 @@ pub(super) fn options_for(container: &Container, options: &RenderOptions, pixel:
     let level = match options.level {
         LevelChoice::Auto => LevelChoice::Auto,
         LevelChoice::Fixed(lod) => {
-            let coarser = lod.0.saturating_add(pixel.ilog2() as u8);
+            let coarser = lod.0.saturating_add(narrow::<u8>(pixel.ilog2()));
             LevelChoice::Fixed(Lod(coarser).min(container.pyramid().coarsest()))
         }
     };

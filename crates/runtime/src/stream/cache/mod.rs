@@ -34,6 +34,7 @@ impl Hasher for KeyHasher {
         }
     }
 
+    #[expect(clippy::cast_possible_truncation, reason = "the product is cut into halves")]
     fn write_u64(&mut self, bits: u64) {
         let product = u128::from(self.0 ^ bits ^ GOLDEN.rotate_left(32)) * u128::from(GOLDEN);
         self.0 = (product >> 64) as u64 ^ product as u64;

@@ -163,7 +163,7 @@ impl Simd for Avx2 {
         unsafe {
             let lane_bytes = _pdep_u64(u64::from(Self::bits(mask)), 0x0101_0101_0101_0101) * 0xff;
             let lanes = _pext_u64(0x0706_0504_0302_0100, lane_bytes);
-            let lanes = _mm256_cvtepu8_epi32(_mm_cvtsi64_si128(lanes as i64));
+            let lanes = _mm256_cvtepu8_epi32(_mm_cvtsi64_si128(lanes.cast_signed()));
             Self::store(Floats(_mm256_permutevar8x32_ps(values.0, lanes)), into);
         }
     }
@@ -174,7 +174,7 @@ impl Simd for Avx2 {
         let moved = unsafe {
             let lane_bytes = _pdep_u64(u64::from(Self::bits(mask)), 0x0101_0101_0101_0101) * 0xff;
             let lanes = _pdep_u64(0x0706_0504_0302_0100, lane_bytes);
-            let lanes = _mm256_cvtepu8_epi32(_mm_cvtsi64_si128(lanes as i64));
+            let lanes = _mm256_cvtepu8_epi32(_mm_cvtsi64_si128(lanes.cast_signed()));
             Floats(_mm256_permutevar8x32_ps(values.0, lanes))
         };
         Self::select(mask, moved, others)
@@ -240,7 +240,7 @@ impl Simd for Avx2 {
 
     #[inline(always)]
     fn shift_right<const SHIFT: u32>(a: Ints) -> Ints {
-        Ints(unsafe { _mm256_sra_epi32(a.0, _mm_cvtsi32_si128(SHIFT as i32)) })
+        Ints(unsafe { _mm256_sra_epi32(a.0, _mm_cvtsi32_si128(SHIFT.cast_signed())) })
     }
 
     #[inline(always)]
@@ -287,14 +287,14 @@ impl Simd for Avx2 {
     fn mask_from_bits(bits: u32) -> Mask {
         Mask(unsafe {
             let lane_bits = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
-            let set = _mm256_and_si256(_mm256_set1_epi32(bits as i32), lane_bits);
+            let set = _mm256_and_si256(_mm256_set1_epi32(bits.cast_signed()), lane_bits);
             _mm256_castsi256_ps(_mm256_cmpeq_epi32(set, lane_bits))
         })
     }
 
     #[inline(always)]
     fn bits(mask: Mask) -> u32 {
-        unsafe { _mm256_movemask_ps(mask.0) as u32 }
+        unsafe { _mm256_movemask_ps(mask.0).cast_unsigned() }
     }
 
     #[inline(always)]

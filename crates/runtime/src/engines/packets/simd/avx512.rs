@@ -271,6 +271,7 @@ impl Simd for Avx512 {
     }
 
     #[inline(always)]
+    #[expect(clippy::cast_possible_truncation, reason = "there are 16 lanes")]
     fn mask_from_bits(bits: u32) -> Mask {
         Mask(bits as u16)
     }

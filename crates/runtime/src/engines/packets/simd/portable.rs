@@ -1,6 +1,7 @@
 //! Arrays of 4 lanes: no intrinsics, correct everywhere; the compiler vectorises them as the target allows.
 
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Not, Sub};
+use supervol_format::cast::whole;
 
 use super::{LANES_LIMIT, Simd, TaskOf};
 
@@ -213,12 +214,12 @@ impl Simd for Portable {
     #[inline(always)]
     fn exp2_whole(n: Floats) -> Floats {
         // n + 127 is the exponent's field.
-        Floats(map(n.0, |n| f32::from_bits(((n as i32 + 127) as u32) << 23)))
+        Floats(map(n.0, |n| f32::from_bits((whole::<i32>(n) + 127).cast_unsigned() << 23)))
     }
 
     #[inline(always)]
     fn to_int(a: Floats) -> Ints {
-        Ints(map(a.0, |a| a as i32))
+        Ints(map(a.0, whole::<i32>))
     }
 
     #[inline(always)]
@@ -270,7 +271,7 @@ impl Simd for Portable {
     #[inline(always)]
     fn select_int(mask: Mask, a: Ints, b: Ints) -> Ints {
         let chosen = each(a.0, b.0, |a, b| (a, b));
-        Ints(each(mask.0, chosen, |mask, (a, b)| a & mask as i32 | b & !mask as i32))
+        Ints(each(mask.0, chosen, |mask, (a, b)| a & mask.cast_signed() | b & !mask.cast_signed()))
     }
 
     #[inline(always)]
@@ -286,12 +287,12 @@ impl Simd for Portable {
 
     #[inline(always)]
     fn lookup16(table: &[f32; 16], index: Ints) -> Floats {
-        Floats(map(index.0, |i| table[i as usize & 15]))
+        Floats(map(index.0, |i| table[i.cast_unsigned() as usize & 15]))
     }
 
     #[inline(always)]
     fn lookup32(table: &[f32; 32], index: Ints) -> Floats {
-        Floats(map(index.0, |i| table[i as usize & 31]))
+        Floats(map(index.0, |i| table[i.cast_unsigned() as usize & 31]))
     }
 
     #[inline(always)]
@@ -307,12 +308,12 @@ impl Simd for Portable {
 
     #[inline(always)]
     fn float_from_bits(a: Ints) -> Floats {
-        Floats(map(a.0, |a| f32::from_bits(a as u32)))
+        Floats(map(a.0, |a| f32::from_bits(a.cast_unsigned())))
     }
 
     #[inline(always)]
     fn bits_from_float(a: Floats) -> Ints {
-        Ints(map(a.0, |a| a.to_bits() as i32))
+        Ints(map(a.0, |a| a.to_bits().cast_signed()))
     }
 
     #[inline(never)]

@@ -17,6 +17,7 @@ use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Instant;
+use supervol_format::cast::single;
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -211,7 +212,7 @@ impl SlicedDrawing {
                 RayPart::Volume(sides) => self.region(sides).map_or(0.0, |region| 2.0 * maps[region].pixels[ray][0]),
                 RayPart::Slice(number, _) => {
                     let is_exact = number < self.sampled && !self.is_coarse;
-                    if is_exact { 0.0 } else { self.cut.scene.slices[number].opacity as f32 }
+                    if is_exact { 0.0 } else { single(self.cut.scene.slices[number].opacity) }
                 }
             };
             let error = self.cut.parts(x, y).into_iter().map(of_part).sum::<f32>().min(1.0);
@@ -295,7 +296,7 @@ impl Drawing for SlicedDrawing {
                     },
                     RayPart::Slice(number, _) => {
                         let shown = Vec3::from_array(self.sheets[number].colors[ray]);
-                        let opacity = scene.slices[number].opacity as f32;
+                        let opacity = single(scene.slices[number].opacity);
                         if shown.is_nan() { continue } else { (opacity * shown, opacity) }
                     }
                 };

@@ -5,6 +5,7 @@
 
 use std::collections::BTreeSet;
 use std::time::Instant;
+use supervol_format::cast::{narrow, single, whole};
 
 use rayon::prelude::*;
 use supervol_format::brick::APRON;
@@ -162,14 +163,14 @@ fn look_up(
         let level = pyramid.level_at(lod);
         let p = level.from_level_0(point);
         let nearest: [u64; 3] =
-            std::array::from_fn(|a| (p[a] + 0.5).floor().clamp(0.0, level.dims.0[a] as f64 - 1.0) as u64);
-        let key = BrickKey::new(lod, BrickIndex(nearest.map(|n| (n / core) as u32)));
+            std::array::from_fn(|a| whole::<u64>((p[a] + 0.5).floor().clamp(0.0, level.dims.0[a] as f64 - 1.0)));
+        let key = BrickKey::new(lod, BrickIndex(nearest.map(|n| narrow::<u32>(n / core))));
         let resident = if lod == finest { view.lookup(key) } else { view.stand_in(key) };
         let value = match resident {
             Resident::Brick(brick) => {
                 found.uses.insert(key);
-                let first = pyramid.core_box(key).start.map(|s| s as i64 - APRON as i64);
-                interpolate(p, how, |index| voxel(brick, map, std::array::from_fn(|a| index[a] - first[a]))) as f32
+                let first = pyramid.core_box(key).start.map(|s| narrow::<i64>(s) - narrow::<i64>(APRON));
+                single(interpolate(p, how, |index| voxel(brick, map, std::array::from_fn(|a| index[a] - first[a]))))
             }
             Resident::Uniform(value) => value,
             Resident::Nothing => f32::NAN,
@@ -190,7 +191,7 @@ fn look_up(
 /// Render value of a voxel of a brick, apron included; NaN where absent.
 fn voxel(brick: &DecodedBrick, map: &ValueMap, at: [i64; 3]) -> f64 {
     let extent = brick.extent.map(|n| n as usize);
-    let [i, j, k]: [usize; 3] = std::array::from_fn(|a| at[a].clamp(0, extent[a] as i64 - 1) as usize);
+    let [i, j, k]: [usize; 3] = std::array::from_fn(|a| narrow::<usize>(at[a].clamp(0, narrow::<i64>(extent[a]) - 1)));
     let place = i + extent[0] * (j + extent[1] * k);
     let of_number = |number: u16| {
         if map.absent == Some(number) { f64::NAN } else { f64::from(map.from_stored_number(f32::from(number))) }

@@ -2,6 +2,7 @@
 
 use glam::DVec3;
 use rayon::prelude::*;
+use supervol_format::cast::{narrow, single};
 use supervol_scene::slices::SlicePlane;
 use supervol_scene::slices::filter::{FilterSpec, FilteredSlice, TexelGrid};
 use supervol_scene::transfer_function::TransferFunction;
@@ -79,7 +80,7 @@ impl Sheet {
             let first = self.rows * width;
             let at = |ray: usize| {
                 let (x, y) = (ray % width, ray / width);
-                Some((ray, cut.point_on(number, x as u32, y as u32)?))
+                Some((ray, cut.point_on(number, narrow::<u32>(x), narrow::<u32>(y))?))
             };
             let points: Vec<(usize, DVec3)> = (first..first + rows * width).into_par_iter().filter_map(at).collect();
             let values: Vec<f64> = match filtered {
@@ -95,7 +96,7 @@ impl Sheet {
             };
             self.colors[first..first + rows * width].fill([f32::NAN; 3]);
             for ((ray, _), value) in points.iter().zip(values).filter(|(_, value)| !value.is_nan()) {
-                self.colors[*ray] = colors.classify(value).0.map(|c| c as f32);
+                self.colors[*ray] = colors.classify(value).0.map(single);
             }
             self.rows += rows;
         }
