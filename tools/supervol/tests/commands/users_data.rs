@@ -335,6 +335,8 @@ fn programs_that_a_command_has_started_end_with_it() {
             .spawn()
             .expect("the program starts");
         while !Path::new(&folder.path("started")).exists() {
+            let ended = child.try_wait().expect("the program's state");
+            assert!(ended.is_none(), "it ended before it started anything ({ended:?}); is supervol-measure built?");
             std::thread::sleep(MOMENT);
         }
         signal(&child, name);
