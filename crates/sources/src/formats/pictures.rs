@@ -14,6 +14,7 @@ use png::{BitDepth, ColorType};
 use supervol_format::{Dims, VoxelBox, VoxelType};
 
 use super::tiff::{Page, Pages, RATIO_LIMIT};
+use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::grid::dense::{GridFile, GridLayout, GridSource, Part, checked_bytes, swap_bytes};
 use crate::grid::elements::{Channels, Elements, Frames, Number};
 use crate::input::data_files::Outside;
@@ -54,6 +55,21 @@ impl Kind {
         }
     }
 }
+
+/// Row of the table of formats.
+pub const FORMAT: Format = Format {
+    name: "pictures",
+    title: "PNG, JPEG",
+    choices: &[],
+    sniff: |start, _| Kind::of(&start.bytes).is_some(),
+    certainty: Certainty::Certain,
+    folder: Folder::ByFiles {
+        title: "pictures",
+        sniff: |files| files.any_start(|start| Kind::of(&start.bytes).is_some()),
+    },
+    open: |path, options| Ok(Box::new(PicturesSource::open(path, &options.of_folders())?)),
+    found: |_| Found::Picture,
+};
 
 /// A folder of pictures, or a single one.
 #[derive(Debug)]

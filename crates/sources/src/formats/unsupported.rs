@@ -3,10 +3,8 @@
 
 use std::path::Path;
 
-use supervol_files::folder_of;
-
-use super::zarr;
 use crate::SourceError;
+use crate::input::start::FileStart;
 
 /// Stands for the file's own name in what converts it.
 const INPUT: &str = "{in}";
@@ -19,8 +17,6 @@ struct Other {
 
 /// What the header of an ENVI image begins with; its name ends as NIfTI's may.
 pub(crate) const ENVI_START: &[u8] = b"ENVI";
-/// Bytes of a file that are looked at.
-pub(crate) const HEAD_BYTES: u64 = 512;
 /// Entries of a folder that are looked at.
 const ENTRIES_LIMIT: usize = 64;
 
@@ -149,15 +145,9 @@ pub(crate) fn refusal_of_zip(path: &Path, what: &str) -> SourceError {
     SourceError::unsupported(path, what, format!("unpack it first: `unzip {}`", path.display()))
 }
 
-/// The refusal of a file that describes the folder that it lies in.
-pub(crate) fn refusal_of_member(path: &Path) -> Option<SourceError> {
-    path.file_name().filter(|name| zarr::is_description(name))?;
-    let advice = format!("give the folder: {}", folder_of(path).display());
-    Some(SourceError::unsupported(path, "this describes the Zarr or N5 that it lies in", advice))
-}
-
-/// The refusal of a file of another format, by its first bytes or its name (in lower case); `None` where neither is known.
-pub(crate) fn refusal_of_file(path: &Path, head: &[u8], name: &str) -> Option<SourceError> {
+/// The refusal of a file of another format, by its first bytes or its name; `None` where neither is known.
+pub(crate) fn refusal_of_file(start: &FileStart<'_>) -> Option<SourceError> {
+    let FileStart { path, bytes: head, name } = start;
     let begins =
         |&&(at, bytes, _): &&(usize, &[u8], &Other)| head.get(at..).is_some_and(|head| head.starts_with(bytes));
     let by_start = STARTS.iter().find(begins).map(|(.., other)| *other);

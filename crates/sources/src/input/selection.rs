@@ -23,6 +23,17 @@ pub struct Selection {
     pub level: Option<u64>,
 }
 
+/// A part of a file that formats have or lack as a whole.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Choice {
+    /// Levels of a pyramid.
+    Level,
+    /// Series.
+    Series,
+    /// Named arrays.
+    Array,
+}
+
 impl Selection {
     /// The time point that is wanted of `count`, the first where nobody says.
     pub(crate) fn frame_of(&self, path: &Path, count: u64) -> Result<u64, SourceError> {
@@ -75,6 +86,20 @@ impl Selection {
             notes.push(format!("{count} {what}; the first is used; --frame 0 to {} takes another", count - 1));
         }
         self.frame_of(path, count)
+    }
+
+    /// Refuses a choice that files of a format do not have; `choices` are those that they may have.
+    pub(crate) fn refuse_beyond(&self, path: &Path, choices: &[Choice]) -> Result<(), SourceError> {
+        if !choices.contains(&Choice::Level) {
+            self.level_of(path, 1)?;
+        }
+        if !choices.contains(&Choice::Series) {
+            self.refuse_series(path)?;
+        }
+        if !choices.contains(&Choice::Array) {
+            self.refuse_array(path)?;
+        }
+        Ok(())
     }
 
     /// Refuses a choice where there is none: for formats that hold one volume.

@@ -29,6 +29,7 @@ use supervol_format::{ByteSource, Dims, VoxelType};
 
 use super::zarr::ome::{ArrayAxis, Role, geometry_of};
 use super::zarr::placement::place;
+use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::grid::chunked::{
     AXES_LIMIT, ArrayShape, ChunkGrid, ChunkMemory, ChunkedSource, Chunks, number_in_c_order, widened,
 };
@@ -37,12 +38,25 @@ use crate::grid::elements::{Channels, Elements, Frames, Number};
 use crate::input::data_files::open_data;
 use crate::input::file::SourceFile;
 use crate::input::folder::FolderOptions;
+use crate::input::selection::Choice;
 use crate::input::text::shortened;
 use crate::{Axis, Endian, SourceError, SourceInfo};
 
 /// What a file begins with; a user's block may stand before it, of 512 bytes or twice that, and so on.
-pub(crate) const MAGIC: &[u8] = b"\x89HDF\r\n\x1a\n";
+const MAGIC: &[u8] = b"\x89HDF\r\n\x1a\n";
 /// Number of LZF among filters.
+/// Row of the table of formats.
+pub const FORMAT: Format = Format {
+    name: "hdf5",
+    title: "HDF5",
+    choices: &[Choice::Array],
+    sniff: |start, _| start.begins_with(MAGIC) || start.is_named(&[".h5", ".hdf5", ".ims"]),
+    certainty: Certainty::Certain,
+    folder: Folder::Never,
+    open: |path, options| Ok(Box::new(self::open(path, &options.of_folders())?)),
+    found: |_| Found::Volume,
+};
+
 const LZF: u16 = 32_000;
 /// Layout of datasets that are parts of others.
 const VIRTUAL: u8 = 3;

@@ -18,6 +18,7 @@ use glam::{DMat3, DVec3};
 use supervol_format::space::WorldSpace;
 use supervol_format::{ByteSource, Geometry, VoxelBox, VoxelType};
 
+use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::grid::dense::shape::{ChosenAxes, SplitAxes, split_axes};
 use crate::grid::dense::{GridFile, GridLayout, GridSource, checked_bytes};
 use crate::grid::elements::{Channels, Elements, Frames, Meaning, Number};
@@ -32,6 +33,22 @@ use header::{DataFiles, Header};
 
 /// First byte of a gzip stream; that of a zlib stream is another.
 const GZIP_START: u8 = 0x1f;
+
+/// Row of the table of formats.
+pub const FORMAT: Format = Format {
+    name: "metaimage",
+    title: "MetaImage",
+    choices: &[],
+    sniff: |start, _| {
+        start.begins_with(b"ObjectType") || start.begins_with(b"NDims") || start.is_named(&[".mha", ".mhd"])
+    },
+    certainty: Certainty::Certain,
+    folder: Folder::Never,
+    open: |path, options| {
+        Ok(Box::new(MetaImageSource::open_with(path, &options.spool, options.outside, &options.selection)?))
+    },
+    found: |_| Found::Volume,
+};
 
 /// A MetaImage.
 #[derive(Debug)]

@@ -16,6 +16,7 @@ use std::path::{Path, PathBuf};
 
 use supervol_format::{ByteSource, VoxelBox, VoxelType};
 
+use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::grid::dense::shape::{SplitAxes, split_axes};
 use crate::grid::dense::{GridFile, GridLayout, GridSource, checked_bytes};
 use crate::grid::elements::{Channels, Elements, Frames, Meaning, Number};
@@ -63,6 +64,20 @@ const FIELDS_READ: [&str; 22] = [
     "units",
     "sampleunits",
 ];
+
+/// Row of the table of formats.
+pub const FORMAT: Format = Format {
+    name: "nrrd",
+    title: "NRRD",
+    choices: &[],
+    sniff: |start, _| start.begins_with(b"NRRD") || start.is_named(&[".nrrd", ".nhdr"]),
+    certainty: Certainty::Certain,
+    folder: Folder::Never,
+    open: |path, options| {
+        Ok(Box::new(NrrdSource::open_with(path, &options.spool, options.outside, &options.selection)?))
+    },
+    found: |_| Found::Volume,
+};
 
 /// A NRRD file.
 #[derive(Debug)]

@@ -23,11 +23,13 @@ use tiff::decoder::{ChunkType, Decoder, DecodingResult, Limits};
 use tiff::tags::{CompressionMethod, SampleFormat, Tag};
 use tiff::{ColorType, TiffError, TiffFormatError};
 
+use crate::formats::format::{Certainty, Folder, Format, Found};
+use crate::formats::pictures::Kind;
 use crate::grid::dense::{GridFile, GridLayout, GridSource, Part, checked_bytes};
 use crate::grid::elements::{Channels, Elements, Frames, Meaning, Number};
 use crate::input::data_files::open_data;
 use crate::input::file::SourceFile;
-use crate::input::selection::Selection;
+use crate::input::selection::{Choice, Selection};
 use crate::input::spool::{Spool, SpoolFolder};
 use crate::{Axis, Endian, SourceError, SourceInfo, VolumeSource};
 use coded::{CodedChunks, Compression};
@@ -41,6 +43,18 @@ pub(crate) const RATIO_LIMIT: u64 = 1400;
 
 /// Photometric interpretation of pixels that are numbers of a palette.
 const PALETTE: u64 = 3;
+
+/// Row of the table of formats.
+pub const FORMAT: Format = Format {
+    name: "tiff",
+    title: "TIFF",
+    choices: &[Choice::Series],
+    sniff: |start, _| Kind::of(&start.bytes) == Some(Kind::Tiff),
+    certainty: Certainty::Certain,
+    folder: Folder::Never,
+    open: |path, options| Ok(Box::new(TiffSource::open(path, &options.spool, &options.selection)?)),
+    found: |_| Found::Volume,
+};
 
 /// A TIFF stack.
 #[derive(Debug)]
