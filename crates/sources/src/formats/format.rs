@@ -26,10 +26,13 @@ pub struct Format {
     /// Whether a folder can be a volume of this format.
     pub folder: Folder,
     /// Opens a file, or a folder that `folder` recognizes.
-    pub open: fn(&Path, &OpenOptions) -> Result<Box<dyn VolumeSource>, SourceError>,
+    pub open: OpenVolume,
     /// What a recognized file is to a search for volumes in folders.
     pub found: fn(&FileStart<'_>) -> Found,
 }
+
+/// Function that opens a file or a folder as a volume.
+pub type OpenVolume = fn(&Path, &OpenOptions) -> Result<Box<dyn VolumeSource>, SourceError>;
 
 /// How much the first bytes and the name say.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -12,7 +12,7 @@ use supervol_format::voxel_type::Voxel;
 use supervol_format::{Dims, VoxelBox, VoxelType, with_voxel};
 
 use crate::SourceError;
-use crate::grid::dense::{GridLayout, SCRATCH_BYTES};
+use crate::grid::layout::{GridLayout, SCRATCH_BYTES};
 use crate::input::selection::Selection;
 
 /// Thousandths of red, green and blue in luminance: Rec. 601, as most programs have it that turn colours into grey.

@@ -6,7 +6,7 @@ use std::fs::Metadata;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
-use crate::SourceError;
+use crate::error::SourceError;
 
 /// How long ago a file must have been changed for each later change to show in its times: no usual file system keeps them in coarser
 /// steps than two seconds.

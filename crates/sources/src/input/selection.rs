@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::text::shortened;
-use crate::SourceError;
+use crate::error::SourceError;
 
 /// Most channels that are named in a note.
 const NAMED_CHANNELS: u64 = 8;

@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-use crate::SourceError;
+use crate::error::SourceError;
 
 /// Bytes of a file that are looked at.
 const START_BYTES: u64 = 512;

@@ -22,8 +22,9 @@ use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::grid::dense::shape::{ChosenAxes, SplitAxes, split_axes};
 use crate::grid::dense::{GridFile, GridLayout, GridSource, checked_bytes};
 use crate::grid::elements::{Channels, Elements, Frames, Meaning, Number};
+use crate::grid::header_data::{DataLayout, HeaderData};
 pub use crate::input::data_files::Outside;
-use crate::input::data_files::{DataLayout, find_all, note_excess, open_data, open_grid};
+use crate::input::data_files::{find_all, note_excess, open_data};
 use crate::input::file::SourceFile;
 use crate::input::selection::Selection;
 use crate::input::spool::{Excess, GzipShare, Spool, SpoolFolder, Words};
@@ -253,11 +254,11 @@ impl Data<'_> {
         spool: &SpoolFolder,
         notes: &mut Vec<String>,
     ) -> Result<(GridFile, Vec<SourceFile>), SourceError> {
-        let files = match self.header.data_files(self.path, axes)? {
+        let (files, start) = match self.header.data_files(self.path, axes)? {
             DataFiles::Local => (vec![self.path.to_path_buf()], self.header.end),
             DataFiles::Named(names) => (find_all(self.path, &names, self.outside)?, 0),
         };
-        open_grid((self.path, "ElementDataFile"), files, layout, self, (spool, notes))
+        HeaderData { header: self.path, key: "ElementDataFile", files, start, layout }.open(self, spool, notes)
     }
 }
 

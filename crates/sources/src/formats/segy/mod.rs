@@ -10,7 +10,7 @@
 //! 3. `sniff`: samples held against the declared format;
 //! 4. `scan`, `grid`: one pass over the trace headers, then the trace of each grid cell;
 //! 5. `diagnose`: if there is no grid, why, and what to do;
-//! 6. `survey`: place in the world; `nodata`: how holes are stored;
+//! 6. `survey`, `position_fit`: place in the world; `nodata`: how holes are stored;
 //! 7. `read`, `samples`: boxes of voxels.
 //!
 //! A header that lies is refused with the reason, or overridden by an option; nothing is guessed silently, and what
@@ -35,6 +35,7 @@ mod joined;
 mod layout;
 mod nodata;
 pub mod options;
+mod position_fit;
 mod read;
 mod samples;
 mod scan;

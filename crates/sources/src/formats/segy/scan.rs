@@ -12,7 +12,7 @@ use super::fields::{Fields, scaled};
 use super::input::Input;
 use super::layout::Layout;
 use super::options::{Offsets, SegyOptions};
-use super::survey::PositionFit;
+use super::position_fit::PositionFit;
 use crate::SourceError;
 
 /// Traces longer than this are visited header by header; shorter ones are read through.

@@ -24,7 +24,6 @@ use tiff::tags::{CompressionMethod, SampleFormat, Tag};
 use tiff::{ColorType, TiffError, TiffFormatError};
 
 use crate::formats::format::{Certainty, Folder, Format, Found};
-use crate::formats::pictures::Kind;
 use crate::grid::dense::{GridFile, GridLayout, GridSource, Part, checked_bytes};
 use crate::grid::elements::{Channels, Elements, Frames, Meaning, Number};
 use crate::input::data_files::open_data;
@@ -44,12 +43,20 @@ pub(crate) const RATIO_LIMIT: u64 = 1400;
 /// Photometric interpretation of pixels that are numbers of a palette.
 const PALETTE: u64 = 3;
 
+/// First bytes of a TIFF and of a `BigTIFF`, in either byte order.
+const STARTS: [&[u8]; 4] = [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"];
+
+/// Whether a file is TIFF, by its first bytes.
+pub(crate) fn is_tiff(head: &[u8]) -> bool {
+    STARTS.iter().any(|start| head.starts_with(start))
+}
+
 /// Row of the table of formats.
 pub const FORMAT: Format = Format {
     name: "tiff",
     title: "TIFF",
     choices: &[Choice::Series],
-    sniff: |start, _| Kind::of(&start.bytes) == Some(Kind::Tiff),
+    sniff: |start, _| is_tiff(&start.bytes),
     certainty: Certainty::Certain,
     folder: Folder::Never,
     open: |path, options| Ok(Box::new(TiffSource::open(path, &options.spool, &options.selection)?)),

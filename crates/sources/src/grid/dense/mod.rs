@@ -15,42 +15,15 @@ use std::path::{Path, PathBuf};
 use supervol_format::{Dims, VoxelBox, VoxelType};
 
 use super::elements::{Elements, NumberGrid};
-use crate::{AccessOrder, Endian, SourceError, SourceInfo, VolumeSource};
+pub use super::layout::{GridLayout, SCRATCH_BYTES};
+use crate::{Endian, SourceError, SourceInfo, VolumeSource};
 use storage::Storage;
-
-/// Most bytes a read holds beside the caller's buffer.
-pub const SCRATCH_BYTES: usize = 1 << 20;
 
 /// Rows closer together than this are read as one span, gaps included: a page is fetched whole anyway.
 const GAP_LIMIT_BYTES: u64 = 4096;
 
 /// Voxels along x that a transposing read gathers before it writes, so that whole cache lines are written.
 const TRANSPOSE_RUN_VOXELS: usize = 64;
-
-/// How the voxels lie in the file.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct GridLayout {
-    /// Voxels along x, y, z.
-    pub dims: Dims,
-    /// Type of the voxels.
-    pub voxel_type: VoxelType,
-    /// Their byte order.
-    pub endian: Endian,
-    /// The axes from the fastest in the file to the slowest: `[0, 1, 2]` is x fastest, `[2, 1, 0]` z fastest.
-    pub fastest_first: [usize; 3],
-}
-
-impl GridLayout {
-    /// x fastest, then y, then z.
-    pub const X_FASTEST: [usize; 3] = [0, 1, 2];
-
-    /// The same order as [`SourceInfo::access_order`] wants it: slowest first.
-    #[must_use]
-    pub fn access_order(&self) -> AccessOrder {
-        let [fast, middle, slow] = self.fastest_first;
-        AccessOrder([slow, middle, fast])
-    }
-}
 
 /// One file of a grid that lies in several.
 #[derive(Debug, Clone, PartialEq, Eq)]
