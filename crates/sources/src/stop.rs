@@ -8,7 +8,9 @@
 use supervol_format::VoxelBox;
 use supervol_format::canceller::Canceller;
 
-use crate::{SourceError, SourceInfo, VolumeSource};
+use crate::error::SourceError;
+use crate::info::SourceInfo;
+use crate::source::VolumeSource;
 
 /// Fails if the canceller is set.
 ///

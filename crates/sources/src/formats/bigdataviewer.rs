@@ -19,21 +19,34 @@ use supervol_format::{Geometry, VoxelBox};
 
 use super::zarr::ome::unit_of;
 use super::{hdf5, zarr};
+use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::input::data_files::{Outside, find_all};
 use crate::input::file::SourceFile;
 use crate::input::folder::FolderOptions;
-use crate::input::selection::Selection;
+use crate::input::selection::{Choice, Selection};
 use crate::input::text::shortened;
 use crate::{Axis, SourceError, SourceInfo, VolumeSource};
 
 /// First element of such a file.
-pub(crate) const START: &[u8] = b"<SpimData";
+const START: &[u8] = b"<SpimData";
 /// Longest file that is read, in bytes: room for tens of thousands of views.
 const XML_LIMIT_BYTES: u64 = 64 << 20;
 /// Largest number of setups, and of views.
 const VIEWS_LIMIT: usize = 1 << 17;
 /// Largest depth of nested elements.
 const DEPTH_LIMIT: usize = 64;
+
+/// Row of the table of formats.
+pub const FORMAT: Format = Format {
+    name: "bdv",
+    title: "BigDataViewer",
+    choices: &[Choice::Level, Choice::Series, Choice::Array],
+    sniff: |start, _| start.begins_with(START) || start.text_begins_with(b"<?xml") && start.holds(START),
+    certainty: Certainty::Certain,
+    folder: Folder::Never,
+    open: |path, options| Ok(Box::new(ViewerXmlSource::open(path, &options.of_folders())?)),
+    found: |_| Found::Volume,
+};
 
 /// A view of a data set.
 pub struct ViewerXmlSource {

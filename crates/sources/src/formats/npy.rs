@@ -11,6 +11,7 @@ use std::path::Path;
 
 use supervol_format::{ByteSource, VoxelBox, VoxelType};
 
+use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::grid::dense::shape::{SplitAxes, split_axes};
 use crate::grid::dense::{GridFile, GridLayout, GridSource, checked_bytes};
 use crate::grid::elements::{Channels, Elements, Frames, Meaning, Number};
@@ -25,6 +26,18 @@ const HEADER_LIMIT_BYTES: u64 = 1 << 20;
 const AXES_LIMIT: usize = 64;
 
 const MAGIC: &[u8; 6] = b"\x93NUMPY";
+
+/// Row of the table of formats.
+pub const FORMAT: Format = Format {
+    name: "npy",
+    title: "npy",
+    choices: &[],
+    sniff: |start, _| start.begins_with(b"\x93NUM") || start.is_named(&[".npy"]),
+    certainty: Certainty::Certain,
+    folder: Folder::Never,
+    open: |path, options| Ok(Box::new(NpySource::open_with(path, &options.selection)?)),
+    found: |_| Found::Volume,
+};
 
 /// A `.npy` file.
 #[derive(Debug)]

@@ -12,10 +12,11 @@ use supervol_format::{ByteSource, VoxelBox};
 use zip::{CompressionMethod, ZipArchive};
 
 use super::npy::NpySource;
+use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::formats::unsupported::refusal_of_zip;
 use crate::input::data_files::open_data;
 use crate::input::file::SourceFile;
-use crate::input::selection::Selection;
+use crate::input::selection::{Choice, Selection};
 use crate::input::spool::{DEFLATE_RATIO_LIMIT, Spool, SpoolFolder};
 use crate::input::text::shortened;
 use crate::{SourceError, SourceInfo, VolumeSource};
@@ -26,6 +27,18 @@ const ARRAYS_LIMIT: usize = 1 << 16;
 const LISTED_LIMIT: usize = 20;
 /// Buffer size for inflating in bytes.
 const BUFFER_BYTES: usize = 1 << 18;
+
+/// Row of the table of formats.
+pub const FORMAT: Format = Format {
+    name: "npz",
+    title: "npz",
+    choices: &[Choice::Array],
+    sniff: |start, _| start.is_named(&[".npz"]),
+    certainty: Certainty::Certain,
+    folder: Folder::Never,
+    open: |path, options| Ok(Box::new(NpzSource::open(path, &options.spool, &options.selection)?)),
+    found: |_| Found::Volume,
+};
 
 /// An array of an archive.
 #[derive(Debug)]

@@ -13,7 +13,8 @@ use jpeg_decoder::PixelFormat;
 use png::{BitDepth, ColorType};
 use supervol_format::{Dims, VoxelBox, VoxelType};
 
-use super::tiff::{Page, Pages, RATIO_LIMIT};
+use super::tiff::{Page, Pages, RATIO_LIMIT, is_tiff};
+use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::grid::dense::{GridFile, GridLayout, GridSource, Part, checked_bytes, swap_bytes};
 use crate::grid::elements::{Channels, Elements, Frames, Number};
 use crate::input::data_files::Outside;
@@ -27,7 +28,7 @@ const PICTURE_COPIES: u64 = 3;
 
 /// Picture formats.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Kind {
+enum Kind {
     Png,
     Jpeg,
     Tiff,
@@ -35,15 +36,14 @@ pub(crate) enum Kind {
 
 impl Kind {
     /// The format of a file that begins with `head`.
-    pub(crate) fn of(head: &[u8]) -> Option<Self> {
-        const TIFF_STARTS: [&[u8]; 4] = [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"];
+    fn of(head: &[u8]) -> Option<Self> {
         if head.starts_with(b"\x89PNG\r\n\x1a\n") {
             return Some(Self::Png);
         }
         if head.starts_with(b"\xff\xd8\xff") {
             return Some(Self::Jpeg);
         }
-        TIFF_STARTS.iter().any(|start| head.starts_with(start)).then_some(Self::Tiff)
+        is_tiff(head).then_some(Self::Tiff)
     }
 
     fn name(self) -> &'static str {
@@ -54,6 +54,21 @@ impl Kind {
         }
     }
 }
+
+/// Row of the table of formats.
+pub const FORMAT: Format = Format {
+    name: "pictures",
+    title: "PNG, JPEG",
+    choices: &[],
+    sniff: |start, _| Kind::of(&start.bytes).is_some(),
+    certainty: Certainty::Certain,
+    folder: Folder::ByFiles {
+        title: "pictures",
+        sniff: |files| files.any_start(|start| Kind::of(&start.bytes).is_some()),
+    },
+    open: |path, options| Ok(Box::new(PicturesSource::open(path, &options.of_folders())?)),
+    found: |_| Found::Picture,
+};
 
 /// A folder of pictures, or a single one.
 #[derive(Debug)]

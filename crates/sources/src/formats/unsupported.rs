@@ -3,10 +3,8 @@
 
 use std::path::Path;
 
-use supervol_files::folder_of;
-
-use super::zarr;
 use crate::SourceError;
+use crate::input::start::FileStart;
 
 /// Placeholder for the file's own name in a conversion.
 const INPUT: &str = "{in}";
@@ -19,8 +17,6 @@ struct Other {
 
 /// First bytes of an ENVI header; its file name may end like NIfTI's.
 pub(crate) const ENVI_START: &[u8] = b"ENVI";
-/// Bytes at the beginning of a file that are examined.
-pub(crate) const HEAD_BYTES: u64 = 512;
 /// Entries of a folder that are examined.
 const ENTRIES_LIMIT: usize = 64;
 
@@ -149,15 +145,9 @@ pub(crate) fn refusal_of_zip(path: &Path, what: &str) -> SourceError {
     SourceError::unsupported(path, what, format!("unpack it first: `unzip {}`", path.display()))
 }
 
-/// Error for a file that describes the folder that contains it.
-pub(crate) fn refusal_of_member(path: &Path) -> Option<SourceError> {
-    path.file_name().filter(|name| zarr::is_description(name))?;
-    let advice = format!("give the folder: {}", folder_of(path).display());
-    Some(SourceError::unsupported(path, "this describes the Zarr or N5 that it lies in", advice))
-}
-
-/// Error for a file of another format, from its first bytes or its name (in lower case); `None` if neither is known.
-pub(crate) fn refusal_of_file(path: &Path, head: &[u8], name: &str) -> Option<SourceError> {
+/// Error for a file of another format, from its first bytes or its name; `None` if neither is known.
+pub(crate) fn refusal_of_file(start: &FileStart<'_>) -> Option<SourceError> {
+    let FileStart { path, bytes: head, name } = start;
     let begins =
         |&&(at, bytes, _): &&(usize, &[u8], &Other)| head.get(at..).is_some_and(|head| head.starts_with(bytes));
     let by_start = STARTS.iter().find(begins).map(|(.., other)| *other);

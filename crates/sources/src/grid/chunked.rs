@@ -11,7 +11,8 @@ use supervol_format::recent::Recent;
 use supervol_format::{Dims, VoxelBox};
 
 use super::elements::{Elements, NumberGrid};
-use crate::grid::dense::{GridLayout, swap_bytes};
+use crate::grid::dense::swap_bytes;
+use crate::grid::layout::GridLayout;
 use crate::{AccessOrder, Endian, SourceError, SourceInfo, VolumeSource};
 
 /// Largest number of axes of an array.

@@ -12,7 +12,7 @@ use supervol_format::voxel_type::Voxel;
 use supervol_format::{Dims, VoxelBox, VoxelType, with_voxel};
 
 use crate::SourceError;
-use crate::grid::dense::{GridLayout, SCRATCH_BYTES};
+use crate::grid::layout::{GridLayout, SCRATCH_BYTES};
 use crate::input::selection::Selection;
 
 /// Weights of red, green and blue in the luminance, in thousandths: Rec. 601, as in most programs that convert colours

@@ -6,10 +6,8 @@ use std::path::{Component, Path, PathBuf};
 use supervol_files::folder_of;
 
 use super::file::SourceFile;
-use super::spool::SpoolFolder;
 use super::text::shortened;
-use crate::SourceError;
-use crate::grid::dense::{GridFile, GridLayout, Part, checked_bytes};
+use crate::error::SourceError;
 
 /// Largest width of a number in a file-name pattern, in digits.
 const PATTERN_WIDTH_LIMIT: usize = 32;
@@ -60,51 +58,6 @@ pub(crate) fn look_at(header: &Path, path: &Path) -> Result<SourceFile, SourceEr
         };
         SourceError::invalid(header, "data file", format!("the data file {}", path.display()), found)
     })
-}
-
-/// Layout of the voxels in the data files of a header.
-pub(crate) trait DataLayout {
-    /// Whether the files hold the voxels without encoding.
-    fn is_raw(&self) -> bool;
-
-    /// Offset in a file of `share_bytes` bytes of raw voxels, at or behind byte `start`.
-    fn offset(&self, path: &Path, start: u64, share_bytes: u64, notes: &mut Vec<String>) -> Result<u64, SourceError>;
-
-    /// Decodes the voxels of all files into one file, `share_bytes` bytes from each.
-    fn decode(&self, files: &[PathBuf], start: u64, share_bytes: u64, spool: &SpoolFolder)
-    -> Result<File, SourceError>;
-}
-
-/// Opens the grid in some files, with equal shares from byte `start` of each. `key` is the header field that names
-/// them, for messages.
-pub(crate) fn open_grid(
-    (header, key): (&Path, &str),
-    (files, start): (Vec<PathBuf>, u64),
-    layout: GridLayout,
-    data: &impl DataLayout,
-    (spool, notes): (&SpoolFolder, &mut Vec<String>),
-) -> Result<(GridFile, Vec<SourceFile>), SourceError> {
-    let bytes = checked_bytes(header, layout.dims, layout.voxel_type)?;
-    if !bytes.is_multiple_of(files.len() as u64 * layout.voxel_type.bytes() as u64) {
-        let expected = format!("a number of files that divides the {} voxels", layout.dims);
-        return Err(SourceError::invalid(header, key, expected, format!("{} files", files.len())));
-    }
-    let source_files = files.iter().map(|path| look_at(header, path)).collect::<Result<Vec<_>, _>>()?;
-    let share_bytes = bytes / files.len() as u64;
-    if !data.is_raw() {
-        let file = data.decode(&files, start, share_bytes, spool)?;
-        return Ok((GridFile::single(&files[0], file, 0, layout)?, source_files));
-    }
-    let mut parts = Vec::with_capacity(files.len());
-    for path in files {
-        let offset = data.offset(&path, start, share_bytes, notes)?;
-        parts.push(Part { path, offset });
-    }
-    let grid = match &parts[..] {
-        [one] => GridFile::single(&one.path, open_data(&one.path)?, one.offset, layout),
-        _ => GridFile::parts(header, parts, layout),
-    };
-    Ok((grid?, source_files))
 }
 
 /// Notes, at most once, that a data file has bytes behind its voxels.

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use super::data_files::{FILES_LIMIT, Outside};
 use super::selection::Selection;
 use super::spool::SpoolFolder;
-use crate::SourceError;
+use crate::error::SourceError;
 
 /// Largest depth of subfolders that are searched.
 const DEPTH_LIMIT: usize = 8;

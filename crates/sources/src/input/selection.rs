@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::text::shortened;
-use crate::SourceError;
+use crate::error::SourceError;
 
 /// Largest number of channels that a note names.
 const NAMED_CHANNELS: u64 = 8;
@@ -21,6 +21,17 @@ pub struct Selection {
     pub array: Option<String>,
     /// Level of the file's own pyramid, 0 is the finest.
     pub level: Option<u64>,
+}
+
+/// A part of a file that formats have or lack as a whole.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Choice {
+    /// Levels of a pyramid.
+    Level,
+    /// Series.
+    Series,
+    /// Named arrays.
+    Array,
 }
 
 impl Selection {
@@ -76,6 +87,20 @@ impl Selection {
             notes.push(format!("{count} {what}; the first is used; --frame 0 to {} takes another", count - 1));
         }
         self.frame_of(path, count)
+    }
+
+    /// Refuses a selection that files of a format never have; `choices` lists those that they may have.
+    pub(crate) fn refuse_beyond(&self, path: &Path, choices: &[Choice]) -> Result<(), SourceError> {
+        if !choices.contains(&Choice::Level) {
+            self.level_of(path, 1)?;
+        }
+        if !choices.contains(&Choice::Series) {
+            self.refuse_series(path)?;
+        }
+        if !choices.contains(&Choice::Array) {
+            self.refuse_array(path)?;
+        }
+        Ok(())
     }
 
     /// Refuses a selection, for formats that hold one volume.

@@ -13,7 +13,7 @@ use supervol_format::canceller::Canceller;
 use supervol_format::voxel_type::Voxel;
 use supervol_format::{VoxelType, with_voxel};
 
-use crate::SourceError;
+use crate::error::SourceError;
 use crate::stop::check;
 
 /// Buffer size for copying in bytes.

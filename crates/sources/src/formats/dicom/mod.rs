@@ -23,12 +23,14 @@ use supervol_format::space::WorldSpace;
 use supervol_format::voxel_type::voxels_as_f64;
 use supervol_format::{Dims, VoxelBox, VoxelType};
 
+use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::grid::dense::{GridFile, GridLayout, GridSource, Part, checked_bytes};
 use crate::grid::elements;
 use crate::grid::elements::{Channels, Elements, Meaning, Numbers};
 use crate::input::data_files::open_data;
 use crate::input::file::SourceFile;
 use crate::input::folder::{FolderOptions, Listing};
+use crate::input::selection::Choice;
 use crate::input::spool::Spool;
 use crate::{Axis, SourceError, SourceInfo, VolumeSource};
 use data_set::{DOUBLE_PIXEL_DATA, FLOAT_PIXEL_DATA, PixelsAt};
@@ -44,8 +46,20 @@ const FRAME_COPIES: u64 = 6;
 #[derive(Debug)]
 pub struct DicomSource(GridSource);
 
+/// Row of the table of formats.
+pub const FORMAT: Format = Format {
+    name: "dicom",
+    title: "DICOM",
+    choices: &[Choice::Series, Choice::Array],
+    sniff: |start, _| is_dicom(&start.bytes) || start.is_named(&[".dcm", ".dicom", ".ima"]),
+    certainty: Certainty::Certain,
+    folder: Folder::ByFiles { title: "DICOM", sniff: |files| files.any_start(|start| is_dicom(&start.bytes)) },
+    open: |path, options| Ok(Box::new(DicomSource::open(path, &options.of_folders())?)),
+    found: |_| Found::DicomSlice,
+};
+
 /// Whether a file is DICOM, judged by its first bytes.
-pub(crate) fn is_dicom(head: &[u8]) -> bool {
+fn is_dicom(head: &[u8]) -> bool {
     head.get(128..132) == Some(b"DICM")
 }
 

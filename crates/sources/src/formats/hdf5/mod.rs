@@ -31,6 +31,7 @@ use supervol_format::{ByteSource, Dims, VoxelType};
 
 use super::zarr::ome::{ArrayAxis, Role, geometry_of};
 use super::zarr::placement::place;
+use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::grid::chunked::{
     AXES_LIMIT, ArrayShape, ChunkGrid, ChunkMemory, ChunkedSource, Chunks, number_in_c_order, widened,
 };
@@ -39,11 +40,24 @@ use crate::grid::elements::{Channels, Elements, Frames, Number};
 use crate::input::data_files::open_data;
 use crate::input::file::SourceFile;
 use crate::input::folder::FolderOptions;
+use crate::input::selection::Choice;
 use crate::input::text::shortened;
 use crate::{Axis, Endian, SourceError, SourceInfo};
 
 /// First bytes of a file. A user block may precede them, of 512 bytes times a power of two.
-pub(crate) const MAGIC: &[u8] = b"\x89HDF\r\n\x1a\n";
+const MAGIC: &[u8] = b"\x89HDF\r\n\x1a\n";
+
+/// Row of the table of formats.
+pub const FORMAT: Format = Format {
+    name: "hdf5",
+    title: "HDF5",
+    choices: &[Choice::Array],
+    sniff: |start, _| start.begins_with(MAGIC) || start.is_named(&[".h5", ".hdf5", ".ims"]),
+    certainty: Certainty::Certain,
+    folder: Folder::Never,
+    open: |path, options| Ok(Box::new(self::open(path, &options.of_folders())?)),
+    found: |_| Found::Volume,
+};
 /// Filter number of LZF.
 const LZF: u16 = 32_000;
 /// Layout class of datasets that refer to other datasets.

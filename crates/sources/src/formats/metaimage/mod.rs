@@ -20,11 +20,13 @@ use glam::{DMat3, DVec3};
 use supervol_format::space::WorldSpace;
 use supervol_format::{ByteSource, Geometry, VoxelBox, VoxelType};
 
+use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::grid::dense::shape::{ChosenAxes, SplitAxes, split_axes};
 use crate::grid::dense::{GridFile, GridLayout, GridSource, checked_bytes};
 use crate::grid::elements::{Channels, Elements, Frames, Meaning, Number};
+use crate::grid::header_data::{DataLayout, HeaderData};
 pub use crate::input::data_files::Outside;
-use crate::input::data_files::{DataLayout, find_all, note_excess, open_data, open_grid};
+use crate::input::data_files::{find_all, note_excess, open_data};
 use crate::input::file::SourceFile;
 use crate::input::selection::Selection;
 use crate::input::spool::{Excess, GzipShare, Spool, SpoolFolder, Words};
@@ -34,6 +36,22 @@ use header::{DataFiles, Header};
 
 /// First byte of a gzip stream; a zlib stream begins with another byte.
 const GZIP_START: u8 = 0x1f;
+
+/// Row of the table of formats.
+pub const FORMAT: Format = Format {
+    name: "metaimage",
+    title: "MetaImage",
+    choices: &[],
+    sniff: |start, _| {
+        start.begins_with(b"ObjectType") || start.begins_with(b"NDims") || start.is_named(&[".mha", ".mhd"])
+    },
+    certainty: Certainty::Certain,
+    folder: Folder::Never,
+    open: |path, options| {
+        Ok(Box::new(MetaImageSource::open_with(path, &options.spool, options.outside, &options.selection)?))
+    },
+    found: |_| Found::Volume,
+};
 
 /// A MetaImage volume.
 #[derive(Debug)]
@@ -238,11 +256,11 @@ impl Data<'_> {
         spool: &SpoolFolder,
         notes: &mut Vec<String>,
     ) -> Result<(GridFile, Vec<SourceFile>), SourceError> {
-        let files = match self.header.data_files(self.path, axes)? {
+        let (files, start) = match self.header.data_files(self.path, axes)? {
             DataFiles::Local => (vec![self.path.to_path_buf()], self.header.end),
             DataFiles::Named(names) => (find_all(self.path, &names, self.outside)?, 0),
         };
-        open_grid((self.path, "ElementDataFile"), files, layout, self, (spool, notes))
+        HeaderData { header: self.path, key: "ElementDataFile", files, start, layout }.open(self, spool, notes)
     }
 }
 

@@ -19,6 +19,8 @@ use flate2::bufread::MultiGzDecoder;
 use supervol_format::space::WorldSpace;
 use supervol_format::{ByteSource, Dims, VoxelBox, VoxelType};
 
+use crate::formats::format::{Certainty, Folder, Format, Found};
+use crate::formats::unsupported::ENVI_START;
 use crate::grid::dense::{GridFile, GridLayout, GridSource, checked_bytes};
 use crate::grid::elements::{Channels, Elements, Frames, Meaning, Number};
 use crate::input::file::SourceFile;
@@ -26,6 +28,23 @@ use crate::input::selection::Selection;
 use crate::input::spool::{Excess, GzipShare, Spool, SpoolFolder, damaged};
 use crate::{Axis, SourceError, SourceInfo, VolumeSource};
 use header::{Form, HEADER_BYTES, Header};
+
+/// Row of the table of formats.
+pub const FORMAT: Format = Format {
+    name: "nifti",
+    title: "NIfTI",
+    choices: &[],
+    sniff: |start, _| {
+        // A header begins with its own size in either byte order.
+        let sizes = [348i32, 540].map(|n| [n.to_le_bytes(), n.to_be_bytes()]);
+        let named = start.is_named(&[".nii", ".nii.gz", ".hdr", ".hdr.gz", ".img", ".img.gz"]);
+        sizes.as_flattened().iter().any(|size| start.begins_with(size)) || named && !start.begins_with(ENVI_START)
+    },
+    certainty: Certainty::Certain,
+    folder: Folder::Never,
+    open: |path, options| Ok(Box::new(NiftiSource::open_with(path, &options.spool, &options.selection)?)),
+    found: |_| Found::Volume,
+};
 
 /// A NIfTI volume.
 #[derive(Debug)]

@@ -15,11 +15,13 @@ use std::path::{Path, PathBuf};
 
 use supervol_format::{ByteSource, VoxelBox, VoxelType};
 
+use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::grid::dense::shape::{SplitAxes, split_axes};
 use crate::grid::dense::{GridFile, GridLayout, GridSource, checked_bytes};
 use crate::grid::elements::{Channels, Elements, Frames, Meaning, Number};
+use crate::grid::header_data::{DataLayout, HeaderData};
 pub use crate::input::data_files::Outside;
-use crate::input::data_files::{DataLayout, find_all, note_excess, open_data, open_grid};
+use crate::input::data_files::{find_all, note_excess, open_data};
 use crate::input::file::SourceFile;
 use crate::input::selection::Selection;
 use crate::input::spool::{Excess, GzipShare, Spool, SpoolFolder, Words};
@@ -62,6 +64,20 @@ const FIELDS_READ: [&str; 22] = [
     "units",
     "sampleunits",
 ];
+
+/// Row of the table of formats.
+pub const FORMAT: Format = Format {
+    name: "nrrd",
+    title: "NRRD",
+    choices: &[],
+    sniff: |start, _| start.begins_with(b"NRRD") || start.is_named(&[".nrrd", ".nhdr"]),
+    certainty: Certainty::Certain,
+    folder: Folder::Never,
+    open: |path, options| {
+        Ok(Box::new(NrrdSource::open_with(path, &options.spool, options.outside, &options.selection)?))
+    },
+    found: |_| Found::Volume,
+};
 
 /// A NRRD volume.
 #[derive(Debug)]
@@ -265,11 +281,11 @@ impl Data<'_> {
         spool: &SpoolFolder,
         notes: &mut Vec<String>,
     ) -> Result<(GridFile, Vec<SourceFile>), SourceError> {
-        let files = match self.header.data_files(self.path, axes)? {
+        let (files, start) = match self.header.data_files(self.path, axes)? {
             DataFiles::Attached => (vec![self.path.to_path_buf()], self.header.end),
             DataFiles::Named(names) => (find_all(self.path, &names, self.outside)?, 0),
         };
-        open_grid((self.path, "data file"), files, layout, self, (spool, notes))
+        HeaderData { header: self.path, key: "data file", files, start, layout }.open(self, spool, notes)
     }
 
     /// `byte skip`, if only a number of bytes is allowed.

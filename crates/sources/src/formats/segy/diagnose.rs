@@ -7,12 +7,12 @@
 use std::collections::HashSet;
 use std::fmt::Write;
 
-use super::SegyOptions;
 use super::binary_header::TRACE_HEADER_BYTES;
 use super::fields::Fields;
 use super::grid::NoGrid;
 use super::input::Input;
 use super::layout::Layout;
+use super::options::SegyOptions;
 use super::scan::{LineSummary, add_line, for_each_header};
 use crate::SourceError;
 

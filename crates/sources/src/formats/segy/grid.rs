@@ -9,9 +9,9 @@
 
 use supervol_format::Dims;
 
-use super::SegyOptions;
 use super::input::Input;
 use super::layout::{Layout, MAX_TRACES};
+use super::options::SegyOptions;
 use super::scan::{LineSummary, Run, Scan, TraceKind, run_bytes};
 use crate::{LineNumbers, SourceError};
 

@@ -9,10 +9,10 @@
 //! their part of the file exactly, so that no later read can run past the end, and sizes derived from the layout are
 //! bounded by the size of the file.
 
-use super::SegyOptions;
 use super::binary_header::{BinaryHeader, FILE_HEADER_BYTES, TRACE_HEADER_BYTES};
 use super::fields::Fields;
 use super::input::Input;
+use super::options::SegyOptions;
 use super::samples::SampleFormat;
 use super::text_header::{TEXT_BYTES, is_end_stanza};
 use crate::{Endian, SourceError};

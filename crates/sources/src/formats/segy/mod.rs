@@ -10,7 +10,7 @@
 //! 3. `sniff`: samples held against the declared format;
 //! 4. `scan`, `grid`: one pass over the trace headers, then the trace of each grid cell;
 //! 5. `diagnose`: if there is no grid, why, and what to do;
-//! 6. `survey`: place in the world; `nodata`: how holes are stored;
+//! 6. `survey`, `position_fit`: place in the world; `nodata`: how holes are stored;
 //! 7. `read`, `samples`: boxes of voxels.
 //!
 //! A header that lies is refused with the reason, or overridden by an option; nothing is guessed silently, and what
@@ -34,6 +34,8 @@ mod input;
 mod joined;
 mod layout;
 mod nodata;
+pub mod options;
+mod position_fit;
 mod read;
 mod samples;
 mod scan;
@@ -52,124 +54,50 @@ use self::grid::{Grid, GridDefect};
 use self::input::Input;
 use self::layout::Layout;
 use self::nodata::Absent;
+pub use self::options::{Offsets, SegyOptions};
 use self::read::{Neighbours, Reader};
 use self::samples::SampleFormat;
 use self::scan::Scan;
 pub use self::text_header::{TEXT_BYTES, encode as encode_text};
+use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::input::file::SourceFile;
-use crate::{AccessOrder, Axis, Endian, SourceError, SourceInfo, Survey, VolumeSource};
+use crate::input::folder::Listing;
+use crate::input::start::{is_named, lower_name};
+use crate::{AccessOrder, Axis, SourceError, SourceInfo, Survey, VolumeSource};
 
-/// Last byte of a trace header at which a four-byte word can begin.
-const LAST_WORD_BYTE: u16 = 237;
+/// How names of SEG-Y files end.
+const ENDINGS: &[&str] = &[".sgy", ".segy", ".seg-y", ".seg"];
 
-/// What a person may say about a file, where its headers do not or lie.
-#[derive(Debug, Clone, PartialEq)]
-pub struct SegyOptions {
-    /// Byte of the trace header, from 1, at which the four-byte inline number begins; 189 by the standard.
-    pub inline_byte: u16,
-    /// The same for the crossline number; 193 by the standard.
-    pub crossline_byte: u16,
-    /// Sample format code that overrides bytes 3225-3226, and is believed without judging the samples.
-    pub format: Option<u16>,
-    /// Byte order, where detection from the headers fails.
-    pub endian: Option<Endian>,
-    /// Samples of each trace, whatever the headers say.
-    pub samples: Option<u32>,
-    /// Sample interval, in ms or in units of depth, whatever the headers say.
-    pub interval: Option<f64>,
-    /// Byte of the trace header, from 1, at which the four-byte offset from source to receiver begins; 37 by the standard.
-    pub offset_byte: u16,
-    /// Which traces of those with different offsets, where there are several at one place.
-    pub offsets: Offsets,
-    /// Most bytes of memory for the table of traces; a file that needs more is refused.
-    pub memory_bytes: u64,
-}
+/// How text headers of SEG-Y begin: C 1 and C01, in EBCDIC and in ASCII.
+const TEXT_HEADERS: [&[u8]; 4] = [b"C 1", b"C01", b"\xc3\x40\xf1", b"\xc3\xf0\xf1"];
 
-/// Traces of a file that has not been stacked.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Offsets {
-    /// There must be one trace at each place.
-    #[default]
-    Single,
-    /// Those with this offset.
-    One(i32),
-    /// The mean over all of them.
-    Stack,
-}
-
-impl Default for SegyOptions {
-    fn default() -> Self {
-        Self {
-            inline_byte: 189,
-            crossline_byte: 193,
-            format: None,
-            endian: None,
-            samples: None,
-            interval: None,
-            offset_byte: 37,
-            offsets: Offsets::Single,
-            memory_bytes: u64::MAX,
+/// Row of the table of formats.
+pub const FORMAT: Format = Format {
+    name: "segy",
+    title: "SEG-Y",
+    choices: &[],
+    // The text header begins with the letter C: in EBCDIC (0xC3), or in ASCII.
+    sniff: |start, _| start.is_named(ENDINGS) || start.begins_with(b"\xc3") || start.begins_with(b"C"),
+    certainty: Certainty::Likely,
+    folder: Folder::ByFiles { title: "SEG-Y", sniff: |files| Ok(files.0.iter().any(|file| is_named_segy(file))) },
+    open: |path, options| {
+        options.selection.refuse_all(path)?;
+        if !path.is_dir() {
+            return open(&[path.into()], None, &options.segy);
         }
-    }
-}
+        let mut lines = Listing::of(path, true, options.outside)?.files;
+        lines.retain(|file| is_named_segy(file));
+        open(&lines, Some(path), &options.segy)
+    },
+    // Any text may begin with a C.
+    found: |start| match start.is_named(ENDINGS) || TEXT_HEADERS.iter().any(|text| start.begins_with(text)) {
+        true => Found::Volume,
+        false => Found::Other,
+    },
+};
 
-impl SegyOptions {
-    /// Where numbers of traces stand, and whatever overrules the file.
-    fn describe(&self) -> Vec<(&'static str, String)> {
-        let offset = match self.offsets {
-            Offsets::Single => None,
-            Offsets::One(number) => Some(number.to_string()),
-            Offsets::Stack => Some("stack".into()),
-        };
-        let overruled = [
-            ("format", self.format.map(|code| code.to_string())),
-            ("endian", self.endian.map(|endian| endian.name().into())),
-            ("samples", self.samples.map(|samples| samples.to_string())),
-            ("interval", self.interval.map(|interval| interval.to_string())),
-            ("offset_byte", offset.is_some().then(|| self.offset_byte.to_string())),
-            ("offset", offset),
-        ];
-        let places = [("il_byte", self.inline_byte.to_string()), ("xl_byte", self.crossline_byte.to_string())];
-        places.into_iter().chain(overruled.into_iter().filter_map(|(name, said)| Some((name, said?)))).collect()
-    }
-
-    /// What is said where the table of traces takes more than is allowed.
-    fn too_little_memory(&self, needed_bytes: u64) -> SourceError {
-        let mib = |bytes: u64| bytes.div_ceil(1 << 20);
-        SourceError::Options(format!(
-            "{} MiB of memory suffice for the table of traces, which follow no order; --memory allows {} MiB",
-            mib(needed_bytes),
-            mib(self.memory_bytes)
-        ))
-    }
-
-    /// Refuses options that no file can satisfy.
-    fn check(&self) -> Result<(), SourceError> {
-        let bytes =
-            [("--il-byte", self.inline_byte), ("--xl-byte", self.crossline_byte), ("--offset-byte", self.offset_byte)];
-        for (name, byte) in bytes {
-            if !(1..=LAST_WORD_BYTE).contains(&byte) {
-                let message = format!("{name} {byte}: expected a byte of the trace header from 1 to {LAST_WORD_BYTE}");
-                return Err(SourceError::Options(message));
-            }
-        }
-        if self.inline_byte == self.crossline_byte {
-            let message = format!("--il-byte and --xl-byte are both {}: expected two places", self.inline_byte);
-            return Err(SourceError::Options(message));
-        }
-        if self.samples == Some(0) {
-            return Err(SourceError::Options("--samples 0: expected at least 1".into()));
-        }
-        if let Some(interval) = self.interval.filter(|i| !(i.is_finite() && *i > 0.0)) {
-            return Err(SourceError::Options(format!("--interval {interval}: expected a number above 0")));
-        }
-        match self.format {
-            Some(code) if SampleFormat::from_code(code).is_none() => {
-                Err(SourceError::Options(format!("--format {code}: expected 1 to 12, 15 or 16")))
-            }
-            _ => Ok(()),
-        }
-    }
+fn is_named_segy(path: &Path) -> bool {
+    is_named(&lower_name(path), ENDINGS)
 }
 
 /// A file, or a folder of files that are one survey, in natural order of their names; opened as the options say.

@@ -11,8 +11,8 @@ use super::binary_header::{BinaryHeader, TRACE_HEADER_BYTES};
 use super::fields::{Fields, scaled};
 use super::input::Input;
 use super::layout::Layout;
-use super::survey::PositionFit;
-use super::{Offsets, SegyOptions};
+use super::options::{Offsets, SegyOptions};
+use super::position_fit::PositionFit;
 use crate::SourceError;
 
 /// Traces longer than this are visited header by header; shorter ones are read through.

@@ -24,11 +24,12 @@ use tiff::decoder::{ChunkType, Decoder, DecodingResult, Limits};
 use tiff::tags::{CompressionMethod, SampleFormat, Tag};
 use tiff::{ColorType, TiffError, TiffFormatError};
 
+use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::grid::dense::{GridFile, GridLayout, GridSource, Part, checked_bytes};
 use crate::grid::elements::{Channels, Elements, Frames, Meaning, Number};
 use crate::input::data_files::open_data;
 use crate::input::file::SourceFile;
-use crate::input::selection::Selection;
+use crate::input::selection::{Choice, Selection};
 use crate::input::spool::{Spool, SpoolFolder};
 use crate::{Axis, Endian, SourceError, SourceInfo, VolumeSource};
 use coded::{CodedChunks, Compression};
@@ -42,6 +43,26 @@ pub(crate) const RATIO_LIMIT: u64 = 1400;
 
 /// Photometric interpretation of palette indices.
 const PALETTE: u64 = 3;
+
+/// First bytes of a TIFF and of a `BigTIFF`, in either byte order.
+const STARTS: [&[u8]; 4] = [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"];
+
+/// Whether a file is TIFF, by its first bytes.
+pub(crate) fn is_tiff(head: &[u8]) -> bool {
+    STARTS.iter().any(|start| head.starts_with(start))
+}
+
+/// Row of the table of formats.
+pub const FORMAT: Format = Format {
+    name: "tiff",
+    title: "TIFF",
+    choices: &[Choice::Series],
+    sniff: |start, _| is_tiff(&start.bytes),
+    certainty: Certainty::Certain,
+    folder: Folder::Never,
+    open: |path, options| Ok(Box::new(TiffSource::open(path, &options.spool, &options.selection)?)),
+    found: |_| Found::Volume,
+};
 
 /// A TIFF stack.
 #[derive(Debug)]

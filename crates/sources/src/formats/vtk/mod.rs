@@ -18,12 +18,14 @@ use std::path::Path;
 
 use supervol_format::{ByteSource, Dims, Geometry, VoxelBox, VoxelType};
 
+use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::grid::dense::{GridFile, GridLayout, GridSource, checked_bytes};
 use crate::grid::elements::{Channels, Elements, Frames, Meaning, Number};
 use crate::input::data_files::open_data;
 use crate::input::file::SourceFile;
-use crate::input::selection::Selection;
+use crate::input::selection::{Choice, Selection};
 use crate::input::spool::{Excess, Spool, SpoolFolder, Words, parse_voxel};
+use crate::input::start::FileStart;
 use crate::input::text::shortened;
 use crate::{Endian, SourceError, SourceInfo, VolumeSource};
 use blocks::{UpTo, decode};
@@ -32,6 +34,24 @@ use blocks::{UpTo, decode};
 const ARRAYS_LIMIT: usize = 1024;
 /// Largest number of arrays that a message lists.
 const LISTED_LIMIT: usize = 20;
+
+/// First bytes of a legacy file.
+const LEGACY_START: &[u8] = b"# vtk DataFile";
+
+/// Row of the table of formats.
+pub const FORMAT: Format = Format {
+    name: "vtk",
+    title: "VTK",
+    choices: &[Choice::Array],
+    sniff: |start, _| {
+        let is_xml = start.text_begins_with(b"<?xml") || start.text_begins_with(b"<VTKFile");
+        start.begins_with(LEGACY_START) || start.is_named(&[".vti"]) || is_xml && start.holds(b"<VTKFile")
+    },
+    certainty: Certainty::Certain,
+    folder: Folder::Never,
+    open: |path, options| Ok(Box::new(VtkSource::open(path, &options.spool, &options.selection)?)),
+    found: |_| Found::Volume,
+};
 
 /// A VTK image.
 #[derive(Debug)]
@@ -103,7 +123,7 @@ impl VtkSource {
     /// If the file cannot be read, breaks the format's rules, or does not hold a supported volume.
     pub fn open(path: &Path, spool: &SpoolFolder, selection: &Selection) -> Result<Self, SourceError> {
         let source_file = SourceFile::of(path)?;
-        let is_legacy = crate::open::head(path)?.starts_with(b"# vtk DataFile");
+        let is_legacy = FileStart::of(path)?.begins_with(LEGACY_START);
         let reader = BufReader::new(open_data(path)?);
         let header = if is_legacy { legacy::read(path, reader)? } else { xml::read(path, reader)? };
         let mut notes = Vec::new();

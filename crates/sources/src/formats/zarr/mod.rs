@@ -17,7 +17,6 @@ pub(crate) mod ome;
 pub(crate) mod placement;
 mod store;
 
-use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -25,12 +24,13 @@ use supervol_format::Dims;
 use supervol_format::readable::Mib;
 use supervol_format::recent::Recent;
 
+use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::grid::chunked::{ChunkGrid, ChunkMemory, ChunkedSource, Chunks, widened};
 use crate::grid::dense::{GridLayout, checked_bytes};
 use crate::grid::elements::{Channels, Elements, Frames};
 use crate::input::file::SourceFile;
 use crate::input::folder::FolderOptions;
-use crate::input::selection::Selection;
+use crate::input::selection::{Choice, Selection};
 use crate::input::spool::SpoolFolder;
 use crate::input::text::shortened;
 use crate::{Axis, Endian, SourceError, SourceInfo};
@@ -39,6 +39,7 @@ use metadata::{Array, Index, Version2, Version3};
 use ome::{ArrayAxis, Attributes};
 use placement::place;
 use store::Store;
+use supervol_files::folder_of;
 
 /// Files that identify a folder as Zarr or N5.
 const ZARR_FILES: [&str; 3] = ["zarr.json", ".zarray", ".zgroup"];
@@ -49,20 +50,41 @@ const LISTED_LIMIT: usize = 20;
 const TABLES_KEPT: usize = 8;
 const TABLE_LIMIT: u64 = 1 << 18;
 
-/// Whether a folder is Zarr or N5.
-pub fn is_zarr(folder: &Path) -> bool {
-    descriptions().any(|name| folder.join(name).is_file())
-}
+/// Parts of a Zarr or N5 that may be chosen.
+const CHOICES: &[Choice] = &[Choice::Level, Choice::Series, Choice::Array];
+
+/// Row of the table of formats, for folders. A file that describes a folder is refused with the folder's name.
+pub const FORMAT: Format = Format {
+    name: "zarr",
+    title: "Zarr, N5 (folders)",
+    choices: CHOICES,
+    sniff: |start, _| start.path.file_name().is_some_and(|name| descriptions().any(|known| name == known)),
+    certainty: Certainty::Certain,
+    folder: Folder::ByStructure(|folder| descriptions().any(|name| folder.join(name).is_file())),
+    open: |path, options| {
+        if path.is_dir() {
+            return Ok(Box::new(self::open(path, &options.of_folders())?));
+        }
+        let advice = format!("give the folder: {}", folder_of(path).display());
+        Err(SourceError::unsupported(path, "this describes the Zarr or N5 that it lies in", advice))
+    },
+    found: |_| Found::Other,
+};
+
+/// Row of the table of formats, for ZIP files of what such a folder holds.
+pub const ARCHIVE: Format = Format {
+    title: "",
+    sniff: |start, _| start.begins_with(b"PK\x03\x04") && is_zarr_archive(start.path),
+    folder: Folder::Never,
+    open: |path, options| Ok(Box::new(self::open(path, &options.of_folders())?)),
+    found: |_| Found::Volume,
+    ..FORMAT
+};
 
 /// Whether a ZIP file holds Zarr or N5; false if it cannot be read.
-pub(crate) fn is_zarr_archive(path: &Path) -> bool {
+fn is_zarr_archive(path: &Path) -> bool {
     let is_of_zarr = |name: &str| name.rsplit('/').next().is_some_and(|file| descriptions().any(|known| known == file));
     archive::Archive::open(path, &SpoolFolder::system()).is_ok_and(|archive| archive.below("").any(is_of_zarr))
-}
-
-/// Whether a file of this name describes the Zarr or N5 that contains it.
-pub(crate) fn is_description(name: &OsStr) -> bool {
-    descriptions().any(|known| name == known)
 }
 
 fn descriptions() -> impl Iterator<Item = &'static str> {
@@ -106,7 +128,7 @@ pub fn open(path: &Path, options: &FolderOptions<'_>) -> Result<ChunkedSource, S
 }
 
 /// The selected array.
-struct Found {
+struct Chosen {
     folder: PathBuf,
     array: Array,
     axes: Vec<ArrayAxis>,
@@ -144,7 +166,7 @@ fn node(store: &Store, folder: &Path) -> Result<Option<Node>, SourceError> {
 }
 
 /// Finds the selected array.
-fn find(store: &Store, folder: &Path, selection: &Selection, notes: &mut Vec<String>) -> Result<Found, SourceError> {
+fn find(store: &Store, folder: &Path, selection: &Selection, notes: &mut Vec<String>) -> Result<Chosen, SourceError> {
     match node(store, folder)? {
         None => {
             let expected = "an array or a group of Zarr or N5";
@@ -166,7 +188,7 @@ fn find(store: &Store, folder: &Path, selection: &Selection, notes: &mut Vec<Str
                     notes.push(format!("{} images in one group; the first is used", others.len() + 1));
                 }
                 let found = image_level(store, folder, image, selection, notes)?;
-                Ok(Found { channels: attributes.channels(), ..found })
+                Ok(Chosen { channels: attributes.channels(), ..found })
             }
         },
         Some(Node::N5(attributes)) => n5_level(store, folder, attributes, selection, notes),
@@ -174,11 +196,11 @@ fn find(store: &Store, folder: &Path, selection: &Selection, notes: &mut Vec<Str
 }
 
 /// An array about which only the names of its axes may be known.
-fn plain(folder: PathBuf, array: Array, names: Option<Vec<Option<String>>>) -> Found {
+fn plain(folder: PathBuf, array: Array, names: Option<Vec<Option<String>>>) -> Chosen {
     let rank = array.shape.shape.len();
     let names = names.filter(|names| names.len() == rank).unwrap_or_else(|| vec![None; rank]);
     let axes = names.into_iter().map(|name| ArrayAxis::named(&name.unwrap_or_default())).collect();
-    Found { folder, array, axes, channels: Vec::new(), format: "zarr" }
+    Chosen { folder, array, axes, channels: Vec::new(), format: "zarr" }
 }
 
 /// The only array below a group without image metadata.
@@ -187,7 +209,7 @@ fn one_below(
     folder: &Path,
     attributes: &Attributes,
     selection: &Selection,
-) -> Result<Found, SourceError> {
+) -> Result<Chosen, SourceError> {
     let names = store.nodes(folder, &ZARR_FILES);
     if let ([name], None) = (&names[..], attributes.collection())
         && let Some(Node::Array(array, dimensions)) = node(store, &folder.join(name))?
@@ -219,7 +241,7 @@ fn image_level(
     image: &ome::Multiscale,
     selection: &Selection,
     notes: &mut Vec<String>,
-) -> Result<Found, SourceError> {
+) -> Result<Chosen, SourceError> {
     let level = level_of(folder, image.datasets.len(), selection, notes)?;
     let Some(dataset) = image.datasets.get(level as usize) else {
         return Err(SourceError::invalid(folder, "multiscales", "at least one dataset", "none"));
@@ -230,7 +252,7 @@ fn image_level(
         return Err(SourceError::invalid(&at, "dataset of the image", "an array", "none"));
     };
     let axes = image.axes(dataset, array.shape.shape.len(), notes);
-    Ok(Found { folder: at, array, axes, channels: Vec::new(), format: "ome-zarr" })
+    Ok(Chosen { folder: at, array, axes, channels: Vec::new(), format: "ome-zarr" })
 }
 
 /// The selected level of an image.
@@ -248,10 +270,10 @@ fn n5_level(
     attributes: n5::Attributes,
     selection: &Selection,
     notes: &mut Vec<String>,
-) -> Result<Found, SourceError> {
+) -> Result<Chosen, SourceError> {
     let found = |folder: PathBuf, own: &n5::Attributes, group: &n5::Attributes| {
         let array = own.array(&folder.join(N5_FILE))?;
-        Ok(Found { array, axes: own.axes(group), folder, channels: Vec::new(), format: "n5" })
+        Ok(Chosen { array, axes: own.axes(group), folder, channels: Vec::new(), format: "n5" })
     };
     if attributes.is_array() {
         selection.level_of(folder, 1)?;
@@ -271,7 +293,7 @@ fn n5_level(
 
 fn source(
     store: &Store,
-    found: Found,
+    found: Chosen,
     options: &FolderOptions<'_>,
     mut notes: Vec<String>,
 ) -> Result<ChunkedSource, SourceError> {
@@ -280,7 +302,7 @@ fn source(
         let shown = (&found.array.shape.shape[..], &found.axes[..], &found.channels[..]);
         place(&path, shown, options.selection, &mut notes)?
     };
-    let Found { array, axes, format, .. } = found;
+    let Chosen { array, axes, format, .. } = found;
     let dims = Dims(placement.axes.map(|axis| axis.map_or(1, |axis| array.shape.shape[axis])));
     let stored = array.number.stored();
     checked_bytes(&path, dims, stored)?;

@@ -15,42 +15,15 @@ use std::path::{Path, PathBuf};
 use supervol_format::{Dims, VoxelBox, VoxelType};
 
 use super::elements::{Elements, NumberGrid};
-use crate::{AccessOrder, Endian, SourceError, SourceInfo, VolumeSource};
+pub use super::layout::{GridLayout, SCRATCH_BYTES};
+use crate::{Endian, SourceError, SourceInfo, VolumeSource};
 use storage::Storage;
-
-/// Largest memory of a read in bytes, besides the caller's buffer.
-pub const SCRATCH_BYTES: usize = 1 << 20;
 
 /// Rows with smaller gaps than this are read as one span, gaps included: the system fetches whole pages anyway.
 const GAP_LIMIT_BYTES: u64 = 4096;
 
 /// Voxels along x that a transposing read collects before it writes, so that it writes whole cache lines.
 const TRANSPOSE_RUN_VOXELS: usize = 64;
-
-/// Arrangement of the voxels in the file.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct GridLayout {
-    /// Number of voxels along x, y, z.
-    pub dims: Dims,
-    /// Type of the voxels.
-    pub voxel_type: VoxelType,
-    /// Byte order of the voxels.
-    pub endian: Endian,
-    /// Order of the axes in the file, fastest first: `[0, 1, 2]` is x fastest, `[2, 1, 0]` z fastest.
-    pub fastest_first: [usize; 3],
-}
-
-impl GridLayout {
-    /// x fastest, then y, then z.
-    pub const X_FASTEST: [usize; 3] = [0, 1, 2];
-
-    /// The order of the axes for [`SourceInfo::access_order`], slowest first.
-    #[must_use]
-    pub fn access_order(&self) -> AccessOrder {
-        let [fast, middle, slow] = self.fastest_first;
-        AccessOrder([slow, middle, fast])
-    }
-}
 
 /// One of several files of a grid.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -3,45 +3,34 @@
 //! Such a file does not describe itself, so its length must match the options to the byte. A wrong dim or type is the
 //! most common mistake and would give a picture of noise.
 
+pub(crate) mod options;
+
 use std::fs::File;
 use std::path::Path;
 
-use supervol_format::{ByteSource, Dims, Geometry, VoxelBox, VoxelType};
+use supervol_format::{ByteSource, Dims, VoxelBox, VoxelType};
 
+pub use self::options::RawOptions;
+use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::grid::dense::{GridFile, GridLayout, GridSource, checked_bytes};
 use crate::input::file::SourceFile;
-use crate::{Endian, SourceError, SourceInfo, VolumeSource};
+use crate::{SourceError, SourceInfo, VolumeSource};
 
-/// Properties that a raw file does not state itself.
-#[derive(Debug, Clone, PartialEq)]
-pub struct RawOptions {
-    /// Number of voxels along x, y, z.
-    pub dims: Dims,
-    /// Type of the voxels.
-    pub voxel_type: VoxelType,
-    /// Byte order of the voxels.
-    pub endian: Endian,
-    /// Bytes before the first voxel.
-    pub header_bytes: u64,
-    /// Placement of the grid in the world.
-    pub geometry: Geometry,
-    /// Stored value that means "no data".
-    pub nodata: Option<f64>,
-}
-
-impl RawOptions {
-    /// Options that determine the voxel values. Containers store the geometry anyway.
-    fn describe(&self) -> Vec<(&'static str, String)> {
-        let [nx, ny, nz] = self.dims.0;
-        let said = [
-            ("dims", format!("{nx},{ny},{nz}")),
-            ("dtype", self.voxel_type.to_string()),
-            ("endian", self.endian.name().into()),
-            ("offset", self.header_bytes.to_string()),
-        ];
-        said.into_iter().chain(self.nodata.map(|value| ("nodata", value.to_string()))).collect()
-    }
-}
+/// Row of the table of formats: a file is raw if the options describe its voxels.
+pub const FORMAT: Format = Format {
+    name: "raw",
+    title: "",
+    choices: &[],
+    sniff: |_, options| options.raw.is_some(),
+    certainty: Certainty::Certain,
+    folder: Folder::Never,
+    open: |path, options| {
+        let raw = options.raw.as_ref().expect("files are raw only by their options");
+        options.selection.refuse_all(path)?;
+        Ok(Box::new(RawSource::open(path, raw)?))
+    },
+    found: |_| Found::Volume,
+};
 
 /// A raw file.
 #[derive(Debug)]

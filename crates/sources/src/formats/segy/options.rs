@@ -1,0 +1,117 @@
+//! Options of a SEG-Y file, where its headers are silent or wrong.
+
+use super::samples::SampleFormat;
+use crate::{Endian, SourceError};
+
+/// Last byte of a trace header at which a four-byte word can begin.
+const LAST_WORD_BYTE: u16 = 237;
+
+/// What a person may say about a file, where its headers do not or lie.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SegyOptions {
+    /// Byte of the trace header, from 1, at which the four-byte inline number begins; 189 by the standard.
+    pub inline_byte: u16,
+    /// The same for the crossline number; 193 by the standard.
+    pub crossline_byte: u16,
+    /// Sample format code that overrides bytes 3225-3226, and is believed without judging the samples.
+    pub format: Option<u16>,
+    /// Byte order, where detection from the headers fails.
+    pub endian: Option<Endian>,
+    /// Samples of each trace, whatever the headers say.
+    pub samples: Option<u32>,
+    /// Sample interval, in ms or in units of depth, whatever the headers say.
+    pub interval: Option<f64>,
+    /// Byte of the trace header, from 1, at which the four-byte offset from source to receiver begins; 37 by the standard.
+    pub offset_byte: u16,
+    /// Which traces of those with different offsets, where there are several at one place.
+    pub offsets: Offsets,
+    /// Most bytes of memory for the table of traces; a file that needs more is refused.
+    pub memory_bytes: u64,
+}
+
+/// Traces of a file that has not been stacked.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Offsets {
+    /// There must be one trace at each place.
+    #[default]
+    Single,
+    /// Those with this offset.
+    One(i32),
+    /// The mean over all of them.
+    Stack,
+}
+
+impl Default for SegyOptions {
+    fn default() -> Self {
+        Self {
+            inline_byte: 189,
+            crossline_byte: 193,
+            format: None,
+            endian: None,
+            samples: None,
+            interval: None,
+            offset_byte: 37,
+            offsets: Offsets::Single,
+            memory_bytes: u64::MAX,
+        }
+    }
+}
+
+impl SegyOptions {
+    /// Where numbers of traces stand, and whatever overrules the file.
+    pub(super) fn describe(&self) -> Vec<(&'static str, String)> {
+        let offset = match self.offsets {
+            Offsets::Single => None,
+            Offsets::One(number) => Some(number.to_string()),
+            Offsets::Stack => Some("stack".into()),
+        };
+        let overruled = [
+            ("format", self.format.map(|code| code.to_string())),
+            ("endian", self.endian.map(|endian| endian.name().into())),
+            ("samples", self.samples.map(|samples| samples.to_string())),
+            ("interval", self.interval.map(|interval| interval.to_string())),
+            ("offset_byte", offset.is_some().then(|| self.offset_byte.to_string())),
+            ("offset", offset),
+        ];
+        let places = [("il_byte", self.inline_byte.to_string()), ("xl_byte", self.crossline_byte.to_string())];
+        places.into_iter().chain(overruled.into_iter().filter_map(|(name, said)| Some((name, said?)))).collect()
+    }
+
+    /// What is said where the table of traces takes more than is allowed.
+    pub(super) fn too_little_memory(&self, needed_bytes: u64) -> SourceError {
+        let mib = |bytes: u64| bytes.div_ceil(1 << 20);
+        SourceError::Options(format!(
+            "{} MiB of memory suffice for the table of traces, which follow no order; --memory allows {} MiB",
+            mib(needed_bytes),
+            mib(self.memory_bytes)
+        ))
+    }
+
+    /// Refuses options that no file can satisfy.
+    pub(super) fn check(&self) -> Result<(), SourceError> {
+        let bytes =
+            [("--il-byte", self.inline_byte), ("--xl-byte", self.crossline_byte), ("--offset-byte", self.offset_byte)];
+        for (name, byte) in bytes {
+            if !(1..=LAST_WORD_BYTE).contains(&byte) {
+                let message = format!("{name} {byte}: expected a byte of the trace header from 1 to {LAST_WORD_BYTE}");
+                return Err(SourceError::Options(message));
+            }
+        }
+        if self.inline_byte == self.crossline_byte {
+            let message = format!("--il-byte and --xl-byte are both {}: expected two places", self.inline_byte);
+            return Err(SourceError::Options(message));
+        }
+        if self.samples == Some(0) {
+            return Err(SourceError::Options("--samples 0: expected at least 1".into()));
+        }
+        if let Some(interval) = self.interval.filter(|i| !(i.is_finite() && *i > 0.0)) {
+            return Err(SourceError::Options(format!("--interval {interval}: expected a number above 0")));
+        }
+        match self.format {
+            Some(code) if SampleFormat::from_code(code).is_none() => {
+                Err(SourceError::Options(format!("--format {code}: expected 1 to 12, 15 or 16")))
+            }
+            _ => Ok(()),
+        }
+    }
+}
