@@ -19,7 +19,7 @@ use supervol_format::Dims;
 use supervol_format::random::Random;
 
 use super::noise::{numbers_for, row_hash, sign, voxel_noise};
-use super::{CHUNK_VOXELS, Scale, Target};
+use super::target::{CHUNK_VOXELS, Scale, Target};
 
 /// Depth in voxels after which the layers repeat; a power of two.
 pub const PERIOD_LIMIT: u64 = 1 << 16;

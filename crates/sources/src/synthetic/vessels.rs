@@ -12,7 +12,7 @@ use supervol_format::random::Random;
 use supervol_format::{Dims, VoxelBox};
 
 use super::noise::numbers_for;
-use super::{Scale, Target};
+use super::target::{Scale, Target};
 
 /// Share of the grid that tubes may fill; an upper estimate.
 const FILL_LIMIT: f64 = 0.045;

@@ -10,9 +10,10 @@ use std::path::{Path, PathBuf};
 use supervol_format::ByteSource;
 
 use super::binary_header::FILE_HEADER_BYTES;
+use super::file_header::read_file_header;
 use super::input::Input;
 use super::layout::Layout;
-use super::{SegyOptions, read_file_header};
+use super::options::SegyOptions;
 use crate::input::open_files::OpenFiles;
 use crate::{Endian, SourceError};
 

@@ -13,10 +13,12 @@ use supervol_format::voxel_type::{Absence, Voxel, voxels_as_f64};
 use supervol_format::{ByteSource, VoxelBox, VoxelType, with_voxel};
 
 use super::fields::Fields;
+use super::file_header::read_file_header;
 use super::input::Input;
 use super::layout::Layout;
+use super::options::{Offsets, SegyOptions};
 use super::scan::for_each_header;
-use super::{Offsets, SegyOptions, SegySource, read_file_header};
+use super::source::SegySource;
 use crate::{SourceError, SourceInfo, VolumeSource};
 
 /// Most offsets that are averaged: each has a table of traces.

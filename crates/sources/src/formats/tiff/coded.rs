@@ -15,7 +15,7 @@ use supervol_format::{ByteSource, VoxelType};
 use tiff::decoder::Decoder;
 use tiff::tags::Tag;
 
-use super::{CHUNK_LIMIT_BYTES, Packing, Page, RATIO_LIMIT, refusal};
+use super::page::{CHUNK_LIMIT_BYTES, Packing, Page, RATIO_LIMIT, refusal};
 use crate::grid::dense::swap_bytes;
 use crate::grid::elements::Number;
 use crate::{Endian, SourceError};

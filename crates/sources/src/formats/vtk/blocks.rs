@@ -9,7 +9,7 @@ use base64::engine::general_purpose::STANDARD;
 use base64::read::DecoderReader;
 use supervol_format::ByteSource;
 
-use super::{Array, Blocks, Compressor, Encoding, number};
+use super::header::{Array, Blocks, Compressor, Encoding, number};
 use crate::input::spool::{Excess, GzipShare, Spool};
 use crate::{Endian, SourceError};
 

@@ -9,6 +9,7 @@
 //! unmaintained parsers.
 
 mod blocks;
+mod header;
 mod legacy;
 mod xml;
 
@@ -16,7 +17,7 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
-use supervol_format::{ByteSource, Dims, Geometry, VoxelBox, VoxelType};
+use supervol_format::{ByteSource, VoxelBox, VoxelType};
 
 use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::grid::dense::{GridFile, GridLayout, GridSource, checked_bytes};
@@ -26,14 +27,9 @@ use crate::input::file::SourceFile;
 use crate::input::selection::{Choice, Selection};
 use crate::input::spool::{Excess, Spool, SpoolFolder, Words, parse_voxel};
 use crate::input::start::FileStart;
-use crate::input::text::shortened;
 use crate::{Endian, SourceError, SourceInfo, VolumeSource};
 use blocks::{UpTo, decode};
-
-/// Largest number of arrays of a file.
-const ARRAYS_LIMIT: usize = 1024;
-/// Largest number of arrays that a message lists.
-const LISTED_LIMIT: usize = 20;
+use header::{Array, Blocks, Encoding, Header, number};
 
 /// First bytes of a legacy file.
 const LEGACY_START: &[u8] = b"# vtk DataFile";
@@ -56,65 +52,6 @@ pub const FORMAT: Format = Format {
 /// A VTK image.
 #[derive(Debug)]
 pub struct VtkSource(GridSource);
-
-/// Encoding of an array's bytes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Encoding {
-    /// Unencoded; in XML, behind a word with their number.
-    Raw,
-    /// Numbers as text.
-    Text,
-    /// Colours as text: fractions of 255.
-    Shares,
-    /// Base64 of the bytes that `Raw` would have.
-    Base64,
-}
-
-/// One array of a file.
-#[derive(Debug, Clone)]
-struct Array {
-    name: String,
-    number: Number,
-    components: u64,
-    /// Whether the array belongs to the cells, not to the points.
-    is_of_cells: bool,
-    /// Whether the array is the active one of the file.
-    is_active: bool,
-    /// Whether the components are colours.
-    is_colour: bool,
-    encoding: Encoding,
-    /// Offset of the array in bytes.
-    offset: u64,
-}
-
-/// Block format of the arrays of an XML file.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct Blocks {
-    /// Size in bytes of a word that counts bytes.
-    word_bytes: usize,
-    compressor: Option<Compressor>,
-}
-
-/// Compression of the blocks of an array.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Compressor {
-    Zlib,
-    Lz4,
-}
-
-/// Contents of a header.
-#[derive(Debug)]
-struct Header {
-    /// Number of points along the axes.
-    points: [u64; 3],
-    /// Index of the first point.
-    first: [i64; 3],
-    geometry: Geometry,
-    endian: Endian,
-    arrays: Vec<Array>,
-    /// `None` for a legacy file, whose arrays have no headers.
-    blocks: Option<Blocks>,
-}
 
 impl VtkSource {
     /// Opens a VTK image; encoded arrays are decoded into `spool`.
@@ -166,40 +103,6 @@ impl VolumeSource for VtkSource {
 }
 
 impl Header {
-    /// The named array, else the active one, else the first; arrays of points before those of cells.
-    fn choose(&self, path: &Path, selection: &Selection, notes: &mut Vec<String>) -> Result<&Array, SourceError> {
-        let names: Vec<&str> = self.arrays.iter().take(LISTED_LIMIT).map(|array| array.name.as_str()).collect();
-        let list = names.join(", ");
-        if let Some(wanted) = &selection.array {
-            return self.arrays.iter().find(|array| array.name == *wanted).ok_or_else(|| {
-                SourceError::Options(format!("{}: no array `{}`; there are: {list}", path.display(), shortened(wanted)))
-            });
-        }
-        let best = self.arrays.iter().min_by_key(|array| (!array.is_active, array.is_of_cells));
-        let best = best.ok_or_else(|| SourceError::invalid(path, "arrays", "at least one", "none"))?;
-        if self.arrays.len() > 1 {
-            let (count, name) = (self.arrays.len(), &best.name);
-            notes.push(format!("{count} arrays ({list}); `{name}` is used; FILE:/NAME takes another"));
-        }
-        Ok(best)
-    }
-
-    /// Number of voxels along the axes: points, or the cells between them.
-    fn dims(&self, array: &Array) -> Dims {
-        Dims(self.points.map(|points| if array.is_of_cells { (points - 1).max(1) } else { points }))
-    }
-
-    /// Geometry with the origin at the first voxel.
-    fn placed(&self, path: &Path, array: &Array) -> Result<Geometry, SourceError> {
-        if let Some(defect) = self.geometry.defect() {
-            return Err(SourceError::invalid(path, "place", "origin, spacing and direction of a grid", defect));
-        }
-        let half = |axis: usize| if array.is_of_cells && self.points[axis] > 1 { 0.5 } else { 0.0 };
-        let index: [f64; 3] = std::array::from_fn(|axis| self.first[axis] as f64 + half(axis));
-        let origin = self.geometry.world_from_index().transform_point3(index.into()).to_array();
-        Ok(Geometry { origin, ..self.geometry })
-    }
-
     fn grid(
         &self,
         path: &Path,
@@ -261,14 +164,4 @@ fn word(path: &Path, file: &File, at: u64, bytes: usize, endian: Endian) -> Resu
         _ => SourceError::io(path, e),
     })?;
     Ok(number(&word[..bytes], endian))
-}
-
-/// A word of four or eight bytes.
-fn number(bytes: &[u8], endian: Endian) -> u64 {
-    let mut word = [0; 8];
-    word[..bytes.len()].copy_from_slice(bytes);
-    if endian == Endian::Big {
-        word[..bytes.len()].reverse();
-    }
-    u64::from_le_bytes(word)
 }

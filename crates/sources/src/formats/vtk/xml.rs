@@ -8,7 +8,8 @@ use quick_xml::XmlVersion;
 use quick_xml::events::BytesStart;
 use supervol_format::{Dims, Geometry, VoxelType};
 
-use super::{ARRAYS_LIMIT, Array, Blocks, Compressor, Encoding, Header, Number};
+use super::header::{ARRAYS_LIMIT, Array, Blocks, Compressor, Encoding, Header};
+use crate::grid::elements::Number;
 use crate::input::text::shortened;
 use crate::{Endian, SourceError};
 

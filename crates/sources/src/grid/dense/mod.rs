@@ -10,13 +10,14 @@ pub mod shape;
 mod storage;
 
 use std::fs::File;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use supervol_format::{Dims, VoxelBox, VoxelType};
 
 use super::elements::{Elements, NumberGrid};
 pub use super::layout::{GridLayout, SCRATCH_BYTES};
 use crate::{Endian, SourceError, SourceInfo, VolumeSource};
+pub use storage::Part;
 use storage::Storage;
 
 /// Rows with smaller gaps than this are read as one span, gaps included: the system fetches whole pages anyway.
@@ -24,15 +25,6 @@ const GAP_LIMIT_BYTES: u64 = 4096;
 
 /// Voxels along x that a transposing read collects before it writes, so that it writes whole cache lines.
 const TRANSPOSE_RUN_VOXELS: usize = 64;
-
-/// One of several files of a grid.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Part {
-    /// Path of the file.
-    pub path: PathBuf,
-    /// Offset of the file's share of the grid in bytes.
-    pub offset: u64,
-}
 
 /// A dense grid that can be read box by box.
 #[derive(Debug)]

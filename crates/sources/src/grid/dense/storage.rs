@@ -7,8 +7,17 @@ use std::path::{Path, PathBuf};
 
 use supervol_format::ByteSource;
 
-use super::{Part, SourceError};
+use crate::SourceError;
 use crate::input::open_files::OpenFiles;
+
+/// One of several files of a grid.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Part {
+    /// Path of the file.
+    pub path: PathBuf,
+    /// Offset of the file's share of the grid in bytes.
+    pub offset: u64,
+}
 
 /// Files of a grid, see the module head.
 #[derive(Debug)]
