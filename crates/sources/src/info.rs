@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use supervol_format::space::WorldSpace;
 use supervol_format::{Dims, Geometry, VoxelType};
 
+use crate::Message;
 use crate::input::file::SourceFile;
 use crate::survey::Survey;
 
@@ -38,7 +39,7 @@ pub struct SourceInfo {
     /// Axes in storage order, slowest first. Reading whole runs along the last one is cheapest.
     pub access_order: AccessOrder,
     /// Observations of the reader for the user: missing traces, an overridden header value, the default of a selection.
-    pub notes: Vec<String>,
+    pub notes: Vec<Message>,
     /// Memory of the open source, in bytes.
     pub memory_bytes: u64,
     /// Files of the volume, the opened one first; none for computed volumes.

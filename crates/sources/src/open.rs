@@ -10,7 +10,7 @@ use crate::formats::unsupported::{refusal_of_file, refusal_of_folder};
 use crate::input::file::SourceFile;
 use crate::input::folder::Listing;
 use crate::input::start::FileStart;
-use crate::{SourceError, VolumeSource};
+use crate::{Message, ReadOption, SourceError, VolumeSource};
 
 pub use crate::formats::format::Found;
 pub use crate::formats::options::OpenOptions;
@@ -105,10 +105,13 @@ fn unknown_file(path: &Path) -> SourceError {
     SourceError::unsupported(
         path,
         "neither its first bytes nor its name are those of a format we read",
-        format!(
-            "expected {}, a folder of slices, or a headerless file together with --dims and --dtype",
+        Message::from(format!(
+            "expected {}, a folder of slices, or a headerless file together with ",
             titles.join(", ")
-        ),
+        ))
+        .option(ReadOption::Dims)
+        .text(" and ")
+        .option(ReadOption::VoxelType),
     )
 }
 
@@ -117,7 +120,7 @@ fn unknown_folder(path: &Path, count: usize) -> SourceError {
     if count == 0 {
         // The wrong folder: nothing in it could be wrong.
         let expected = "expected a file, found a folder without files, of which slices could be read";
-        return SourceError::Options(format!("{}: {expected}", path.display()));
+        return SourceError::options(format!("{}: {expected}", path.display()));
     }
     let titles: Vec<&str> = FORMATS
         .iter()

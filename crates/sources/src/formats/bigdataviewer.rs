@@ -8,6 +8,7 @@
 //! "`BigDataViewer`: visualization and processing for large image data sets", Nature Methods 12 (2015), and
 //! <https://imagej.net/plugins/bdv>.
 
+use crate::input::selection::first_of;
 use std::fs::File;
 use std::io::Read;
 use std::path::{Component, Path, PathBuf};
@@ -25,7 +26,7 @@ use crate::input::file::SourceFile;
 use crate::input::folder::FolderOptions;
 use crate::input::selection::{Choice, Selection};
 use crate::input::text::shortened;
-use crate::{Axis, SourceError, SourceInfo, VolumeSource};
+use crate::{Axis, Message, ReadOption, SourceError, SourceInfo, VolumeSource};
 
 /// First element of such a file.
 const START: &[u8] = b"<SpimData";
@@ -82,11 +83,11 @@ impl ViewerXmlSource {
             zarr::open(&data, &of_data).map(|source| Box::new(source) as _)
         };
         let voxels = opened.map_err(|error| match error {
-            SourceError::Options(_) | SourceError::Invalid { .. } if options.selection.level.is_some() => {
-                SourceError::Options(format!(
-                    "--source-level {level}: {}: no readable `{name}`: {error}",
-                    data.display()
-                ))
+            SourceError::Options(_) | SourceError::NoSuchPart { .. } | SourceError::Invalid { .. }
+                if options.selection.level.is_some() =>
+            {
+                let what = format_args!(" {level}: {}: no readable `{name}`: ", data.display());
+                SourceError::options(Message::from(ReadOption::Level).text(what).message(error.message()))
             }
             other => other,
         })?;
@@ -105,7 +106,7 @@ impl ViewerXmlSource {
         info.axes = ["x", "y", "z"].map(|name| Axis { name: name.into(), unit: setup.unit.clone() });
         info.files.insert(0, source_file);
         // The voxel reader notes that it does not know the spacing; here it is known.
-        info.notes.retain(|note| !note.contains("--spacing"));
+        info.notes.retain(|note| !note.options().any(|option| option == ReadOption::Spacing));
         info.notes.append(&mut notes);
         Ok(Self { voxels, info })
     }
@@ -284,13 +285,13 @@ impl Described {
     }
 
     /// The selected view.
-    fn view(&self, path: &Path, selection: &Selection, notes: &mut Vec<String>) -> Result<View<'_>, SourceError> {
+    fn view(&self, path: &Path, selection: &Selection, notes: &mut Vec<Message>) -> Result<View<'_>, SourceError> {
         let setups = self.setups.len() as u64;
         if setups == 0 {
             return Err(SourceError::invalid(path, "ViewSetups", "at least one", "none"));
         }
         if setups > 1 && selection.channel.is_none() {
-            notes.push(format!("{setups} setups; the first is used; --channel 0 to {} takes another", setups - 1));
+            notes.push(first_of(&format!("{setups} setups"), ReadOption::Channel, setups));
         }
         let setup = &self.setups[selection.channel_of(path, setups)? as usize];
         let mut times: Vec<u64> = self.places.iter().map(|(time, ..)| *time).collect();

@@ -17,7 +17,7 @@ use crate::grid::dense::{GridFile, GridLayout, GridSource, checked_bytes};
 use crate::grid::elements::{Channels, Elements, Frames, Meaning, Number};
 use crate::input::file::SourceFile;
 use crate::input::selection::Selection;
-use crate::{Endian, SourceError, SourceInfo, VolumeSource};
+use crate::{Endian, Message, ReadOption, SourceError, SourceInfo, VolumeSource};
 
 /// Longest header that is read, in bytes. NumPy itself warns beyond 10,000.
 const HEADER_LIMIT_BYTES: u64 = 1 << 20;
@@ -105,7 +105,7 @@ impl NpySource {
         }
         let excess = start + length - end;
         if excess > 0 {
-            info.notes.push(format!("the file goes on after the array; bytes not read: {excess}"));
+            info.notes.push(format!("the file goes on after the array; bytes not read: {excess}").into());
         }
         Ok(Self(GridSource::with_elements(info, grid, elements)))
     }
@@ -310,7 +310,7 @@ fn split_axes_of(path: &Path, header: &NpyHeader, selection: &Selection) -> Resu
     }
     let fastest_first: Vec<u64> = shape.iter().rev().copied().collect();
     let split = split_axes(&fastest_first, &vec![true; shape.len()], selection.channel.is_some());
-    let refused = |advice: String| {
+    let refused = |advice: Message| {
         let what = format!("the array has {} axes ({shape:?}), a volume has three [z, y, x]", shape.len());
         Err(SourceError::unsupported(path, what, advice))
     };
@@ -319,9 +319,9 @@ fn split_axes_of(path: &Path, header: &NpyHeader, selection: &Selection) -> Resu
         // Either the first or the last axis may be the extra one; only the user knows.
         Ok(_) if selection.channel.is_none() && selection.frame.is_none() => {
             let [first, last] = [shape[0], shape[shape.len() - 1]];
-            refused(format!(
-                "choose one of the {first} along the first with --frame, or of the {last} along the last with --channel"
-            ))
+            let advice = Message::from(format!("choose one of the {first} along the first with "));
+            let advice = advice.option(ReadOption::Frame).text(format_args!(", or of the {last} along the last with "));
+            refused(advice.option(ReadOption::Channel))
         }
         Ok(_) if header.fortran_order => refused("in Fortran order: save it with `numpy.ascontiguousarray`".into()),
         Ok(split) => Ok(split),

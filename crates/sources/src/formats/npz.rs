@@ -101,7 +101,7 @@ where
             let found = arrays.iter().find(|name| **name == *wanted || plain(name) == *wanted);
             found.map(|name| (*name).to_owned()).ok_or_else(|| {
                 let (path, wanted) = (path.display(), shortened(wanted));
-                SourceError::Options(format!("{path}: no array `{wanted}`; there are: {}", list()))
+                SourceError::options(format!("{path}: no array `{wanted}`; there are: {}", list()))
             })
         }
         (None, [one]) => Ok((*one).to_owned()),

@@ -21,7 +21,7 @@ use crate::input::data_files::Outside;
 use crate::input::file::SourceFile;
 use crate::input::folder::{FolderOptions, Listing};
 use crate::input::spool::Spool;
-use crate::{Endian, SourceError, SourceInfo, VolumeSource};
+use crate::{Endian, Message, SourceError, SourceInfo, VolumeSource};
 
 /// Copies of a picture's pixels in memory while it is decoded.
 const PICTURE_COPIES: u64 = 3;
@@ -121,7 +121,7 @@ impl VolumeSource for PicturesSource {
 }
 
 /// The pictures of a folder, which must have the same format.
-fn files(path: &Path, outside: Outside, notes: &mut Vec<String>) -> Result<(Vec<PathBuf>, Kind), SourceError> {
+fn files(path: &Path, outside: Outside, notes: &mut Vec<Message>) -> Result<(Vec<PathBuf>, Kind), SourceError> {
     let listing = if path.is_dir() { Listing::of(path, false, outside)? } else { Listing::one(path) };
     listing.note(notes);
     let (mut pictures, mut others) = (Vec::new(), 0);
@@ -148,7 +148,7 @@ fn files(path: &Path, outside: Outside, notes: &mut Vec<String>) -> Result<(Vec<
         return Err(SourceError::invalid(path, "folder", "pictures of one format", found));
     }
     if others > 0 {
-        notes.push(format!("{others} files of the folder are no pictures and are left out"));
+        notes.push(format!("{others} files of the folder are no pictures and are left out").into());
     }
     Ok((pictures.into_iter().map(|(file, _)| file).collect(), kind))
 }
@@ -173,10 +173,11 @@ fn decode(files: &[PathBuf], kind: Kind, first: Page, options: &FolderOptions<'_
     let needed = first.bytes().saturating_mul(PICTURE_COPIES);
     if needed > options.memory_bytes {
         let [width, height] = first.size;
-        let allowed = options.memory_bytes;
-        let what =
-            format!("pictures of {width} x {height} take {needed} bytes each to decode; --memory allows {allowed}");
-        return Err(SourceError::Options(what));
+        return Err(SourceError::Memory {
+            what: format!("decoding pictures of {width} x {height}"),
+            needed_bytes: needed,
+            allowed_bytes: options.memory_bytes,
+        });
     }
     let mut spool = Spool::create(options.spool)?;
     for file in files {

@@ -4,6 +4,7 @@
 //! Numbers are converted when they are read. Only 64-bit integers are read once as a whole, on opening, to find a type
 //! that holds all of them.
 
+use crate::input::selection::first_of;
 use std::path::Path;
 
 use half::f16;
@@ -11,9 +12,9 @@ use supervol_format::file_order::boxes;
 use supervol_format::voxel_type::Voxel;
 use supervol_format::{Dims, VoxelBox, VoxelType, with_voxel};
 
-use crate::SourceError;
 use crate::grid::layout::{GridLayout, SCRATCH_BYTES};
 use crate::input::selection::Selection;
+use crate::{Message, ReadOption, SourceError};
 
 /// Weights of red, green and blue in the luminance, in thousandths: Rec. 601, as in most programs that convert colours
 /// to grey.
@@ -64,7 +65,7 @@ impl Channels {
         count: u64,
         meaning: Meaning,
         selection: &Selection,
-        notes: &mut Vec<String>,
+        notes: &mut Vec<Message>,
     ) -> Result<Self, SourceError> {
         if count <= 1 {
             selection.channel_of(path, 1)?;
@@ -76,13 +77,15 @@ impl Channels {
         let last = count - 1;
         if meaning == Meaning::Components {
             let what = format!("{count} numbers per voxel; a volume has one");
-            return Err(SourceError::unsupported(path, what, format!("choose one with --channel 0 to {last}")));
+            let advice = Message::from("choose one with ").option(ReadOption::Channel);
+            return Err(SourceError::unsupported(path, what, advice.text(format_args!(" 0 to {last}"))));
         }
         if count >= 3 {
-            notes.push(format!("colours: their luminance is used; --channel 0 to {last} takes one channel instead"));
+            let what = Message::from("colours: their luminance is used; ").option(ReadOption::Channel);
+            notes.push(what.text(format_args!(" 0 to {last} takes one channel instead")));
             return Ok(Self { count, wanted: None });
         }
-        notes.push(format!("{count} channels; the first is used; --channel 0 to {last} takes another"));
+        notes.push(first_of(&format!("{count} channels"), ReadOption::Channel, count));
         Ok(Self { count, wanted: Some(0) })
     }
 }
@@ -163,7 +166,7 @@ impl Elements {
         grid: &impl NumberGrid,
         number: Number,
         (channels, frames): (Channels, Frames),
-        notes: &mut Vec<String>,
+        notes: &mut Vec<Message>,
     ) -> Result<Self, SourceError> {
         let elements = Self { channels, frames, ..Self::plain(number.stored()) };
         match number {
@@ -188,7 +191,7 @@ impl Elements {
         path: &Path,
         grid: &impl NumberGrid,
         signed: bool,
-        notes: &mut Vec<String>,
+        notes: &mut Vec<Message>,
     ) -> Result<Self, SourceError> {
         let [mut least, mut greatest] = [i128::MAX, i128::MIN];
         for part in grid.parts(grid.layout().dims.full_box()) {
@@ -211,7 +214,7 @@ impl Elements {
             return Err(SourceError::unsupported(path, what, "subtract or divide what they have in common first"));
         };
         let name = if signed { "int64" } else { "uint64" };
-        notes.push(format!("{name}, of {least} to {greatest}: kept as {voxel_type}, which holds all of them"));
+        notes.push(format!("{name}, of {least} to {greatest}: kept as {voxel_type}, which holds all of them").into());
         Ok(Self { numbers: Numbers::Whole { signed }, voxel_type, ..self })
     }
 

@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 
 use super::dense::{GridFile, Part, checked_bytes};
 use super::layout::GridLayout;
-use crate::SourceError;
 use crate::input::data_files::{look_at, open_data};
 use crate::input::file::SourceFile;
 use crate::input::spool::SpoolFolder;
+use crate::{Message, SourceError};
 
 /// Layout of the voxels in the data files of a header.
 pub(crate) trait DataLayout {
@@ -16,7 +16,7 @@ pub(crate) trait DataLayout {
     fn is_raw(&self) -> bool;
 
     /// Offset in a file of `share_bytes` bytes of raw voxels, at or behind byte `start`.
-    fn offset(&self, path: &Path, start: u64, share_bytes: u64, notes: &mut Vec<String>) -> Result<u64, SourceError>;
+    fn offset(&self, path: &Path, start: u64, share_bytes: u64, notes: &mut Vec<Message>) -> Result<u64, SourceError>;
 
     /// Decodes the voxels of all files into one file, `share_bytes` bytes from each.
     fn decode(&self, files: &[PathBuf], start: u64, share_bytes: u64, spool: &SpoolFolder)
@@ -44,7 +44,7 @@ impl HeaderData<'_> {
         self,
         data: &impl DataLayout,
         spool: &SpoolFolder,
-        notes: &mut Vec<String>,
+        notes: &mut Vec<Message>,
     ) -> Result<(GridFile, Vec<SourceFile>), SourceError> {
         let Self { header, key, files, start, layout } = self;
         let bytes = checked_bytes(header, layout.dims, layout.voxel_type)?;

@@ -8,6 +8,7 @@ use supervol_files::folder_of;
 use super::file::SourceFile;
 use super::text::shortened;
 use crate::error::SourceError;
+use crate::{Message, ReadOption};
 
 /// Largest width of a number in a file-name pattern, in digits.
 const PATTERN_WIDTH_LIMIT: usize = 32;
@@ -41,7 +42,8 @@ pub(crate) fn find_all(header: &Path, names: &[String], outside: Outside) -> Res
             return Ok(file);
         }
         let what = format!("its data file `{}` lies outside the folder of the header", shortened(name));
-        Err(SourceError::unsupported(header, what, "give --allow-outside if you know where the header comes from"))
+        let advice = Message::from("give ").option(ReadOption::Outside);
+        Err(SourceError::unsupported(header, what, advice.text(" if you know where the header comes from")))
     };
     names.iter().map(find).collect()
 }
@@ -61,11 +63,11 @@ pub(crate) fn look_at(header: &Path, path: &Path) -> Result<SourceFile, SourceEr
 }
 
 /// Notes, at most once, that a data file has bytes behind its voxels.
-pub(crate) fn note_excess(path: &Path, excess: u64, notes: &mut Vec<String>) {
-    if excess > 0 && notes.iter().all(|n| !n.contains("goes on after the voxels")) {
+pub(crate) fn note_excess(path: &Path, excess: u64, notes: &mut Vec<Message>) {
+    if excess > 0 && notes.iter().all(|n| !n.to_string().contains("goes on after the voxels")) {
         // The name without its folder: notes must not depend on the location of a file.
         let name = path.file_name().unwrap_or_default().display();
-        notes.push(format!("{name} goes on after the voxels; bytes not read: {excess}"));
+        notes.push(format!("{name} goes on after the voxels; bytes not read: {excess}").into());
     }
 }
 

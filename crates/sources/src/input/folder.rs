@@ -10,6 +10,7 @@ use super::data_files::{FILES_LIMIT, Outside};
 use super::selection::Selection;
 use super::spool::SpoolFolder;
 use crate::error::SourceError;
+use crate::{Message, ReadOption};
 
 /// Largest depth of subfolders that are searched.
 const DEPTH_LIMIT: usize = 8;
@@ -88,10 +89,11 @@ impl Listing {
     }
 
     /// Notes the links that were not followed.
-    pub(crate) fn note(&self, notes: &mut Vec<String>) {
+    pub(crate) fn note(&self, notes: &mut Vec<Message>) {
         if self.links_outside > 0 {
             let count = self.links_outside;
-            notes.push(format!("{count} links lead outside the folder and are left out; --allow-outside follows them"));
+            let what = Message::from(format!("{count} links lead outside the folder and are left out; "));
+            notes.push(what.option(ReadOption::Outside).text(" follows them"));
         }
     }
 }

@@ -27,6 +27,7 @@ pub mod vessels;
 use supervol_format::{Dims, Geometry, VoxelBox, VoxelType};
 
 use super::{Axis, SourceError, SourceInfo, VolumeSource};
+use crate::{Message, ReadOption};
 use closed_form::ClosedForm;
 use seismic::Seismic;
 use target::Target;
@@ -61,7 +62,8 @@ impl Synthetic {
         let voxel_type = voxel_type.unwrap_or(VoxelType::U8);
         if !dims.is_valid() || dims.bytes(voxel_type).is_none() {
             let expected = format!("1 to {} voxels on each axis and less than 2^64 bytes in all", Dims::LIMIT);
-            return Err(SourceError::Options(format!("--dims: expected {expected}, found {dims}")));
+            let message = Message::from(ReadOption::Dims).text(format_args!(": expected {expected}, found {dims}"));
+            return Err(SourceError::options(message));
         }
         let mut info = SourceInfo::plain("synth", dims, voxel_type);
         let field = match name {
@@ -77,10 +79,10 @@ impl Synthetic {
             }
             _ => {
                 let names = NAMES.join(", ");
-                return Err(SourceError::Options(format!("no synthetic volume is called `{name}`; there are {names}")));
+                return Err(SourceError::options(format!("no synthetic volume is called `{name}`; there are {names}")));
             }
         };
-        info.notes.push(format!("computed: {name}, seed {seed}"));
+        info.notes.push(format!("computed: {name}, seed {seed}").into());
         Ok(Self { info, field })
     }
 }

@@ -32,7 +32,7 @@ use crate::input::file::SourceFile;
 use crate::input::folder::{FolderOptions, Listing};
 use crate::input::selection::Choice;
 use crate::input::spool::Spool;
-use crate::{Axis, SourceError, SourceInfo, VolumeSource};
+use crate::{Axis, Message, SourceError, SourceInfo, VolumeSource};
 use data_set::{DOUBLE_PIXEL_DATA, FLOAT_PIXEL_DATA, PixelsAt};
 use frames::Frames;
 use header::{FRAMES_LIMIT, Header, Image};
@@ -79,7 +79,7 @@ impl DicomSource {
             if is_only {
                 return Err(error);
             }
-            notes.push(format!("{count} damaged files are left out, whatever series they belong to: {error}"));
+            notes.push(format!("{count} damaged files are left out, whatever series they belong to: {error}").into());
         }
         members.iter().try_for_each(|member| member.header.syntax.check(&member.path))?;
         let members = series::keep_alike(members, &mut notes);
@@ -136,7 +136,7 @@ type Damaged = Option<(SourceError, u64)>;
 fn members(
     path: &Path,
     options: &FolderOptions<'_>,
-    notes: &mut Vec<String>,
+    notes: &mut Vec<Message>,
 ) -> Result<(Vec<Member>, Damaged), SourceError> {
     let listing = match path.is_dir() {
         true => Listing::of(path, true, options.outside)?,
@@ -173,7 +173,9 @@ fn members(
         return Err(SourceError::invalid(path, "DICOM", "at least one file with pixels", found));
     }
     if others + without_image > 0 {
-        notes.push(format!("{} files of the folder hold no DICOM image and are left out", others + without_image));
+        notes.push(
+            format!("{} files of the folder hold no DICOM image and are left out", others + without_image).into(),
+        );
     }
     Ok((members, damaged))
 }
@@ -221,7 +223,7 @@ impl<'a> Volume<'a> {
         members: &'a [Member],
         slices: &'a [Slice],
         options: &'a FolderOptions<'a>,
-        notes: &mut Vec<String>,
+        notes: &mut Vec<Message>,
     ) -> Result<Self, SourceError> {
         let pixels: Vec<PixelsAt> = members.iter().filter_map(|member| member.header.pixels).collect();
         let image = &members[0].header.image;
@@ -321,11 +323,12 @@ impl<'a> Volume<'a> {
     fn decode(&self) -> Result<File, SourceError> {
         let needed = self.image.frame_bytes().saturating_mul(FRAME_COPIES);
         if needed > self.options.memory_bytes {
-            let what = format!("{} frames of {} x {}", self.path.display(), self.image.columns, self.image.rows);
-            let allowed = self.options.memory_bytes;
-            return Err(SourceError::Options(format!(
-                "{what} take {needed} bytes each to decode; --memory allows {allowed}"
-            )));
+            let image = &self.image;
+            return Err(SourceError::Memory {
+                what: format!("decoding frames of {} x {} of {}", image.columns, image.rows, self.path.display()),
+                needed_bytes: needed,
+                allowed_bytes: self.options.memory_bytes,
+            });
         }
         let mut spool = Spool::create(self.options.spool)?;
         let mut opened: Option<(usize, Frames<'_>)> = None;

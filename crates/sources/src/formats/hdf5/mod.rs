@@ -42,7 +42,7 @@ use crate::input::file::SourceFile;
 use crate::input::folder::FolderOptions;
 use crate::input::selection::Choice;
 use crate::input::text::shortened;
-use crate::{Axis, Endian, SourceError, SourceInfo};
+use crate::{Axis, Endian, Message, ReadOption, SourceError, SourceInfo};
 
 /// First bytes of a file. A user block may precede them, of 512 bytes times a power of two.
 const MAGIC: &[u8] = b"\x89HDF\r\n\x1a\n";
@@ -184,7 +184,7 @@ fn choose(path: &Path, file: &Hdf5File, wanted: Option<&str>) -> Result<String, 
     match (wanted.filter(|_| !is_whole), &found[..]) {
         (Some(wanted), _) => {
             let wanted = shortened(wanted);
-            Err(SourceError::Options(format!("{}: no dataset `{wanted}`; there are: {list}", path.display())))
+            Err(SourceError::options(format!("{}: no dataset `{wanted}`; there are: {list}", path.display())))
         }
         (None, [one]) => Ok(one.name.clone()),
         (None, []) => {
@@ -293,8 +293,8 @@ fn source(
     let bytes = array.chunk_bytes(stored.bytes()).unwrap_or(usize::MAX);
     let memory = ChunkMemory::plan(bytes as u64, options.memory_bytes).map_err(|needed| {
         let what = format!("its chunks {:?} are of {}", array.chunk, Mib(bytes as u64));
-        let advice = format!("allow {} with --memory, or write smaller chunks with h5repack", Mib(needed));
-        SourceError::unsupported(path, what, advice)
+        let advice = Message::from(format!("allow {} with ", Mib(needed))).option(ReadOption::MemoryBytes);
+        SourceError::unsupported(path, what, advice.text(", or write smaller chunks with h5repack"))
     })?;
     let mut info = SourceInfo::plain("hdf5", dims, stored);
     let of = placement.axes.map(|axis| axis.map(|axis| &axes[axis]));
@@ -372,7 +372,7 @@ fn byte_order(datatype: &Datatype) -> Endian {
 }
 
 /// The axes of a dataset, with the spacings that its attributes state.
-fn axes_of(file: &Hdf5File, name: &str, dataset: &Dataset, notes: &mut Vec<String>) -> Vec<ArrayAxis> {
+fn axes_of(file: &Hdf5File, name: &str, dataset: &Dataset, notes: &mut Vec<Message>) -> Vec<ArrayAxis> {
     let rank = dataset.shape().len();
     let mut axes = vec![ArrayAxis::named(""); rank];
     // Time and channel precede the three spatial axes; vector components follow them.
@@ -396,9 +396,8 @@ fn axes_of(file: &Hdf5File, name: &str, dataset: &Dataset, notes: &mut Vec<Strin
     }
     if let Some(factors) = level_of_viewer(file, name).filter(|factors| is_positive(factors)) {
         set(&factors, "");
-        notes.push(
-            "BigDataViewer keeps the size of voxels in its XML file: open that, or give it with --spacing".into(),
-        );
+        let what = Message::from("BigDataViewer keeps the size of voxels in its XML file: open that, or give it with ");
+        notes.push(what.option(ReadOption::Spacing));
     }
     axes
 }

@@ -31,7 +31,7 @@ use crate::input::file::SourceFile;
 use crate::input::selection::Selection;
 use crate::input::spool::{Excess, GzipShare, Spool, SpoolFolder, Words};
 use crate::input::text::shortened;
-use crate::{Axis, Endian, SourceError, SourceInfo, VolumeSource};
+use crate::{Axis, Endian, Message, SourceError, SourceInfo, VolumeSource};
 use header::{DataFiles, Header};
 
 /// First byte of a gzip stream; a zlib stream begins with another byte.
@@ -160,14 +160,14 @@ fn number(path: &Path, name: &str) -> Result<Number, SourceError> {
 }
 
 /// Scale and offset of the values; 1 and 0 if the file's are unusable.
-fn scaling(path: &Path, header: &Header, notes: &mut Vec<String>) -> Result<(f64, f64), SourceError> {
+fn scaling(path: &Path, header: &Header, notes: &mut Vec<Message>) -> Result<(f64, f64), SourceError> {
     let one = |name: &str| header.numbers(path, &[name], 1).map(|numbers| numbers.map(|n| n[0]));
     let scale = one("ElementToIntensityFunctionSlope")?.unwrap_or(1.0);
     let offset = one("ElementToIntensityFunctionOffset")?.unwrap_or(0.0);
     if scale.is_finite() && scale != 0.0 && offset.is_finite() {
         return Ok((scale, offset));
     }
-    notes.push(format!("values by slope {scale} and offset {offset} are impossible: kept as stored"));
+    notes.push(format!("values by slope {scale} and offset {offset} are impossible: kept as stored").into());
     Ok((1.0, 0.0))
 }
 
@@ -177,7 +177,7 @@ fn geometry(
     header: &Header,
     chosen: &ChosenAxes,
     axes: usize,
-    notes: &mut Vec<String>,
+    notes: &mut Vec<Message>,
 ) -> Result<Geometry, SourceError> {
     let spacings = header.numbers(path, &["ElementSpacing", "ElementSize"], axes)?;
     let offsets = header.numbers(path, &["Offset", "Position", "Origin"], axes)?;
@@ -189,7 +189,7 @@ fn geometry(
         if stated.is_finite() && stated > 0.0 {
             *spacing = stated;
         } else {
-            notes.push(format!("spacing {stated} of axis {i} is impossible: replaced by 1"));
+            notes.push(format!("spacing {stated} of axis {i} is impossible: replaced by 1").into());
         }
     }
     // Axes that the file does not have keep the world's direction.
@@ -205,7 +205,7 @@ fn geometry(
     let origin = std::array::from_fn(|i| of_axis(&offsets, i).unwrap_or(0.0));
     let geometry = Geometry { spacing, origin, direction };
     let Some(defect) = geometry.defect() else { return Ok(geometry) };
-    notes.push(format!("{defect}: replaced by the world's axes"));
+    notes.push(format!("{defect}: replaced by the world's axes").into());
     Ok(Geometry { spacing, ..Geometry::IDENTITY })
 }
 
@@ -254,7 +254,7 @@ impl Data<'_> {
         layout: GridLayout,
         axes: usize,
         spool: &SpoolFolder,
-        notes: &mut Vec<String>,
+        notes: &mut Vec<Message>,
     ) -> Result<(GridFile, Vec<SourceFile>), SourceError> {
         let (files, start) = match self.header.data_files(self.path, axes)? {
             DataFiles::Local => (vec![self.path.to_path_buf()], self.header.end),
@@ -271,7 +271,7 @@ impl DataLayout for Data<'_> {
 
     /// Offset of the voxels in a raw data file: behind the header, at `HeaderSize`, or such that they end with the
     /// file.
-    fn offset(&self, path: &Path, start: u64, share_bytes: u64, notes: &mut Vec<String>) -> Result<u64, SourceError> {
+    fn offset(&self, path: &Path, start: u64, share_bytes: u64, notes: &mut Vec<Message>) -> Result<u64, SourceError> {
         let length = open_data(path)?.len().map_err(|e| SourceError::io(path, e))?;
         let stated = self.header.whole_number(self.path, "HeaderSize")?;
         let offset = match u64::try_from(stated) {

@@ -11,6 +11,7 @@
 mod geometry;
 mod header;
 
+use crate::input::selection::first_of;
 use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -26,7 +27,7 @@ use crate::grid::elements::{Channels, Elements, Frames, Meaning, Number};
 use crate::input::file::SourceFile;
 use crate::input::selection::Selection;
 use crate::input::spool::{Excess, GzipShare, Spool, SpoolFolder, damaged};
-use crate::{Axis, SourceError, SourceInfo, VolumeSource};
+use crate::{Axis, Message, ReadOption, SourceError, SourceInfo, VolumeSource};
 use header::{Form, HEADER_BYTES, Header};
 
 /// Row of the table of formats.
@@ -79,7 +80,9 @@ impl NiftiSource {
         let (scale, offset) = scaling(&header, &mut notes);
         if u64::try_from(header.bits_per_voxel).ok() != Some(8 * number.stored().bytes() as u64 * count) {
             let (bits, code) = (header.bits_per_voxel, header.datatype);
-            notes.push(format!("the header says {bits} bits per voxel, but its datatype is {code}: the type counts"));
+            notes.push(
+                format!("the header says {bits} bits per voxel, but its datatype is {code}: the type counts").into(),
+            );
         }
 
         let data_path = if header.form == Form::SingleFile {
@@ -131,7 +134,7 @@ struct Shape {
     dims: Dims,
     volumes: u64,
     wanted: u64,
-    notes: Vec<String>,
+    notes: Vec<Message>,
 }
 
 impl Shape {
@@ -149,7 +152,7 @@ impl Shape {
         let dims = Dims([size(1)?, size(2)?, size(3)?]);
         let mut notes = Vec::new();
         if axes < 3 {
-            notes.push(format!("the file has {axes} of three axes: read as {dims} voxels"));
+            notes.push(format!("the file has {axes} of three axes: read as {dims} voxels").into());
         }
         let (mut volumes, mut what): (u64, String) = (1, String::new());
         for axis in 4..=7 {
@@ -167,7 +170,7 @@ impl Shape {
         }
         let wanted = selection.frame_of(path, volumes)?;
         if volumes > 1 && selection.frame.is_none() {
-            notes.push(format!("{what}; the first is used; --frame 0 to {} takes another", volumes - 1));
+            notes.push(first_of(&what, ReadOption::Frame, volumes));
         }
         Ok(Self { dims, volumes, wanted, notes })
     }
@@ -232,13 +235,13 @@ fn length_unit(units: i32) -> &'static str {
 }
 
 /// Scale and offset; a slope of 0 means that there are none.
-fn scaling(header: &Header, notes: &mut Vec<String>) -> (f64, f64) {
+fn scaling(header: &Header, notes: &mut Vec<Message>) -> (f64, f64) {
     let Header { slope, inter, .. } = *header;
     if slope == 0.0 {
         return (1.0, 0.0);
     }
     if !slope.is_finite() || !inter.is_finite() {
-        notes.push(format!("slope {slope} and intercept {inter} are impossible: values are taken as stored"));
+        notes.push(format!("slope {slope} and intercept {inter} are impossible: values are taken as stored").into());
         return (1.0, 0.0);
     }
     (slope, inter)

@@ -26,7 +26,7 @@ use crate::input::file::SourceFile;
 use crate::input::selection::Selection;
 use crate::input::spool::{Excess, GzipShare, Spool, SpoolFolder, Words};
 use crate::input::text::shortened;
-use crate::{Endian, SourceError, SourceInfo, VolumeSource};
+use crate::{Endian, Message, SourceError, SourceInfo, VolumeSource};
 use header::{DataFiles, Encoding, Header};
 
 /// Largest number of bytes that `line skip` may skip.
@@ -233,18 +233,18 @@ fn nth_direction(text: &str, axis: usize) -> Option<&str> {
 }
 
 /// Notes on fields that a user might expect to matter.
-fn field_notes(header: &Header) -> Vec<String> {
+fn field_notes(header: &Header) -> Vec<Message> {
     let is_unknown = |name: &&str| !FIELDS_READ.contains(name) && !FIELDS_WITHOUT_EFFECT.contains(name);
     let unknown = || header.names().filter(is_unknown);
-    let note = |name: &str| format!("field `{}` is unknown and ignored", shortened(name));
-    let mut notes: Vec<String> = unknown().take(UNKNOWN_FIELDS_NOTED).map(note).collect();
+    let note = |name: &str| Message::from(format!("field `{}` is unknown and ignored", shortened(name)));
+    let mut notes: Vec<Message> = unknown().take(UNKNOWN_FIELDS_NOTED).map(note).collect();
     let more = unknown().count().saturating_sub(UNKNOWN_FIELDS_NOTED);
     if more > 0 {
-        notes.push(format!("{more} more fields are unknown and ignored"));
+        notes.push(format!("{more} more fields are unknown and ignored").into());
     }
     if let (Some(low), Some(high)) = (header.field("oldmin"), header.field("oldmax")) {
         let (low, high) = (shortened(low), shortened(high));
-        notes.push(format!("the values were quantised from {low} to {high}; they are kept as stored"));
+        notes.push(format!("the values were quantised from {low} to {high}; they are kept as stored").into());
     }
     notes
 }
@@ -279,7 +279,7 @@ impl Data<'_> {
         layout: GridLayout,
         axes: usize,
         spool: &SpoolFolder,
-        notes: &mut Vec<String>,
+        notes: &mut Vec<Message>,
     ) -> Result<(GridFile, Vec<SourceFile>), SourceError> {
         let (files, start) = match self.header.data_files(self.path, axes)? {
             DataFiles::Attached => (vec![self.path.to_path_buf()], self.header.end),
@@ -322,7 +322,7 @@ impl DataLayout for Data<'_> {
     }
 
     /// Offset of the voxels in a raw data file, behind the lines and bytes to skip.
-    fn offset(&self, path: &Path, start: u64, share_bytes: u64, notes: &mut Vec<String>) -> Result<u64, SourceError> {
+    fn offset(&self, path: &Path, start: u64, share_bytes: u64, notes: &mut Vec<Message>) -> Result<u64, SourceError> {
         let file = open_data(path)?;
         let length = file.len().map_err(|e| SourceError::io(path, e))?;
         let byte_skip = self.header.whole_number(self.path, "byteskip")?;

@@ -14,7 +14,7 @@ pub use self::options::RawOptions;
 use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::grid::dense::{GridFile, GridLayout, GridSource, checked_bytes};
 use crate::input::file::SourceFile;
-use crate::{SourceError, SourceInfo, VolumeSource};
+use crate::{Message, ReadOption, SourceError, SourceInfo, VolumeSource};
 
 /// Row of the table of formats: a file is raw if the options describe its voxels.
 pub const FORMAT: Format = Format {
@@ -44,9 +44,9 @@ impl RawSource {
     /// imply.
     pub fn open(path: &Path, options: &RawOptions) -> Result<Self, SourceError> {
         let RawOptions { dims, voxel_type, header_bytes, .. } = *options;
-        let bytes = checked_bytes(path, dims, voxel_type).map_err(|e| SourceError::Options(e.to_string()))?;
+        let bytes = checked_bytes(path, dims, voxel_type).map_err(|e| SourceError::options(e.message()))?;
         if let Some(defect) = options.geometry.defect() {
-            return Err(SourceError::Options(format!("{}: {defect}", path.display())));
+            return Err(SourceError::options(format!("{}: {defect}", path.display())));
         }
         let source_file = SourceFile::of(path)?;
         let file = File::open(path).map_err(|e| SourceError::io(path, e))?;
@@ -78,28 +78,39 @@ impl VolumeSource for RawSource {
 /// Error that states the expected and the found length, and which offset, dims or type would fit.
 fn wrong_length(path: &Path, options: &RawOptions, bytes: u64, found: u64) -> SourceError {
     let RawOptions { dims, voxel_type, header_bytes, .. } = *options;
-    let total = u128::from(header_bytes) + u128::from(bytes);
-    let expected = format!("{total} bytes ({dims} voxels of {voxel_type} after {header_bytes} bytes of header)");
-    let mut advice = Vec::new();
+    let mut fitting = Vec::new();
     if found > bytes {
-        advice.push(format!("with these dims and a header in front, --offset {} fits", found - bytes));
+        let header = Message::from("with these dims and a header in front, ").option(ReadOption::HeaderBytes);
+        fitting.push(header.text(format_args!(" {} fits", found - bytes)));
     }
     let layer_bytes = dims.0[0] * dims.0[1] * voxel_type.bytes() as u64;
     let data_bytes = found.saturating_sub(header_bytes);
     let layers = data_bytes / layer_bytes;
     if layers > 0 && data_bytes.is_multiple_of(layer_bytes) {
-        advice.push(format!("--dims {},{},{layers} fits", dims.0[0], dims.0[1]));
+        let [nx, ny, _] = dims.0;
+        fitting.push(Message::from(ReadOption::Dims).text(format_args!(" {nx},{ny},{layers} fits")));
     }
-    if let Some(fitting) = fitting_types(dims, data_bytes) {
-        advice.push(fitting);
+    fitting.extend(fitting_types(dims, data_bytes));
+    let joined = fitting.into_iter().reduce(|first, next| first.text("; ").message(next));
+    let advice = joined.unwrap_or_else(|| {
+        let shape = Message::from("check ").option(ReadOption::Dims).text(", ").option(ReadOption::VoxelType);
+        shape.text(" and ").option(ReadOption::HeaderBytes)
+    });
+    SourceError::RawLength {
+        path: path.into(),
+        dims,
+        voxel_type,
+        header_bytes,
+        voxel_bytes: bytes,
+        found_bytes: found,
+        advice,
     }
-    let advice = if advice.is_empty() { "check --dims, --dtype and --offset".into() } else { advice.join("; ") };
-    SourceError::invalid(path, "length of the file", expected, format!("{found} bytes ({advice})"))
 }
 
 /// The types with which these dims would fill the file exactly.
-fn fitting_types(dims: Dims, data_bytes: u64) -> Option<String> {
+fn fitting_types(dims: Dims, data_bytes: u64) -> Option<Message> {
     let fits = |t: &VoxelType| dims.bytes(*t) == Some(data_bytes);
     let names: Vec<&str> = VoxelType::ALL.iter().filter(|t| fits(t)).map(|t| t.name()).collect();
-    (!names.is_empty()).then(|| format!("--dtype {} fits", names.join(" or ")))
+    let message = || Message::from(ReadOption::VoxelType).text(format_args!(" {} fits", names.join(" or ")));
+    (!names.is_empty()).then(message)
 }

@@ -5,7 +5,7 @@
 //! picture without a word.
 
 use std::collections::HashSet;
-use std::fmt::Write;
+use std::fmt::{Display, Write};
 
 use super::binary_header::TRACE_HEADER_BYTES;
 use super::fields::Fields;
@@ -14,7 +14,7 @@ use super::input::Input;
 use super::layout::Layout;
 use super::options::SegyOptions;
 use super::scan::{LineSummary, add_line, for_each_header};
-use crate::SourceError;
+use crate::{Message, ReadOption, SourceError};
 
 /// Traces that are looked at; bounds the sets kept here to a few megabytes.
 const MAX_TRACES_JUDGED: u64 = 1 << 18;
@@ -74,8 +74,9 @@ pub(super) fn refuse(input: Input<'_>, layout: &Layout, options: &SegyOptions, d
                 let (count, last) = (offsets.len(), offsets[offsets.len() - 1]);
                 let what =
                     format!("pre-stack gather: {count} offsets (byte {byte}), {} to {last}; {place}", offsets[0]);
-                let advice = format!("choose one with --offset {}, or their mean with --offset stack", offsets[0]);
-                return input.unsupported(what, advice);
+                let advice = Message::from("choose one with ").option(ReadOption::Offsets);
+                let advice = advice.text(format_args!(" {}, or their mean with ", offsets[0]));
+                return input.unsupported(what, advice.option(ReadOption::Offsets).text(" stack"));
             }
             let all = format!("2D line or shot gather, or line numbers elsewhere: all {} traces", layout.traces);
             if one_place { format!("{all} are in one place; {place}") } else { place }
@@ -140,7 +141,7 @@ fn varying_words(evidence: &Evidence) -> String {
 }
 
 /// What to do: the pairs under which the file is a full grid, or the options in general.
-fn advice(evidence: &Evidence, layout: &Layout, options: &SegyOptions) -> String {
+fn advice(evidence: &Evidence, layout: &Layout, options: &SegyOptions) -> Message {
     let word = |byte: usize| {
         let index = WORDS.iter().position(|(b, _)| *b == byte)?;
         evidence.words[index]
@@ -148,7 +149,11 @@ fn advice(evidence: &Evidence, layout: &Layout, options: &SegyOptions) -> String
     let count = |line: LineSummary| {
         (i64::from(line.extent.max.0) - i64::from(line.extent.min.0)).unsigned_abs() / line.gcd.max(1) + 1
     };
-    let mut best: Option<(bool, String)> = None;
+    let bytes = |inline: &dyn Display, crossline: &dyn Display| {
+        let inline = Message::from(ReadOption::InlineByte).text(format_args!(" {inline} "));
+        inline.option(ReadOption::CrosslineByte).text(format_args!(" {crossline}"))
+    };
+    let mut best: Option<(bool, Message)> = None;
     for (positions, (il, xl)) in evidence.positions.iter().zip(PAIRS) {
         let (Some(inline), Some(crossline)) = (word(il), word(xl)) else { continue };
         let asked = (usize::from(options.inline_byte), usize::from(options.crossline_byte)) == (il, xl);
@@ -159,17 +164,17 @@ fn advice(evidence: &Evidence, layout: &Layout, options: &SegyOptions) -> String
         }
         let section = count(inline) == 1 || count(crossline) == 1;
         let shape = if section { "as one section" } else { "as a full grid" };
-        let text = format!(
-            "--il-byte {il} --xl-byte {xl} would read it {shape} of {} x {} traces",
-            count(inline),
-            count(crossline)
-        );
+        let size = format_args!("{} x {} traces", count(inline), count(crossline)).to_string();
+        let text = bytes(&il, &xl).text(format_args!(" would read it {shape} of {size}"));
         if best.as_ref().is_none_or(|(was_section, _)| *was_section && !section) {
             best = Some((section, text));
         }
     }
     best.map_or_else(
-        || "if inline and crossline numbers stand in other header bytes, say --il-byte A --xl-byte B".into(),
+        || {
+            let start = Message::from("if inline and crossline numbers stand in other header bytes, say ");
+            start.message(bytes(&"A", &"B"))
+        },
         |(_, text)| text,
     )
 }

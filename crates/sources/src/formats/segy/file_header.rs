@@ -4,7 +4,7 @@ use super::binary_header::{BinaryHeader, FILE_HEADER_BYTES};
 use super::input::Input;
 use super::options::SegyOptions;
 use super::text_header::{self, TEXT_BYTES};
-use crate::SourceError;
+use crate::{Message, ReadOption, SourceError};
 
 /// Reads text and binary header.
 pub(super) fn read_file_header(input: Input<'_>, options: &SegyOptions) -> Result<(String, BinaryHeader), SourceError> {
@@ -21,7 +21,9 @@ pub(super) fn read_file_header(input: Input<'_>, options: &SegyOptions) -> Resul
         return Err(input.unsupported("the file begins with a tape label (SEG storage unit label)", advice));
     }
     let binary = binary.first_chunk().expect("400 bytes follow the text header");
-    let header = BinaryHeader::read(binary, file_bytes, options)
-        .map_err(|what| input.unsupported(what, "say --endian big or --endian little"))?;
+    let header = BinaryHeader::read(binary, file_bytes, options).map_err(|what| {
+        let advice = Message::from("say ").option(ReadOption::Endian).text(" big or ");
+        input.unsupported(what, advice.option(ReadOption::Endian).text(" little"))
+    })?;
     Ok((text_header::decode(text, text_header::detect(text)), header))
 }

@@ -106,7 +106,7 @@ pub fn open(
 ) -> Result<Box<dyn VolumeSource>, SourceError> {
     options.check()?;
     let [first, ..] = paths else {
-        return Err(SourceError::Options("SEG-Y: expected at least one file, found none".into()));
+        return Err(SourceError::options("SEG-Y: expected at least one file, found none"));
     };
     let files = paths.iter().map(|path| SourceFile::of(path)).collect::<Result<Vec<_>, _>>()?;
     let bytes: Box<dyn ByteSource> = match paths {
@@ -115,7 +115,7 @@ pub fn open(
     };
     let complete = |info: &mut SourceInfo| {
         if paths.len() > 1 {
-            info.notes.push(format!("{} files are read as one survey", paths.len()));
+            info.notes.push(format!("{} files are read as one survey", paths.len()).into());
         }
         info.memory_bytes += files.len() as u64 * 512;
         info.files = files;

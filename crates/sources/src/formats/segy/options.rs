@@ -1,7 +1,7 @@
 //! Options of a SEG-Y file, where its headers are silent or wrong.
 
 use super::samples::SampleFormat;
-use crate::{Endian, SourceError};
+use crate::{Endian, Message, ReadOption, SourceError};
 
 /// Last byte of a trace header at which a four-byte word can begin.
 const LAST_WORD_BYTE: u16 = 237;
@@ -79,37 +79,43 @@ impl SegyOptions {
 
     /// What is said where the table of traces takes more than is allowed.
     pub(super) fn too_little_memory(&self, needed_bytes: u64) -> SourceError {
-        let mib = |bytes: u64| bytes.div_ceil(1 << 20);
-        SourceError::Options(format!(
-            "{} MiB of memory suffice for the table of traces, which follow no order; --memory allows {} MiB",
-            mib(needed_bytes),
-            mib(self.memory_bytes)
-        ))
+        SourceError::Memory {
+            what: "the table of traces, which follow no order".into(),
+            needed_bytes,
+            allowed_bytes: self.memory_bytes,
+        }
     }
 
     /// Refuses options that no file can satisfy.
     pub(super) fn check(&self) -> Result<(), SourceError> {
-        let bytes =
-            [("--il-byte", self.inline_byte), ("--xl-byte", self.crossline_byte), ("--offset-byte", self.offset_byte)];
-        for (name, byte) in bytes {
+        let wrong = |option: ReadOption, what: std::fmt::Arguments<'_>| {
+            Err(SourceError::options(Message::from(option).text(format_args!(" {what}"))))
+        };
+        let bytes = [
+            (ReadOption::InlineByte, self.inline_byte),
+            (ReadOption::CrosslineByte, self.crossline_byte),
+            (ReadOption::OffsetByte, self.offset_byte),
+        ];
+        for (option, byte) in bytes {
             if !(1..=LAST_WORD_BYTE).contains(&byte) {
-                let message = format!("{name} {byte}: expected a byte of the trace header from 1 to {LAST_WORD_BYTE}");
-                return Err(SourceError::Options(message));
+                let expected = format_args!("{byte}: expected a byte of the trace header from 1 to {LAST_WORD_BYTE}");
+                return wrong(option, expected);
             }
         }
         if self.inline_byte == self.crossline_byte {
-            let message = format!("--il-byte and --xl-byte are both {}: expected two places", self.inline_byte);
-            return Err(SourceError::Options(message));
+            let both = Message::from(ReadOption::InlineByte).text(" and ").option(ReadOption::CrosslineByte);
+            let what = format_args!(" are both {}: expected two places", self.inline_byte);
+            return Err(SourceError::options(both.text(what)));
         }
         if self.samples == Some(0) {
-            return Err(SourceError::Options("--samples 0: expected at least 1".into()));
+            return wrong(ReadOption::Samples, format_args!("0: expected at least 1"));
         }
         if let Some(interval) = self.interval.filter(|i| !(i.is_finite() && *i > 0.0)) {
-            return Err(SourceError::Options(format!("--interval {interval}: expected a number above 0")));
+            return wrong(ReadOption::Interval, format_args!("{interval}: expected a number above 0"));
         }
         match self.format {
             Some(code) if SampleFormat::from_code(code).is_none() => {
-                Err(SourceError::Options(format!("--format {code}: expected 1 to 12, 15 or 16")))
+                wrong(ReadOption::SampleFormat, format_args!("{code}: expected 1 to 12, 15 or 16"))
             }
             _ => Ok(()),
         }

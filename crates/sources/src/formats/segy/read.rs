@@ -4,6 +4,7 @@
 //! enough for the processor's cache; each tile is read in as few reads as the file's order allows, decoded trace by
 //! trace, and transposed in blocks. Scratch memory per call: at most 6 MiB, whatever the box.
 
+use super::sniff::say_format;
 use std::ops::Range;
 
 use supervol_format::{Dims, VoxelBox, VoxelType};
@@ -166,9 +167,9 @@ impl Reader<'_> {
                     let place = layout.sample_offset(trace, sample);
                     self.input.invalid(
                         format!("trace {}, sample {} (byte {place})", trace + 1, sample + 1),
-                        format!(
-                            "a number that {} can hold (if the format is wrong, say --format N)",
-                            self.absent.voxel_type
+                        say_format(
+                            &format!("a number that {} can hold (if the format is wrong, say ", self.absent.voxel_type),
+                            "N)",
                         ),
                         bad.reason,
                     )

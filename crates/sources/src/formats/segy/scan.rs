@@ -13,7 +13,7 @@ use super::input::Input;
 use super::layout::Layout;
 use super::options::{Offsets, SegyOptions};
 use super::position_fit::PositionFit;
-use crate::SourceError;
+use crate::{Message, ReadOption, SourceError};
 
 /// Traces longer than this are visited header by header; shorter ones are read through.
 const READ_THROUGH_BYTES: u64 = 16 * 1024;
@@ -157,7 +157,8 @@ impl Scan {
         }
         let (byte, [least, most]) = (options.offset_byte, [found.min.0, found.max.0]);
         let there = if least == most { format!("all have {least}") } else { format!("they have {least} to {most}") };
-        let advice = "choose another --offset, or say with --offset-byte where offsets stand";
+        let advice = Message::from("choose another ").option(ReadOption::Offsets).text(", or say with ");
+        let advice = advice.option(ReadOption::OffsetByte).text(" where offsets stand");
         Err(input.unsupported(format!("no trace has offset {wanted} (byte {byte}): {there}"), advice))
     }
 

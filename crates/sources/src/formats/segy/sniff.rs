@@ -13,7 +13,7 @@ use std::collections::HashSet;
 use super::input::Input;
 use super::layout::Layout;
 use super::samples::SampleFormat;
-use crate::{Endian, SourceError};
+use crate::{Endian, Message, ReadOption, SourceError};
 
 /// Traces looked at.
 const TRACES: u64 = 64;
@@ -94,30 +94,35 @@ pub(super) fn check_format(input: Input<'_>, layout: &Layout) -> Result<(), Sour
             format!(
                 "the header says IBM float (format 1 in bytes 3225-3226), but the samples are IEEE floats: {shares}"
             ),
-            "say --format 5 to read them as IEEE, or --format 1 to insist",
+            say_format("say ", "5").text(" to read them as IEEE, or ").message(say_format("", "1")).text(" to insist"),
         )),
         SampleFormat::F32 if words.surely_ibm() => Err(input.unsupported(
             format!(
                 "the header says IEEE float (format 5 in bytes 3225-3226), but the samples are IBM floats: {shares}"
             ),
-            "say --format 1 to read them as IBM, or --format 5 to insist",
+            say_format("say ", "1").text(" to read them as IBM, or ").message(say_format("", "5")).text(" to insist"),
         )),
         SampleFormat::FixedPointWithGain => Err(refuse_format_4(input, &words)),
         _ => Ok(()),
     }
 }
 
-/// The refusal of format 4, with what the samples look like instead.
+/// Text, then the option of the sample format with a value.
+pub(super) fn say_format(start: &str, value: &str) -> Message {
+    Message::from(start).option(ReadOption::SampleFormat).text(format_args!(" {value}"))
+}
+
+/// Error for format 4, with the format that the samples resemble.
 fn refuse_format_4(input: Input<'_>, words: &Words) -> SourceError {
     let what = "sample format 4 (fixed point with gain, bytes 3225-3226), which is obsolete and not read";
     let (looks, advice) = if words.total > 0 && words.zero_byte == words.total {
-        ("the samples look like it", "convert the file to format 5")
+        ("the samples look like it", Message::from("convert the file to format 5"))
     } else if words.total > 0 && words.zero_nibble == 0 && words.wild_ibm == 0 {
-        ("but the samples look like IBM floats", "if they are, say --format 1")
+        ("but the samples look like IBM floats", say_format("if they are, say ", "1"))
     } else if words.wild_ieee == 0 && words.total > 0 {
-        ("but the samples look like IEEE floats", "if they are, say --format 5")
+        ("but the samples look like IEEE floats", say_format("if they are, say ", "5"))
     } else {
-        ("the samples look like neither IBM nor IEEE floats", "if you know the format, say --format N")
+        ("the samples look like neither IBM nor IEEE floats", say_format("if you know the format, say ", "N"))
     };
     input.unsupported(format!("{what}; {looks}"), advice)
 }

@@ -17,7 +17,7 @@ use super::samples::SampleFormat;
 use super::scan::Scan;
 use super::{diagnose, sniff, survey, text_header};
 use crate::input::file::SourceFile;
-use crate::{AccessOrder, Axis, SourceError, SourceInfo, Survey, VolumeSource};
+use crate::{AccessOrder, Axis, Message, ReadOption, SourceError, SourceInfo, Survey, VolumeSource};
 
 /// A SEG-Y file as a volume.
 pub struct SegySource {
@@ -100,31 +100,36 @@ impl VolumeSource for SegySource {
 }
 
 /// Notes what a person should know about the traces.
-fn note_traces(layout: &Layout, scan: &Scan, grid: &Grid, (absent, given): (Absent, bool), notes: &mut Vec<String>) {
+fn note_traces(layout: &Layout, scan: &Scan, grid: &Grid, (absent, given): (Absent, bool), notes: &mut Vec<Message>) {
     let stored = if absent.value.is_nan() { "NaN".to_owned() } else { format!("{}", absent.value) };
     if grid.missing > 0 {
-        notes.push(format!("{} places of the grid have no trace; their voxels are absent ({stored})", grid.missing));
+        notes.push(
+            format!("{} places of the grid have no trace; their voxels are absent ({stored})", grid.missing).into(),
+        );
     }
     if grid.dead > 0 {
-        notes.push(format!("{} traces are marked dead; their voxels are absent ({stored})", grid.dead));
+        notes.push(format!("{} traces are marked dead; their voxels are absent ({stored})", grid.dead).into());
     }
     if scan.other_offsets > 0 {
-        notes.push(format!("{} traces of other offsets were left out", scan.other_offsets));
+        notes.push(format!("{} traces of other offsets were left out", scan.other_offsets).into());
     }
     if scan.padding > 0 {
-        notes.push(format!("{} dead traces without line numbers were left out", scan.padding));
+        notes.push(format!("{} dead traces without line numbers were left out", scan.padding).into());
     }
     if absent.voxel_type != layout.format.voxel_type() {
-        notes.push(format!(
-            "every {} value occurs in the file; voxels were widened to {} to have one for absence",
-            layout.format.voxel_type(),
-            absent.voxel_type
-        ));
+        notes.push(
+            format!(
+                "every {} value occurs in the file; voxels were widened to {} to have one for absence",
+                layout.format.voxel_type(),
+                absent.voxel_type
+            )
+            .into(),
+        );
     }
     if let Some(samples) = scan.overruled_samples {
         let why = if given { "given by hand" } else { "of the binary header, which declares a fixed trace length," };
         let read = layout.samples;
-        notes.push(format!("trace headers say {samples} samples (bytes 115-116); the {read} {why} were read"));
+        notes.push(format!("trace headers say {samples} samples (bytes 115-116); the {read} {why} were read").into());
     }
     if let Some(delay) = scan.delay_ms
         && delay.min.0 != delay.max.0
@@ -136,7 +141,7 @@ fn note_traces(layout: &Layout, scan: &Scan, grid: &Grid, (absent, given): (Abse
             delay.min.1 + 1,
             delay.max.0,
             delay.max.1 + 1
-        ));
+        ).into());
     }
 }
 
@@ -147,7 +152,7 @@ fn describe(
     (scan, grid): (&Scan, &Grid),
     options: &SegyOptions,
     text_header: String,
-    mut notes: Vec<String>,
+    mut notes: Vec<Message>,
 ) -> Result<SourceInfo, SourceError> {
     let placement = survey::place(input, (layout, header), scan, grid, &mut notes)?;
     let interval = survey::sample_interval(header, scan, options.interval, &mut notes);
@@ -160,7 +165,9 @@ fn describe(
     };
     if z_name == "time" && text_header::may_mean_depth(&text_header) {
         notes.push(
-            "the third axis is taken for time; the text header speaks of depth, too: --domain depth says that".into(),
+            Message::from("the third axis is taken for time; the text header speaks of depth, too: ")
+                .option(ReadOption::Domain)
+                .text(" depth says that"),
         );
     }
     // Without an interval the z axis counts samples, and a delay in ms has no place on it.

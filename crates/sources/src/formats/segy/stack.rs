@@ -19,7 +19,7 @@ use super::layout::Layout;
 use super::options::{Offsets, SegyOptions};
 use super::scan::for_each_header;
 use super::source::SegySource;
-use crate::{SourceError, SourceInfo, VolumeSource};
+use crate::{Message, ReadOption, SourceError, SourceInfo, VolumeSource};
 
 /// Most offsets that are averaged: each has a table of traces.
 const OFFSETS_LIMIT: usize = 256;
@@ -69,13 +69,13 @@ impl Stack {
         info.memory_bytes = offsets.iter().map(|o| o.info().memory_bytes).sum::<u64>() + 16 * PART_VOXELS;
         info.reading = options.describe();
         // What was noticed of one offset says nothing of the others.
-        info.notes.retain(|note| !note.contains("no trace") && !note.contains("other offsets"));
-        info.notes.push(format!(
-            "the mean of {} offsets, {} to {}",
-            numbers.len(),
-            numbers[0],
-            numbers[numbers.len() - 1]
-        ));
+        info.notes.retain(|note| {
+            let note = note.to_string();
+            !note.contains("no trace") && !note.contains("other offsets")
+        });
+        info.notes.push(
+            format!("the mean of {} offsets, {} to {}", numbers.len(), numbers[0], numbers[numbers.len() - 1]).into(),
+        );
         Ok(Self { offsets, info })
     }
 }
@@ -91,7 +91,8 @@ fn offsets(input: Input<'_>, options: &SegyOptions) -> Result<Vec<i32>, SourceEr
             return Ok(());
         }
         let what = format!("more than {OFFSETS_LIMIT} offsets (bytes {0} on)", options.offset_byte);
-        Err(input.unsupported(what, "stack the file first, or choose one with --offset N"))
+        let advice = Message::from("stack the file first, or choose one with ").option(ReadOption::Offsets);
+        Err(input.unsupported(what, advice.text(" N")))
     })?;
     Ok(found.into_iter().collect())
 }

@@ -12,7 +12,7 @@ use super::input::Input;
 use super::layout::Layout;
 use super::position_fit::PositionFit;
 use super::scan::Scan;
-use crate::{LineNumbers, SourceError};
+use crate::{LineNumbers, Message, SourceError};
 
 /// Estimates of a spacing from two opposite edges of the grid must agree this well, as a fraction.
 const SPACING_TOLERANCE: f64 = 0.05;
@@ -37,7 +37,7 @@ pub(super) fn place(
     (layout, header): (&Layout, &BinaryHeader),
     scan: &Scan,
     grid: &Grid,
-    notes: &mut Vec<String>,
+    notes: &mut Vec<Message>,
 ) -> Result<Placement, SourceError> {
     let none = Placement { corners: None, spacing: [1.0; 2], units: [""; 2] };
     let (fit, x_byte) = match (scan.cdp.any(), scan.source.any()) {
@@ -57,11 +57,11 @@ pub(super) fn place(
     if fitted > 0 {
         notes.push(format!(
             "{fitted} of the grid's 4 corners have no live trace; their coordinates were extrapolated from the others"
-        ));
+        ).into());
     }
     let placed = Placement { corners: Some(points), ..none };
     if let Some(reason) = not_lengths(scan, fit) {
-        notes.push(format!("{reason}; the spacing between lines is 1"));
+        notes.push(format!("{reason}; the spacing between lines is 1").into());
         return Ok(placed);
     }
     let spacing = spacing(points, grid.inline, grid.crossline)
@@ -166,7 +166,7 @@ pub(super) fn sample_interval(
     header: &BinaryHeader,
     scan: &Scan,
     given: Option<f64>,
-    notes: &mut Vec<String>,
+    notes: &mut Vec<Message>,
 ) -> Option<f64> {
     if given.is_some() {
         notes.push("the sample interval was given by hand and is not the file's".into());
@@ -177,31 +177,40 @@ pub(super) fn sample_interval(
         if let Some((min, max)) = claimed
             && (f64::from(min) != header.interval_us || f64::from(max) != header.interval_us)
         {
-            notes.push(format!(
-                "sample intervals of the trace headers (bytes 117-118) are {min} to {max}; the binary header's {} \
+            notes.push(
+                format!(
+                    "sample intervals of the trace headers (bytes 117-118) are {min} to {max}; the binary header's {} \
                  (bytes 3217-3218) was used",
-                header.interval_us
-            ));
+                    header.interval_us
+                )
+                .into(),
+            );
         }
         return Some(header.interval_us / 1000.0);
     }
     match claimed {
         Some((min, max)) if min > 0 && min == max => {
-            notes.push(format!(
-                "the sample interval {max} is the trace headers' (bytes 117-118); the binary header says {} \
+            notes.push(
+                format!(
+                    "the sample interval {max} is the trace headers' (bytes 117-118); the binary header says {} \
                  (bytes 3217-3218)",
-                header.interval_us
-            ));
+                    header.interval_us
+                )
+                .into(),
+            );
             Some(f64::from(max) / 1000.0)
         }
         _ => {
             let traces =
                 claimed.map_or("0".into(), |(a, b)| if a == b { a.to_string() } else { format!("{a} to {b}") });
-            notes.push(format!(
-                "the sample interval is unknown: {} in the binary header (bytes 3217-3218), {traces} in the trace \
+            notes.push(
+                format!(
+                    "the sample interval is unknown: {} in the binary header (bytes 3217-3218), {traces} in the trace \
                  headers (bytes 117-118); the z axis counts samples",
-                header.interval_us
-            ));
+                    header.interval_us
+                )
+                .into(),
+            );
             None
         }
     }

@@ -32,7 +32,7 @@ use crate::input::data_files::open_data;
 use crate::input::file::SourceFile;
 use crate::input::selection::{Choice, Selection};
 use crate::input::spool::{Spool, SpoolFolder};
-use crate::{Axis, Endian, SourceError, SourceInfo, VolumeSource};
+use crate::{Axis, Endian, Message, SourceError, SourceInfo, VolumeSource};
 use coded::{CodedChunks, Compression};
 use page::{CHUNK_LIMIT_BYTES, Packing, refusal};
 pub(crate) use page::{Page, RATIO_LIMIT};
@@ -250,7 +250,7 @@ impl<'a> Pages<'a> {
     fn slices(
         &mut self,
         description: &Description,
-        notes: &mut Vec<String>,
+        notes: &mut Vec<Message>,
     ) -> Result<(Vec<usize>, Option<u64>), SourceError> {
         let wanted = description.slices.as_deref();
         if let Some(slices) = wanted.filter(|slices| slices.len() > 1)
@@ -276,7 +276,7 @@ impl<'a> Pages<'a> {
     }
 
     /// Numbers of all pages that are not smaller copies. Afterwards the first page is the current one.
-    pub(crate) fn whole_pages(&mut self, notes: &mut Vec<String>) -> Result<Vec<usize>, SourceError> {
+    pub(crate) fn whole_pages(&mut self, notes: &mut Vec<Message>) -> Result<Vec<usize>, SourceError> {
         let (mut whole, mut copies, mut number) = (Vec::new(), 0, 0);
         loop {
             let is_copy = self.tag(Tag::NewSubfileType)?.is_some_and(|kind| kind & 1 == 1) && number > 0;
@@ -292,7 +292,7 @@ impl<'a> Pages<'a> {
             self.decoder.next_image().map_err(|e| refusal(self.path, e))?;
         }
         if copies > 0 {
-            notes.push(format!("{copies} pages are smaller copies of others and left out"));
+            notes.push(format!("{copies} pages are smaller copies of others and left out").into());
         }
         self.seek(0)?;
         Ok(whole)

@@ -11,7 +11,7 @@ use supervol_format::ByteSource;
 
 use super::header::{Array, Blocks, Compressor, Encoding, number};
 use crate::input::spool::{Excess, GzipShare, Spool};
-use crate::{Endian, SourceError};
+use crate::{Endian, Message, SourceError};
 
 /// Bytes that are decoded at once.
 const BUFFER_BYTES: usize = 1 << 16;
@@ -132,7 +132,7 @@ struct Data<'a> {
 }
 
 impl Data<'_> {
-    fn wrong(&self, expected: impl Into<String>, found: impl Into<String>) -> SourceError {
+    fn wrong(&self, expected: impl Into<Message>, found: impl Into<String>) -> SourceError {
         SourceError::invalid(self.path, "array", expected, found)
     }
 

@@ -7,7 +7,7 @@ use supervol_format::{Dims, Geometry};
 use crate::grid::elements::Number;
 use crate::input::selection::Selection;
 use crate::input::text::shortened;
-use crate::{Endian, SourceError};
+use crate::{Endian, Message, SourceError};
 
 /// Largest number of arrays of a file.
 pub(super) const ARRAYS_LIMIT: usize = 1024;
@@ -79,20 +79,20 @@ impl Header {
         &self,
         path: &Path,
         selection: &Selection,
-        notes: &mut Vec<String>,
+        notes: &mut Vec<Message>,
     ) -> Result<&Array, SourceError> {
         let names: Vec<&str> = self.arrays.iter().take(LISTED_LIMIT).map(|array| array.name.as_str()).collect();
         let list = names.join(", ");
         if let Some(wanted) = &selection.array {
             return self.arrays.iter().find(|array| array.name == *wanted).ok_or_else(|| {
-                SourceError::Options(format!("{}: no array `{}`; there are: {list}", path.display(), shortened(wanted)))
+                SourceError::options(format!("{}: no array `{}`; there are: {list}", path.display(), shortened(wanted)))
             });
         }
         let best = self.arrays.iter().min_by_key(|array| (!array.is_active, array.is_of_cells));
         let best = best.ok_or_else(|| SourceError::invalid(path, "arrays", "at least one", "none"))?;
         if self.arrays.len() > 1 {
             let (count, name) = (self.arrays.len(), &best.name);
-            notes.push(format!("{count} arrays ({list}); `{name}` is used; FILE:/NAME takes another"));
+            notes.push(format!("{count} arrays ({list}); `{name}` is used; FILE:/NAME takes another").into());
         }
         Ok(best)
     }

@@ -33,7 +33,7 @@ use crate::input::folder::FolderOptions;
 use crate::input::selection::{Choice, Selection};
 use crate::input::spool::SpoolFolder;
 use crate::input::text::shortened;
-use crate::{Axis, Endian, SourceError, SourceInfo};
+use crate::{Axis, Endian, Message, ReadOption, SourceError, SourceInfo};
 use archive::Member;
 use metadata::{Array, Index, Version2, Version3};
 use ome::{ArrayAxis, Attributes};
@@ -166,7 +166,7 @@ fn node(store: &Store, folder: &Path) -> Result<Option<Node>, SourceError> {
 }
 
 /// Finds the selected array.
-fn find(store: &Store, folder: &Path, selection: &Selection, notes: &mut Vec<String>) -> Result<Chosen, SourceError> {
+fn find(store: &Store, folder: &Path, selection: &Selection, notes: &mut Vec<Message>) -> Result<Chosen, SourceError> {
     match node(store, folder)? {
         None => {
             let expected = "an array or a group of Zarr or N5";
@@ -185,7 +185,7 @@ fn find(store: &Store, folder: &Path, selection: &Selection, notes: &mut Vec<Str
             [] => one_below(store, folder, &attributes, selection),
             [image, others @ ..] => {
                 if !others.is_empty() {
-                    notes.push(format!("{} images in one group; the first is used", others.len() + 1));
+                    notes.push(format!("{} images in one group; the first is used", others.len() + 1).into());
                 }
                 let found = image_level(store, folder, image, selection, notes)?;
                 Ok(Chosen { channels: attributes.channels(), ..found })
@@ -240,7 +240,7 @@ fn image_level(
     folder: &Path,
     image: &ome::Multiscale,
     selection: &Selection,
-    notes: &mut Vec<String>,
+    notes: &mut Vec<Message>,
 ) -> Result<Chosen, SourceError> {
     let level = level_of(folder, image.datasets.len(), selection, notes)?;
     let Some(dataset) = image.datasets.get(level as usize) else {
@@ -256,9 +256,10 @@ fn image_level(
 }
 
 /// The selected level of an image.
-fn level_of(folder: &Path, levels: usize, selection: &Selection, notes: &mut Vec<String>) -> Result<u64, SourceError> {
+fn level_of(folder: &Path, levels: usize, selection: &Selection, notes: &mut Vec<Message>) -> Result<u64, SourceError> {
     if levels > 1 && selection.level.is_none() {
-        notes.push(format!("{levels} levels; the finest is used; --source-level 0 to {} takes another", levels - 1));
+        let what = Message::from(format!("{levels} levels; the finest is used; ")).option(ReadOption::Level);
+        notes.push(what.text(format_args!(" 0 to {} takes another", levels - 1)));
     }
     selection.level_of(folder, levels as u64)
 }
@@ -269,7 +270,7 @@ fn n5_level(
     folder: &Path,
     attributes: n5::Attributes,
     selection: &Selection,
-    notes: &mut Vec<String>,
+    notes: &mut Vec<Message>,
 ) -> Result<Chosen, SourceError> {
     let found = |folder: PathBuf, own: &n5::Attributes, group: &n5::Attributes| {
         let array = own.array(&folder.join(N5_FILE))?;
@@ -295,7 +296,7 @@ fn source(
     store: &Store,
     found: Chosen,
     options: &FolderOptions<'_>,
-    mut notes: Vec<String>,
+    mut notes: Vec<Message>,
 ) -> Result<ChunkedSource, SourceError> {
     let path = found.folder.clone();
     let placement = {
@@ -312,7 +313,10 @@ fn source(
         let chunk = chunk_bytes.map_or_else(|| "more than can be addressed".into(), |n| Mib(n as u64).to_string());
         let advice = needed.map_or_else(
             || "write the array anew with smaller chunks".into(),
-            |needed| format!("allow {} with --memory, or write the array anew with smaller chunks", Mib(needed)),
+            |needed| {
+                let advice = Message::from(format!("allow {} with ", Mib(needed))).option(ReadOption::MemoryBytes);
+                advice.text(", or write the array anew with smaller chunks")
+            },
         );
         SourceError::unsupported(&path, format!("its chunks {:?} are of {chunk}", array.shape.chunk), advice)
     };

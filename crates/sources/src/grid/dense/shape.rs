@@ -6,6 +6,7 @@
 
 use std::fmt::Display;
 
+use crate::Message;
 use supervol_format::Dims;
 
 /// The file's axes that became x, y and z.
@@ -16,7 +17,7 @@ pub struct ChosenAxes {
     /// Number of voxels along x, y, z.
     pub dims: Dims,
     /// Notes for the user.
-    pub notes: Vec<String>,
+    pub notes: Vec<Message>,
 }
 
 /// Chooses three axes. `sizes` has the fastest axis first; `spatial` tells which axes may be spatial.
@@ -30,7 +31,7 @@ pub fn choose_axes(sizes: &[u64], spatial: &[bool]) -> Result<ChosenAxes, Vec<us
         for axis in (0..sizes.len()).rev() {
             if axes.len() > 3 && sizes[axis] == 1 && spatial[axis] == wanted_spatial {
                 axes.retain(|a| *a != axis);
-                notes.push(format!("axis {axis} has one voxel and is dropped"));
+                notes.push(format!("axis {axis} has one voxel and is dropped").into());
             }
         }
     }
@@ -41,7 +42,7 @@ pub fn choose_axes(sizes: &[u64], spatial: &[bool]) -> Result<ChosenAxes, Vec<us
     }
     let dims = Dims(std::array::from_fn(|i| axes.get(i).map_or(1, |a| sizes[*a])));
     if axes.len() < 3 {
-        notes.push(format!("the file has {}: read as {dims} voxels", count(axes.len(), "axis", "axes")));
+        notes.push(format!("the file has {}: read as {dims} voxels", count(axes.len(), "axis", "axes")).into());
     }
     Ok(ChosenAxes { axes, dims, notes })
 }
