@@ -9,6 +9,16 @@
 //!
 //! Errors and notes name options of this crate, never those of a program; [`mod@open`] opens any file or folder.
 
+#![warn(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    clippy::missing_errors_doc,
+    clippy::missing_panics_doc,
+    missing_debug_implementations
+)]
+
+mod cast;
 pub mod computed;
 mod endian;
 mod error;

@@ -8,7 +8,7 @@ use crate::formats::FORMATS;
 use crate::formats::format::{Certainty, Folder, FolderFiles, Format};
 use crate::formats::unsupported::{refusal_of_file, refusal_of_folder};
 use crate::input::file::SourceFile;
-use crate::input::folder::Listing;
+use crate::input::folder::{FolderDepth, Listing};
 use crate::input::start::FileStart;
 use crate::{Message, ReadOption, SourceError, VolumeSource};
 
@@ -89,7 +89,7 @@ fn open_folder(path: &Path, options: &OpenOptions) -> Result<Box<dyn VolumeSourc
     if let Some(refusal) = refusal_of_folder(path) {
         return Err(refusal);
     }
-    let files = FolderFiles(Listing::of(path, true, options.outside)?.files);
+    let files = FolderFiles(Listing::of(path, FolderDepth::WithSubfolders, options.outside)?.files);
     for format in FORMATS {
         if format.takes_folder(&files)? {
             options.selection.refuse_beyond(path, format.choices)?;

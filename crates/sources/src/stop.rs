@@ -28,6 +28,12 @@ pub struct Stoppable<'a> {
     pub canceller: &'a Canceller,
 }
 
+impl std::fmt::Debug for Stoppable<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Stoppable").field("info", self.source.info()).finish_non_exhaustive()
+    }
+}
+
 impl VolumeSource for Stoppable<'_> {
     fn info(&self) -> &SourceInfo {
         self.source.info()

@@ -8,7 +8,6 @@
 //! "`BigDataViewer`: visualization and processing for large image data sets", Nature Methods 12 (2015), and
 //! <https://imagej.net/plugins/bdv>.
 
-use crate::input::selection::first_of;
 use std::fs::File;
 use std::io::Read;
 use std::path::{Component, Path, PathBuf};
@@ -20,11 +19,12 @@ use supervol_format::{Geometry, VoxelBox};
 
 use super::zarr::ome::unit_of;
 use super::{hdf5, zarr};
+use crate::cast::index;
 use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::input::data_files::{Outside, find_all};
 use crate::input::file::SourceFile;
 use crate::input::folder::FolderOptions;
-use crate::input::selection::{Choice, Selection};
+use crate::input::selection::{Choice, Selection, first_of};
 use crate::input::text::shortened;
 use crate::{Axis, Message, ReadOption, SourceError, SourceInfo, VolumeSource};
 
@@ -53,6 +53,12 @@ pub const FORMAT: Format = Format {
 pub struct ViewerXmlSource {
     voxels: Box<dyn VolumeSource>,
     info: SourceInfo,
+}
+
+impl std::fmt::Debug for ViewerXmlSource {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("ViewerXmlSource").field("info", &self.info).finish_non_exhaustive()
+    }
 }
 
 impl ViewerXmlSource {
@@ -293,14 +299,14 @@ impl Described {
         if setups > 1 && selection.channel.is_none() {
             notes.push(first_of(&format!("{setups} setups"), ReadOption::Channel, setups));
         }
-        let setup = &self.setups[selection.channel_of(path, setups)? as usize];
+        let setup = &self.setups[index(selection.channel_of(path, setups)?)];
         let mut times: Vec<u64> = self.places.iter().map(|(time, ..)| *time).collect();
         times.sort_unstable();
         times.dedup();
         if times.is_empty() {
             times.push(0);
         }
-        let time = times[selection.noted_frame(path, times.len() as u64, "time points", notes)? as usize];
+        let time = times[index(selection.noted_frame(path, times.len() as u64, "time points", notes)?)];
         Ok(View { setup, time })
     }
 

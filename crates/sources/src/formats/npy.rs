@@ -11,8 +11,9 @@ use std::path::Path;
 
 use supervol_format::{ByteSource, VoxelBox, VoxelType};
 
+use crate::cast::index;
 use crate::formats::format::{Certainty, Folder, Format, Found};
-use crate::grid::dense::shape::{SplitAxes, split_axes};
+use crate::grid::dense::shape::{FastestAxis, SplitAxes, split_axes};
 use crate::grid::dense::{GridFile, GridLayout, GridSource, checked_bytes};
 use crate::grid::elements::{Channels, Elements, Frames, Meaning, Number};
 use crate::input::file::SourceFile;
@@ -43,6 +44,21 @@ pub const FORMAT: Format = Format {
 #[derive(Debug)]
 pub struct NpySource(GridSource);
 
+/// Part of a file that holds an array with its header.
+#[derive(Debug)]
+pub(crate) struct ArrayPart {
+    /// Name of the format, see [`SourceInfo::format`].
+    pub(crate) format: &'static str,
+    /// The file, or a file with the inflated array.
+    pub(crate) file: File,
+    /// Offset of the array in bytes.
+    pub(crate) start: u64,
+    /// Length of the array in bytes, with its header.
+    pub(crate) length: u64,
+    /// The opened file, to notice changes.
+    pub(crate) source_file: SourceFile,
+}
+
 impl NpySource {
     /// Opens a `.npy` file.
     ///
@@ -60,17 +76,12 @@ impl NpySource {
         let source_file = SourceFile::of(path)?;
         let file = File::open(path).map_err(|e| SourceError::io(path, e))?;
         let length = file.len().map_err(|e| SourceError::io(path, e))?;
-        Self::of_part(path, "npy", (file, 0, length), selection, source_file)
+        Self::of_part(path, ArrayPart { format: "npy", file, start: 0, length, source_file }, selection)
     }
 
-    /// The array in a part of a file: `length` bytes from byte `start` on.
-    pub(crate) fn of_part(
-        path: &Path,
-        format: &'static str,
-        (file, start, length): (File, u64, u64),
-        selection: &Selection,
-        source_file: SourceFile,
-    ) -> Result<Self, SourceError> {
+    /// The array in a part of a file.
+    pub(crate) fn of_part(path: &Path, part: ArrayPart, selection: &Selection) -> Result<Self, SourceError> {
+        let ArrayPart { format, file, start, length, source_file } = part;
         let (text, offset) = header_text(path, &file, start)?;
         let header = parse_header(&text).map_err(|wrong| {
             let found = format!("`{}`", excerpt(&text));
@@ -158,7 +169,7 @@ fn header_text(path: &Path, file: &File, start_at: u64) -> Result<(String, u64),
         return Err(SourceError::invalid(path, "length of the npy header", expected, format!("{length} bytes")));
     }
     // The limit above keeps the length within the address space.
-    let mut text = vec![0; length as usize];
+    let mut text = vec![0; index(length)];
     read(text_offset, &mut text)?;
     Ok((String::from_utf8_lossy(&text).into_owned(), start_at + text_offset + length))
 }
@@ -309,7 +320,7 @@ fn split_axes_of(path: &Path, header: &NpyHeader, selection: &Selection) -> Resu
         return Err(SourceError::invalid(path, "shape", "at least one element", format!("none along axis {axis}")));
     }
     let fastest_first: Vec<u64> = shape.iter().rev().copied().collect();
-    let split = split_axes(&fastest_first, &vec![true; shape.len()], selection.channel.is_some());
+    let split = split_axes(&fastest_first, &vec![true; shape.len()], FastestAxis::of(selection));
     let refused = |advice: Message| {
         let what = format!("the array has {} axes ({shape:?}), a volume has three [z, y, x]", shape.len());
         Err(SourceError::unsupported(path, what, advice))

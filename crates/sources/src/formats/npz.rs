@@ -11,7 +11,7 @@ use std::path::Path;
 use supervol_format::{ByteSource, VoxelBox};
 use zip::{CompressionMethod, ZipArchive};
 
-use super::npy::NpySource;
+use super::npy::{ArrayPart, NpySource};
 use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::formats::unsupported::refusal_of_zip;
 use crate::input::data_files::open_data;
@@ -61,16 +61,18 @@ impl NpzSource {
             let start = entry.data_start();
             let start = start.ok_or_else(|| SourceError::invalid(path, "archive", "a place of the array", "none"))?;
             drop(entry);
-            let part = (open_data(path)?, start, length);
-            let whole = part.0.len().map_err(|e| SourceError::io(path, e))?;
+            let file = open_data(path)?;
+            let whole = file.len().map_err(|e| SourceError::io(path, e))?;
             if start.checked_add(length).is_none_or(|end| end > whole) {
                 let found = format!("{length} bytes from byte {start} on, in a file of {whole}");
                 return Err(SourceError::invalid(path, "archive", "an array inside the file", found));
             }
-            return Ok(Self(NpySource::of_part(path, "npz", part, selection, source_file)?));
+            let part = ArrayPart { format: "npz", file, start, length, source_file };
+            return Ok(Self(NpySource::of_part(path, part, selection)?));
         }
         let inflated = inflate(path, &mut entry, length, spool)?;
-        Ok(Self(NpySource::of_part(path, "npz", (inflated, 0, length), selection, source_file)?))
+        let part = ArrayPart { format: "npz", file: inflated, start: 0, length, source_file };
+        Ok(Self(NpySource::of_part(path, part, selection)?))
     }
 }
 

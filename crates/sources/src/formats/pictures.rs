@@ -14,12 +14,13 @@ use png::{BitDepth, ColorType};
 use supervol_format::{Dims, VoxelBox, VoxelType};
 
 use super::tiff::{Page, Pages, RATIO_LIMIT, is_tiff};
+use crate::cast::index;
 use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::grid::dense::{GridFile, GridLayout, GridSource, Part, checked_bytes, swap_bytes};
 use crate::grid::elements::{Channels, Elements, Frames, Number};
 use crate::input::data_files::Outside;
 use crate::input::file::SourceFile;
-use crate::input::folder::{FolderOptions, Listing};
+use crate::input::folder::{FolderDepth, FolderOptions, Listing};
 use crate::input::spool::Spool;
 use crate::{Endian, Message, SourceError, SourceInfo, VolumeSource};
 
@@ -122,7 +123,7 @@ impl VolumeSource for PicturesSource {
 
 /// The pictures of a folder, which must have the same format.
 fn files(path: &Path, outside: Outside, notes: &mut Vec<Message>) -> Result<(Vec<PathBuf>, Kind), SourceError> {
-    let listing = if path.is_dir() { Listing::of(path, false, outside)? } else { Listing::one(path) };
+    let listing = if path.is_dir() { Listing::of(path, FolderDepth::Flat, outside)? } else { Listing::one(path) };
     listing.note(notes);
     let (mut pictures, mut others) = (Vec::new(), 0);
     for file in listing.files {
@@ -302,7 +303,7 @@ fn decode_png(reader: &mut png::Reader<BufReader<File>>, page: Page) -> Result<V
         return Ok(pixels);
     }
     // Each row begins at a byte boundary; the first pixel has the highest bits.
-    let width = page.size[0] as usize;
+    let width = index(page.size[0]);
     let pixel = |row: &[u8], x: usize| row[x * bits / 8] >> (8 - bits - x * bits % 8) & ((1 << bits) - 1);
     Ok(pixels
         .chunks_exact(row_bytes.max(1))

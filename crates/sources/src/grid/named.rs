@@ -11,6 +11,12 @@ pub struct NamedSource {
     info: SourceInfo,
 }
 
+impl std::fmt::Debug for NamedSource {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("NamedSource").field("info", &self.info).finish_non_exhaustive()
+    }
+}
+
 impl NamedSource {
     /// Replaces the options in the notes of a source by their names.
     #[must_use]

@@ -39,6 +39,12 @@ pub struct PlacedSource {
     info: SourceInfo,
 }
 
+impl std::fmt::Debug for PlacedSource {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("PlacedSource").field("info", &self.info).finish_non_exhaustive()
+    }
+}
+
 impl PlacedSource {
     /// Places a source and notes each change.
     ///

@@ -7,6 +7,7 @@ use supervol_files::folder_of;
 
 use super::file::SourceFile;
 use super::text::shortened;
+use crate::cast::signed;
 use crate::error::SourceError;
 use crate::{Message, ReadOption};
 
@@ -87,7 +88,7 @@ pub(crate) fn pattern_names(path: &Path, pattern: &str, numbers: [&str; 3]) -> R
         return Err(wrong("whole numbers `min max step` behind a file-name pattern"));
     };
     let count = if step == 0 { None } else { max.checked_sub(min).and_then(|d| d.checked_div(step)) };
-    let Some(count) = count.filter(|c| (0..FILES_LIMIT as i64).contains(c)) else {
+    let Some(count) = count.filter(|c| (0..signed(FILES_LIMIT as u64)).contains(c)) else {
         return Err(wrong("min, max and step of 1 to 65536 files"));
     };
     let parts =

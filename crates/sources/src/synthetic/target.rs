@@ -1,7 +1,8 @@
 //! Buffers that computed voxels are written to, and the conversion of field values to stored values.
-
 use supervol_format::voxel_type::Voxel;
 use supervol_format::{VoxelBox, VoxelType, with_voxel};
+
+use crate::cast::{index, single, whole_i32};
 
 /// Voxels along x that are computed together: columns share their tables, and the tables stay in the cache.
 pub(super) const CHUNK_VOXELS: usize = 1024;
@@ -18,7 +19,7 @@ impl Target<'_> {
     pub(super) fn row(&mut self, start: [u64; 3], length: usize) -> &mut [u8] {
         let [nx, ny, _] = self.voxels.extent();
         // Inside the box, whose extent fits the address space.
-        let [x, y, z] = std::array::from_fn(|a| (start[a] - self.voxels.start[a]) as usize);
+        let [x, y, z] = std::array::from_fn(|a| index(start[a] - self.voxels.start[a]));
         let bytes = self.voxel_type.bytes();
         let first = (x + nx * (y + ny * z)) * bytes;
         &mut self.out[first..first + length * bytes]
@@ -27,7 +28,7 @@ impl Target<'_> {
     /// Starts and lengths of the pieces along x that are computed together.
     pub(super) fn chunks(&self) -> impl Iterator<Item = (u64, usize)> + use<> {
         let (start, end) = (self.voxels.start[0], self.voxels.end[0]);
-        (start..end).step_by(CHUNK_VOXELS).map(move |x| (x, CHUNK_VOXELS.min((end - x) as usize)))
+        (start..end).step_by(CHUNK_VOXELS).map(move |x| (x, CHUNK_VOXELS.min(index(end - x))))
     }
 }
 
@@ -68,9 +69,9 @@ impl Scale {
     pub(super) fn write_fast(self, values: &[f32], voxel_type: VoxelType, out: &mut [u8]) {
         match voxel_type {
             VoxelType::U8 => {
-                let (gain, bias) = (self.gain as f32, self.bias as f32 + 0.5);
+                let (gain, bias) = (single(self.gain), single(self.bias) + 0.5);
                 for (value, voxel) in values.iter().zip(out) {
-                    *voxel = (value * gain + bias) as i32 as u8;
+                    *voxel = low_byte(value * gain + bias);
                 }
             }
             VoxelType::I8 => self.write_integers::<1>(values, out),
@@ -90,9 +91,16 @@ impl Scale {
         const SHIFT: i32 = 1 << 17;
         let bias = self.bias + 0.5 + f64::from(SHIFT);
         for (value, voxel) in values.iter().zip(out.as_chunks_mut::<BYTES>().0) {
-            let stored = (f64::from(*value) * self.gain + bias) as i32 - SHIFT;
+            let stored = whole_i32(f64::from(*value) * self.gain + bias) - SHIFT;
             let bytes = stored.to_le_bytes();
             *voxel = std::array::from_fn(|i| bytes[i]);
         }
     }
+}
+
+/// The low byte of the whole part of a number; in range after scaling.
+#[inline(always)]
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "scaled values are between 0 and 256")]
+const fn low_byte(n: f32) -> u8 {
+    n as i32 as u8
 }

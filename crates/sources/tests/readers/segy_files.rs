@@ -112,7 +112,7 @@ fn every_file_opens_or_is_refused_with_the_reason() {
             assert!(message.contains(word), "{file}: no {word:?} in {message}");
         }
     }
-    let message = open(&folder.join("odd/corrupt_binary.segy")).err().expect("refused").to_string();
+    let message = open(&folder.join("odd/corrupt_binary.segy")).expect_err("refused").to_string();
     assert!(message.contains("samples per trace") && message.contains("0 in both"), "{message}");
     let listed = OPENS.len() + OPENS_TOO.len() + REFUSED.len() + 1;
     let present = ["real", "odd", "f3-formats"].map(|d| std::fs::read_dir(folder.join(d)).unwrap().count());
@@ -174,9 +174,9 @@ fn a_wrong_format_code_is_noticed() {
         bytes[low] = code;
         SegySource::from_bytes(Box::new(bytes), Path::new(file), &SegyOptions::default())
     };
-    let ibm_as_ieee = patched("f3-formats/Format1msb.sgy", 5, 3225).err().expect("refused").to_string();
+    let ibm_as_ieee = patched("f3-formats/Format1msb.sgy", 5, 3225).expect_err("refused").to_string();
     assert!(ibm_as_ieee.contains("`format` 1"), "{ibm_as_ieee}");
-    let ieee_as_ibm = patched("f3-formats/Format5lsb.sgy", 1, 3224).err().expect("refused").to_string();
+    let ieee_as_ibm = patched("f3-formats/Format5lsb.sgy", 1, 3224).expect_err("refused").to_string();
     assert!(ieee_as_ibm.contains("`format` 5"), "{ieee_as_ibm}");
     for file in ["real/penobscot_xl1155.sgy", "real/f3_2lines_ebcdic.sgy", "real/f3_sparse_ibm_asciihdr.sgy"] {
         assert!(patched(file, 5, 3225).is_err(), "{file} as IEEE");
@@ -247,7 +247,7 @@ fn options_change_what_is_read() {
     let transposed = (0..1250).all(|i| plain[i] == swapped[(i / 25 * 5 + i % 5) * 5 + i / 5 % 5]);
     assert!(transposed);
     let wrong = SegyOptions { endian: Some(Endian::Little), ..SegyOptions::default() };
-    let message = SegySource::open(&small, &wrong).err().expect("refused").to_string();
+    let message = SegySource::open(&small, &wrong).expect_err("refused").to_string();
     assert!(message.contains("sample format (little endian, as asked)"), "{message}");
     for options in [
         SegyOptions { inline_byte: 0, ..SegyOptions::default() },

@@ -129,7 +129,7 @@ impl Recipe {
     }
 
     fn refusal(&self) -> String {
-        self.open().err().expect("refused").to_string()
+        self.open().expect_err("refused").to_string()
     }
 }
 
@@ -274,7 +274,7 @@ fn a_file_on_disk_reads_like_bytes_in_memory() {
     std::fs::write(file.path(), recipe.bytes()).unwrap();
     let source = SegySource::open(file.path(), &SegyOptions::default()).unwrap();
     assert_eq!(read_all(&source), read_all(&recipe.open().unwrap()));
-    let message = SegySource::open(Path::new("/no/such/file.sgy"), &SegyOptions::default()).err().expect("no file");
+    let message = SegySource::open(Path::new("/no/such/file.sgy"), &SegyOptions::default()).expect_err("no file");
     assert!(matches!(message, SourceError::Io { .. }));
 }
 
@@ -403,11 +403,11 @@ fn lying_headers_are_refused_with_the_reason() {
     let label = {
         let mut bytes = Recipe::new(5, grid()).bytes();
         bytes[..7].copy_from_slice(b"0001SY1");
-        SegySource::from_bytes(Box::new(bytes), Path::new("x"), &SegyOptions::default()).err().expect("refused")
+        SegySource::from_bytes(Box::new(bytes), Path::new("x"), &SegyOptions::default()).expect_err("refused")
     };
     assert!(label.to_string().contains("tape label"), "{label}");
     let short = SegySource::from_bytes(Box::new(vec![0; 100]), Path::new("x"), &SegyOptions::default());
-    assert!(short.err().expect("refused").to_string().contains("3600"));
+    assert!(short.expect_err("refused").to_string().contains("3600"));
 }
 
 #[test]

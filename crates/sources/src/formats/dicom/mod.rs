@@ -23,13 +23,14 @@ use supervol_format::space::WorldSpace;
 use supervol_format::voxel_type::voxels_as_f64;
 use supervol_format::{Dims, VoxelBox, VoxelType};
 
+use crate::cast::single;
 use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::grid::dense::{GridFile, GridLayout, GridSource, Part, checked_bytes};
 use crate::grid::elements;
 use crate::grid::elements::{Channels, Elements, Meaning, Numbers};
 use crate::input::data_files::open_data;
 use crate::input::file::SourceFile;
-use crate::input::folder::{FolderOptions, Listing};
+use crate::input::folder::{FolderDepth, FolderOptions, Listing};
 use crate::input::selection::Choice;
 use crate::input::spool::Spool;
 use crate::{Axis, Message, SourceError, SourceInfo, VolumeSource};
@@ -139,7 +140,7 @@ fn members(
     notes: &mut Vec<Message>,
 ) -> Result<(Vec<Member>, Damaged), SourceError> {
     let listing = match path.is_dir() {
-        true => Listing::of(path, true, options.outside)?,
+        true => Listing::of(path, FolderDepth::WithSubfolders, options.outside)?,
         false => Listing::one(path),
     };
     listing.note(notes);
@@ -356,7 +357,7 @@ impl<'a> Volume<'a> {
         self.elements.convert(self.stored, numbers, &mut voxels);
         let (slope, intercept) = scaling(slice);
         let padding = self.members[slice.file].header.padding;
-        let value = |stored: f64| if Some(stored) == padding { f32::NAN } else { (stored * slope + intercept) as f32 };
+        let value = |stored: f64| if Some(stored) == padding { f32::NAN } else { single(stored * slope + intercept) };
         voxels_as_f64(self.stored, &voxels).into_iter().flat_map(|stored| value(stored).to_le_bytes()).collect()
     }
 }

@@ -8,6 +8,7 @@ use glam::{DMat3, DVec3};
 use supervol_format::Geometry;
 
 use super::header::{Header, Place, normal};
+use crate::cast::index;
 use crate::input::selection::Selection;
 use crate::{Message, ReadOption, SourceError};
 
@@ -186,7 +187,7 @@ fn one_volume(
         });
     }
     // The index is below the count, so it fits the address space.
-    Ok(places.into_iter().map(|place| place[wanted as usize]).collect())
+    Ok(places.into_iter().map(|place| place[index(wanted)]).collect())
 }
 
 /// Geometry of the volume: x along columns, y along rows, z from slice to slice, sheared if the gantry was tilted.

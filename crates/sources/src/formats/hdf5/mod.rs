@@ -31,6 +31,7 @@ use supervol_format::{ByteSource, Dims, VoxelType};
 
 use super::zarr::ome::{ArrayAxis, Role, geometry_of};
 use super::zarr::placement::place;
+use crate::cast::index;
 use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::grid::chunked::{
     AXES_LIMIT, ArrayShape, ChunkGrid, ChunkMemory, ChunkedSource, Chunks, number_in_c_order, widened,
@@ -95,7 +96,7 @@ pub fn open(path: &Path, options: &FolderOptions<'_>) -> Result<ChunkedSource, S
     let file = Hdf5File::from_storage_with_options(Arc::new(storage), limits).map_err(wrong)?;
     let name = choose(path, &file, options.selection.array.as_deref())?;
     let dataset = file.dataset(&name).map_err(wrong)?;
-    source(path, (&file, bytes), (&name, dataset), options, source_file)
+    source(OpenedFile { path, file, bytes, source_file }, &name, dataset, options)
 }
 
 /// The crate's filters, and LZF with at most `limit_bytes` decoded bytes.
@@ -265,13 +266,22 @@ fn refusal_of_16_bits(path: &Path, name: &str) -> SourceError {
     SourceError::unsupported(path, what, advice)
 }
 
-fn source(
-    path: &Path,
-    (file, file_bytes): (&Hdf5File, File),
-    (name, dataset): (&str, Dataset),
-    options: &FolderOptions<'_>,
+/// An open HDF5 file.
+struct OpenedFile<'a> {
+    path: &'a Path,
+    file: Hdf5File,
+    /// The same file, for datasets that are read in place.
+    bytes: File,
     source_file: SourceFile,
+}
+
+fn source(
+    opened: OpenedFile<'_>,
+    name: &str,
+    dataset: Dataset,
+    options: &FolderOptions<'_>,
 ) -> Result<ChunkedSource, SourceError> {
+    let OpenedFile { path, file, bytes: file_bytes, source_file } = opened;
     if is_of_16_bits(dataset.dtype()) {
         return Err(refusal_of_16_bits(path, name));
     }
@@ -281,12 +291,12 @@ fn source(
     };
     let stored = number.stored();
     let mut array = array_shape(path, &dataset, stored)?;
-    let contiguous = contiguous_at(file, &dataset, array.whole_bytes(stored.bytes())).map_err(|e| of_hdf5(path, e))?;
+    let contiguous = contiguous_at(&file, &dataset, array.whole_bytes(stored.bytes())).map_err(|e| of_hdf5(path, e))?;
     if contiguous.is_some() {
         array.endian = byte_order(dataset.dtype());
     }
     let mut notes = Vec::new();
-    let axes = axes_of(file, name, &dataset, &mut notes);
+    let axes = axes_of(&file, name, &dataset, &mut notes);
     let placement = place(path, (&array.shape, &axes, &[]), options.selection, &mut notes)?;
     let dims = Dims(placement.axes.map(|axis| axis.map_or(1, |axis| array.shape[axis])));
     checked_bytes(path, dims, stored)?;
@@ -447,7 +457,7 @@ impl Chunks for DatasetChunks {
         let ends: Vec<u64> = (0..shape.len()).map(|i| (starts[i] + chunk[i]).min(shape[i])).collect();
         let element = self.number.stored().bytes();
         let sizes: Vec<u64> = starts.iter().zip(&ends).map(|(start, end)| end - start).collect();
-        let wanted = sizes.iter().product::<u64>() as usize * element;
+        let wanted = index(sizes.iter().product::<u64>()) * element;
         let data = match &self.contiguous {
             Some((file, first)) => {
                 // A chunk is one run: on all axes behind the one that it divides it spans the whole array.

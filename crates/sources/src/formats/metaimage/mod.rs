@@ -21,7 +21,7 @@ use supervol_format::space::WorldSpace;
 use supervol_format::{ByteSource, Geometry, VoxelBox, VoxelType};
 
 use crate::formats::format::{Certainty, Folder, Format, Found};
-use crate::grid::dense::shape::{ChosenAxes, SplitAxes, split_axes};
+use crate::grid::dense::shape::{ChosenAxes, FastestAxis, SplitAxes, split_axes};
 use crate::grid::dense::{GridFile, GridLayout, GridSource, checked_bytes};
 use crate::grid::elements::{Channels, Elements, Frames, Meaning, Number};
 use crate::grid::header_data::{DataLayout, HeaderData};
@@ -29,7 +29,7 @@ pub use crate::input::data_files::Outside;
 use crate::input::data_files::{find_all, note_excess, open_data};
 use crate::input::file::SourceFile;
 use crate::input::selection::Selection;
-use crate::input::spool::{Excess, GzipShare, Spool, SpoolFolder, Words};
+use crate::input::spool::{Excess, GzipShare, Spool, SpoolFolder, TextNumbers, Words};
 use crate::input::text::shortened;
 use crate::{Axis, Endian, Message, SourceError, SourceInfo, VolumeSource};
 use header::{DataFiles, Header};
@@ -82,7 +82,7 @@ impl MetaImageSource {
         let sizes = header.sizes(path)?;
         let number = number(path, header.required(path, "ElementType")?)?;
         // A fourth axis is time.
-        let split = split_axes(&sizes, &vec![true; sizes.len()], false).map_err(|axes| {
+        let split = split_axes(&sizes, &vec![true; sizes.len()], FastestAxis::AsStated).map_err(|axes| {
             let axis = axes.first().copied().unwrap_or_default();
             let what = format!("a volume has three axes, but there is also axis {axis} of {} values", sizes[axis]);
             SourceError::unsupported(
@@ -321,7 +321,8 @@ impl DataLayout for Data<'_> {
                 return Err(SourceError::invalid(path, "text data", format!("{voxels} numbers"), found));
             }
             let words = if path == self.path { Words::Shown } else { Words::Hidden };
-            spool.append_text(path, reader, self.voxel_type, voxels, (words, Excess::Refused))?;
+            let numbers = TextNumbers { voxel_type: self.voxel_type, voxels, words, excess: Excess::Refused };
+            spool.append_text(path, reader, numbers)?;
         }
         spool.finish()
     }

@@ -9,6 +9,7 @@ use supervol_format::Geometry;
 
 use super::header::Header;
 use crate::Message;
+use crate::cast::signed;
 
 /// The geometry, and notes for the user.
 pub(super) fn placement(header: &Header) -> (Geometry, Vec<Message>) {
@@ -57,7 +58,7 @@ fn spacings(header: &Header, notes: &mut Vec<Message>) -> [f64; 3] {
     std::array::from_fn(|axis| {
         let stated = header.pixdim[axis + 1].abs();
         // Axes that the file does not have need no spacing.
-        let needed = (axis as i64) < header.dim[0];
+        let needed = signed(axis as u64) < header.dim[0];
         if stated.is_finite() && stated > 0.0 {
             return stated;
         }

@@ -11,7 +11,6 @@
 mod geometry;
 mod header;
 
-use crate::input::selection::first_of;
 use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -20,12 +19,13 @@ use flate2::bufread::MultiGzDecoder;
 use supervol_format::space::WorldSpace;
 use supervol_format::{ByteSource, Dims, VoxelBox, VoxelType};
 
+use crate::cast::whole_u64;
 use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::formats::unsupported::ENVI_START;
 use crate::grid::dense::{GridFile, GridLayout, GridSource, checked_bytes};
 use crate::grid::elements::{Channels, Elements, Frames, Meaning, Number};
 use crate::input::file::SourceFile;
-use crate::input::selection::Selection;
+use crate::input::selection::{Selection, first_of};
 use crate::input::spool::{Excess, GzipShare, Spool, SpoolFolder, damaged};
 use crate::{Axis, Message, ReadOption, SourceError, SourceInfo, VolumeSource};
 use header::{Form, HEADER_BYTES, Header};
@@ -291,7 +291,7 @@ impl Data<'_> {
             return Ok(least);
         }
         let whole = stated.is_finite() && stated.fract() == 0.0 && (0.0..9.0e15).contains(&stated);
-        if !whole || (stated as u64) < least {
+        if !whole || whole_u64(stated) < least {
             let expected = format!("a whole number of bytes, at least {least}");
             return Err(SourceError::invalid(
                 self.path,
@@ -300,7 +300,7 @@ impl Data<'_> {
                 stated.to_string(),
             ));
         }
-        Ok(stated as u64)
+        Ok(whole_u64(stated))
     }
 }
 

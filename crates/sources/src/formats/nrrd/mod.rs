@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 use supervol_format::{ByteSource, VoxelBox, VoxelType};
 
 use crate::formats::format::{Certainty, Folder, Format, Found};
-use crate::grid::dense::shape::{SplitAxes, split_axes};
+use crate::grid::dense::shape::{FastestAxis, SplitAxes, split_axes};
 use crate::grid::dense::{GridFile, GridLayout, GridSource, checked_bytes};
 use crate::grid::elements::{Channels, Elements, Frames, Meaning, Number};
 use crate::grid::header_data::{DataLayout, HeaderData};
@@ -24,7 +24,7 @@ pub use crate::input::data_files::Outside;
 use crate::input::data_files::{find_all, note_excess, open_data};
 use crate::input::file::SourceFile;
 use crate::input::selection::Selection;
-use crate::input::spool::{Excess, GzipShare, Spool, SpoolFolder, Words};
+use crate::input::spool::{Excess, GzipShare, Spool, SpoolFolder, TextNumbers, Words};
 use crate::input::text::shortened;
 use crate::{Endian, Message, SourceError, SourceInfo, VolumeSource};
 use header::{DataFiles, Encoding, Header};
@@ -205,8 +205,8 @@ fn axes_of(
             _ => false,
         })
         .collect();
-    let wants_channel = selection.channel.is_some() && sizes.len() > 3;
-    let split = split_axes(sizes, &spatial, wants_channel).map_err(|in_the_way| {
+    let fastest = if sizes.len() > 3 { FastestAxis::of(selection) } else { FastestAxis::AsStated };
+    let split = split_axes(sizes, &spatial, fastest).map_err(|in_the_way| {
         let describe = |axis: &usize| match kind(*axis) {
             "" => format!("axis {axis} of {} values", sizes[*axis]),
             kind => format!("axis {axis} of {} values (kind {kind})", sizes[*axis]),
@@ -378,7 +378,8 @@ impl DataLayout for Data<'_> {
             let skip = i64::try_from(skip).map_err(|_| SourceError::invalid(path, "byte skip", "less", "2^63"))?;
             reader.seek_relative(skip).map_err(|e| SourceError::io(path, e))?;
             let words = if path == self.path { Words::Shown } else { Words::Hidden };
-            spool.append_text(path, reader, self.voxel_type, voxels, (words, Excess::Refused))?;
+            let numbers = TextNumbers { voxel_type: self.voxel_type, voxels, words, excess: Excess::Refused };
+            spool.append_text(path, reader, numbers)?;
         }
         spool.finish()
     }

@@ -14,6 +14,7 @@ use super::input::Input;
 use super::layout::Layout;
 use super::options::SegyOptions;
 use super::scan::{LineSummary, add_line, for_each_header};
+use crate::cast::index;
 use crate::{Message, ReadOption, SourceError};
 
 /// Traces that are looked at; bounds the sets kept here to a few megabytes.
@@ -89,7 +90,7 @@ pub(super) fn refuse(input: Input<'_>, layout: &Layout, options: &SegyOptions, d
 /// Whether two traces have different source-receiver offsets.
 fn differ_in_offset(input: Input<'_>, (layout, options): (&Layout, &SegyOptions), traces: [u64; 2]) -> bool {
     let [first, second] = traces.map(|trace| {
-        let mut header = [0; TRACE_HEADER_BYTES as usize];
+        let mut header = [0; index(TRACE_HEADER_BYTES)];
         let read = input.read(layout.header_offset(trace), &mut header);
         read.map(|()| Fields::trace_header(&header, layout.endian).i32(options.offset_byte.into())).ok()
     });

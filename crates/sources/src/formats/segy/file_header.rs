@@ -4,6 +4,7 @@ use super::binary_header::{BinaryHeader, FILE_HEADER_BYTES};
 use super::input::Input;
 use super::options::SegyOptions;
 use super::text_header::{self, TEXT_BYTES};
+use crate::cast::index;
 use crate::{Message, ReadOption, SourceError};
 
 /// Reads text and binary header.
@@ -13,7 +14,7 @@ pub(super) fn read_file_header(input: Input<'_>, options: &SegyOptions) -> Resul
         let expected = format!("at least the {FILE_HEADER_BYTES} bytes of the file headers");
         return Err(input.invalid("file size", expected, format!("{file_bytes} bytes")));
     }
-    let mut headers = [0; FILE_HEADER_BYTES as usize];
+    let mut headers = [0; index(FILE_HEADER_BYTES)];
     input.read(0, &mut headers)?;
     let (text, binary) = headers.split_at(TEXT_BYTES);
     if matches!(&text[4..7], b"SY1" | b"SY2") {

@@ -14,6 +14,7 @@ use super::file_header::read_file_header;
 use super::input::Input;
 use super::layout::Layout;
 use super::options::SegyOptions;
+use crate::cast::index;
 use crate::input::open_files::OpenFiles;
 use crate::{Endian, SourceError};
 
@@ -49,7 +50,7 @@ impl Joined {
                 None => {
                     joined.headers = vec![0; usize::try_from(layout.first_trace).unwrap_or(usize::MAX)];
                     input.read(0, &mut joined.headers)?;
-                    joined.headers[FILE_HEADER_BYTES as usize - 400..]
+                    joined.headers[index(FILE_HEADER_BYTES) - 400..]
                         .iter_mut()
                         .take(400)
                         .enumerate()
@@ -106,12 +107,12 @@ impl ByteSource for Joined {
             if at >= self.bytes {
                 return Err(io::ErrorKind::UnexpectedEof.into());
             }
-            let index = self.parts.partition_point(|part| part.position <= at) - 1;
-            let part = &self.parts[index];
-            let end = self.parts.get(index + 1).map_or(self.bytes, |next| next.position);
-            let count = (end - at).min(rest.len() as u64) as usize;
+            let number = self.parts.partition_point(|part| part.position <= at) - 1;
+            let part = &self.parts[number];
+            let end = self.parts.get(number + 1).map_or(self.bytes, |next| next.position);
+            let count = index((end - at).min(rest.len() as u64));
             let (now, later) = rest.split_at_mut(count);
-            self.open.get(index, &part.path)?.read_exact_at(part.start + (at - part.position), now)?;
+            self.open.get(number, &part.path)?.read_exact_at(part.start + (at - part.position), now)?;
             (at, rest) = (at + count as u64, later);
         }
         Ok(())

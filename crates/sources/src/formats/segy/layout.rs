@@ -13,9 +13,9 @@ use super::binary_header::{BinaryHeader, FILE_HEADER_BYTES, TRACE_HEADER_BYTES};
 use super::fields::Fields;
 use super::input::Input;
 use super::options::SegyOptions;
-use super::samples::SampleFormat;
-use super::sniff::say_format;
+use super::samples::{SampleFormat, say_format};
 use super::text_header::{TEXT_BYTES, is_end_stanza};
+use crate::cast::index;
 use crate::{Endian, Message, SourceError};
 
 /// Extended text headers that a search for the end stanza looks at.
@@ -220,7 +220,7 @@ fn samples_per_trace(
     }
     let mut samples = 0;
     if first_trace + TRACE_HEADER_BYTES <= file_bytes {
-        let mut trace_header = [0; TRACE_HEADER_BYTES as usize];
+        let mut trace_header = [0; index(TRACE_HEADER_BYTES)];
         input.read(first_trace, &mut trace_header)?;
         samples = u64::from(Fields::trace_header(&trace_header, header.endian).u16(115));
     }

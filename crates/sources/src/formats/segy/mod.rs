@@ -56,7 +56,7 @@ pub use self::source::SegySource;
 pub use self::text_header::{TEXT_BYTES, encode as encode_text};
 use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::input::file::SourceFile;
-use crate::input::folder::Listing;
+use crate::input::folder::{FolderDepth, Listing};
 use crate::input::start::{is_named, lower_name};
 use crate::{SourceError, SourceInfo, VolumeSource};
 
@@ -80,7 +80,7 @@ pub const FORMAT: Format = Format {
         if !path.is_dir() {
             return open(&[path.into()], None, &options.segy);
         }
-        let mut lines = Listing::of(path, true, options.outside)?.files;
+        let mut lines = Listing::of(path, FolderDepth::WithSubfolders, options.outside)?.files;
         lines.retain(|file| is_named_segy(file));
         open(&lines, Some(path), &options.segy)
     },

@@ -12,8 +12,8 @@ use std::collections::HashSet;
 
 use super::input::Input;
 use super::layout::Layout;
-use super::samples::SampleFormat;
-use crate::{Endian, Message, ReadOption, SourceError};
+use super::samples::{SampleFormat, say_format};
+use crate::{Endian, Message, SourceError};
 
 /// Traces looked at.
 const TRACES: u64 = 64;
@@ -107,11 +107,6 @@ pub(super) fn check_format(input: Input<'_>, layout: &Layout) -> Result<(), Sour
     }
 }
 
-/// Text, then the option of the sample format with a value.
-pub(super) fn say_format(start: &str, value: &str) -> Message {
-    Message::from(start).option(ReadOption::SampleFormat).text(format_args!(" {value}"))
-}
-
 /// Error for format 4, with the format that the samples resemble.
 fn refuse_format_4(input: Input<'_>, words: &Words) -> SourceError {
     let what = "sample format 4 (fixed point with gain, bytes 3225-3226), which is obsolete and not read";
@@ -146,6 +141,8 @@ fn sample_words(input: Input<'_>, layout: &Layout) -> Result<Words, SourceError>
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "tests use small numbers")]
+
     use super::*;
 
     fn words(values: impl Iterator<Item = u32>) -> Words {

@@ -30,6 +30,12 @@ pub struct SegySource {
     pub(super) info: SourceInfo,
 }
 
+impl std::fmt::Debug for SegySource {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("SegySource").field("info", &self.info).finish_non_exhaustive()
+    }
+}
+
 impl SegySource {
     /// Opens a file: reads its headers, and the header of every trace.
     ///
@@ -72,7 +78,10 @@ impl SegySource {
         note_traces(&layout, &scan, &grid, (absent, options.samples.is_some()), &mut notes);
         let neighbours =
             if scan.steps_along[1] > scan.steps_along[0] { Neighbours::AlongY } else { Neighbours::AlongX };
-        let mut info = describe(input, (&layout, &header), (&scan, &grid), options, text, notes)?;
+        let mut info = {
+            let read = ReadHeaders { input, layout: &layout, header: &header, scan: &scan, grid: &grid };
+            read.describe(options, text, notes)?
+        };
         info.voxel_type = absent.voxel_type;
         info.memory_bytes = grid.memory_bytes();
         info.reading = options.describe();
@@ -145,56 +154,66 @@ fn note_traces(layout: &Layout, scan: &Scan, grid: &Grid, (absent, given): (Abse
     }
 }
 
-/// Grid, world and survey, once traces and grid are known.
-fn describe(
-    input: Input<'_>,
-    (layout, header): (&Layout, &BinaryHeader),
-    (scan, grid): (&Scan, &Grid),
-    options: &SegyOptions,
-    text_header: String,
-    mut notes: Vec<Message>,
-) -> Result<SourceInfo, SourceError> {
-    let placement = survey::place(input, (layout, header), scan, grid, &mut notes)?;
-    let interval = survey::sample_interval(header, scan, options.interval, &mut notes);
-    let depth = text_header::says_depth_domain(&text_header);
-    let (z_name, z_unit) = match (interval, depth, header.feet) {
-        (None, _, _) => ("sample", ""),
-        (_, false, _) => ("time", "ms"),
-        (_, true, false) => ("depth", "m"),
-        (_, true, true) => ("depth", "ft"),
-    };
-    if z_name == "time" && text_header::may_mean_depth(&text_header) {
-        notes.push(
-            Message::from("the third axis is taken for time; the text header speaks of depth, too: ")
-                .option(ReadOption::Domain)
-                .text(" depth says that"),
-        );
+/// All headers of a file.
+struct ReadHeaders<'a> {
+    input: Input<'a>,
+    layout: &'a Layout,
+    header: &'a BinaryHeader,
+    scan: &'a Scan,
+    grid: &'a Grid,
+}
+
+impl ReadHeaders<'_> {
+    /// Grid, world and survey, once traces and grid are known.
+    fn describe(
+        self,
+        options: &SegyOptions,
+        text_header: String,
+        mut notes: Vec<Message>,
+    ) -> Result<SourceInfo, SourceError> {
+        let Self { input, layout, header, scan, grid } = self;
+        let placement = survey::place(input, (layout, header), scan, grid, &mut notes)?;
+        let interval = survey::sample_interval(header, scan, options.interval, &mut notes);
+        let depth = text_header::says_depth_domain(&text_header);
+        let (z_name, z_unit) = match (interval, depth, header.feet) {
+            (None, _, _) => ("sample", ""),
+            (_, false, _) => ("time", "ms"),
+            (_, true, false) => ("depth", "m"),
+            (_, true, true) => ("depth", "ft"),
+        };
+        if z_name == "time" && text_header::may_mean_depth(&text_header) {
+            notes.push(
+                Message::from("the third axis is taken for time; the text header speaks of depth, too: ")
+                    .option(ReadOption::Domain)
+                    .text(" depth says that"),
+            );
+        }
+        // Without an interval the z axis counts samples, and a delay in ms has no place on it.
+        let first_sample = interval.and(scan.delay_ms).map_or(0.0, |delay| delay.min.0);
+        let spacing_z = interval.unwrap_or(1.0);
+        let dims = Dims([grid.crossline.count, grid.inline.count, layout.samples]);
+        let axis = |name: &str, unit: &str| Axis { name: name.into(), unit: unit.into() };
+        let mut info = SourceInfo::plain("segy", dims, layout.format.voxel_type());
+        info.geometry = Geometry {
+            spacing: [placement.spacing[0], placement.spacing[1], spacing_z],
+            origin: [0.0, 0.0, first_sample],
+            direction: survey::direction(placement.corners),
+        };
+        info.axes = [axis("crossline", placement.units[0]), axis("inline", placement.units[1]), axis(z_name, z_unit)];
+        info.survey = Some(Survey {
+            inline: grid.inline,
+            crossline: grid.crossline,
+            corners: placement.corners,
+            sample_interval: spacing_z,
+            first_sample,
+            missing_traces: grid.missing,
+            dead_traces: grid.dead,
+            text_header,
+        });
+        info.notes = notes;
+        if let Some(defect) = info.geometry.defect() {
+            return Err(input.invalid("geometry from coordinates and sample interval", "finite lengths", defect));
+        }
+        Ok(info)
     }
-    // Without an interval the z axis counts samples, and a delay in ms has no place on it.
-    let first_sample = interval.and(scan.delay_ms).map_or(0.0, |delay| delay.min.0);
-    let spacing_z = interval.unwrap_or(1.0);
-    let dims = Dims([grid.crossline.count, grid.inline.count, layout.samples]);
-    let axis = |name: &str, unit: &str| Axis { name: name.into(), unit: unit.into() };
-    let mut info = SourceInfo::plain("segy", dims, layout.format.voxel_type());
-    info.geometry = Geometry {
-        spacing: [placement.spacing[0], placement.spacing[1], spacing_z],
-        origin: [0.0, 0.0, first_sample],
-        direction: survey::direction(placement.corners),
-    };
-    info.axes = [axis("crossline", placement.units[0]), axis("inline", placement.units[1]), axis(z_name, z_unit)];
-    info.survey = Some(Survey {
-        inline: grid.inline,
-        crossline: grid.crossline,
-        corners: placement.corners,
-        sample_interval: spacing_z,
-        first_sample,
-        missing_traces: grid.missing,
-        dead_traces: grid.dead,
-        text_header,
-    });
-    info.notes = notes;
-    if let Some(defect) = info.geometry.defect() {
-        return Err(input.invalid("geometry from coordinates and sample interval", "finite lengths", defect));
-    }
-    Ok(info)
 }

@@ -12,6 +12,7 @@ use super::input::Input;
 use super::layout::Layout;
 use super::position_fit::PositionFit;
 use super::scan::Scan;
+use crate::cast::{index, signed};
 use crate::{LineNumbers, Message, SourceError};
 
 /// Estimates of a spacing from two opposite edges of the grid must agree this well, as a fraction.
@@ -121,14 +122,14 @@ fn corners(
     let mut corners = Corners { points: [[0.0; 2]; 4], fitted: 0, residual: 0.0 };
     for (corner, (x, y)) in corners.points.iter_mut().zip([(0, 0), (last_x, 0), (0, last_y), (last_x, last_y)]) {
         if let Some(trace) = grid.trace(x, y) {
-            let mut buffer = [0; TRACE_HEADER_BYTES as usize];
+            let mut buffer = [0; index(TRACE_HEADER_BYTES)];
             input.read(layout.header_offset(trace), &mut buffer)?;
             let fields = Fields::trace_header(&buffer, layout.endian);
             let scalar = fields.i16(71);
             *corner = [x_byte, x_byte + 4].map(|byte| scaled(f64::from(fields.i32(byte)), scalar));
             continue;
         }
-        let number = |line: LineNumbers, index: u64| line.first + index as i64 * line.step;
+        let number = |line: LineNumbers, index: u64| line.first + signed(index) * line.step;
         let fitted = fit.at(number(grid.inline, y), number(grid.crossline, x));
         let Some((point, residual)) = fitted else { return Ok(None) };
         *corner = point;

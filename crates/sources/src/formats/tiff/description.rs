@@ -1,14 +1,14 @@
 //! Description in a TIFF's first page: lines `key=value` by ImageJ, or OME-XML. It states which pages are the slices of
 //! one volume, and the voxel spacing.
 
-use crate::input::selection::first_of;
 use std::collections::{BTreeSet, HashMap};
 use std::path::Path;
 
 use quick_xml::XmlVersion;
 use quick_xml::events::{BytesStart, Event};
 
-use crate::input::selection::Selection;
+use crate::cast::index;
+use crate::input::selection::{Selection, first_of};
 use crate::input::text::shortened;
 use crate::{Message, ReadOption, SourceError};
 
@@ -63,13 +63,13 @@ impl Series {
         let [slices, channels, times] = self.sizes;
         let mut first = 0;
         if samples == 1 {
-            first += selection.noted_channel(path, channels as u64, names, notes)? as usize * self.strides[1];
+            first += index(selection.noted_channel(path, channels as u64, names, notes)?) * self.strides[1];
         }
         if slices == 1 && times > 1 && channels == 1 && selection.frame.is_none() {
             notes.push(format!("{times} time points of one slice: read as slices").into());
             return Ok((0..times).map(|i| i * self.strides[2]).collect());
         }
-        first += selection.noted_frame(path, times as u64, "time points", notes)? as usize * self.strides[2];
+        first += index(selection.noted_frame(path, times as u64, "time points", notes)?) * self.strides[2];
         Ok((0..slices).map(|i| first + i * self.strides[0]).collect())
     }
 }
@@ -127,7 +127,7 @@ impl Description {
 
     fn of_ome(path: &Path, text: &str, samples: u64, selection: &Selection) -> Result<Self, SourceError> {
         let wrong = |found: String| SourceError::invalid(path, "OME-XML", "an element `Pixels` with its sizes", found);
-        let mut found = Ome { samples: samples as usize, wanted: wanted_series(path, selection)?, ..Ome::default() };
+        let mut found = Ome { samples: index(samples), wanted: wanted_series(path, selection)?, ..Ome::default() };
         let mut reader = quick_xml::Reader::from_str(text);
         loop {
             match reader.read_event() {

@@ -25,6 +25,7 @@ use tiff::decoder::ifd::Value;
 use tiff::decoder::{ChunkType, Decoder, DecodingResult, Limits};
 use tiff::tags::{CompressionMethod, SampleFormat, Tag};
 
+use crate::cast::index;
 use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::grid::dense::{GridFile, GridLayout, GridSource, Part, checked_bytes};
 use crate::grid::elements::{Channels, Elements, Frames, Meaning, Number};
@@ -413,8 +414,8 @@ impl<'a> Pages<'a> {
         let is_tiled = self.decoder.get_chunk_type() == ChunkType::Tile;
         let across = if is_tiled { page.size[0].div_ceil(u64::from(chunk_width.max(1))) } else { 1 };
         let bands = page.size[1].div_ceil(u64::from(chunk_height.max(1)));
-        let row_bytes = page.size[0] as usize * page.pixel_bytes();
-        let band_bytes = row_bytes.saturating_mul(chunk_height.min(page.size[1] as u32) as usize);
+        let row_bytes = index(page.size[0]) * page.pixel_bytes();
+        let band_bytes = row_bytes.saturating_mul(index(u64::from(chunk_height).min(page.size[1])));
         if band_bytes > CHUNK_LIMIT_BYTES {
             let advice = "rewrite it with smaller strips or tiles, for example with `tiffcp -r 16 IN OUT`";
             let what = format!("strips or rows of tiles of {band_bytes} bytes; {CHUNK_LIMIT_BYTES} are read at once");
@@ -433,7 +434,7 @@ impl<'a> Pages<'a> {
                 let [of_first, chunk] = [of_first.map_err(|_| self.too_many())?, chunk.map_err(|_| self.too_many())?];
                 let piece = self.piece(page, of_first, chunk, coded.as_mut())?;
                 band.resize(band_bytes, 0);
-                let start = column as usize * chunk_width as usize;
+                let start = index(column) * chunk_width as usize;
                 let is_first = (plane, column) == (0, 0);
                 if !piece.put(page, (plane, start), &mut band) || !(is_first || rows == piece.size[1]) {
                     let found = format!("{} x {} pixels in {} bytes", piece.size[0], piece.size[1], piece.voxels.len());
@@ -462,7 +463,7 @@ impl<'a> Pages<'a> {
             Some(coded) => {
                 let [width, height] = whole(self.decoder.chunk_dimensions());
                 let is_tiled = self.decoder.get_chunk_type() == ChunkType::Tile;
-                let most = [width, if is_tiled { height } else { height.min(page.size[1] as usize) }];
+                let most = [width, if is_tiled { height } else { height.min(index(page.size[1])) }];
                 coded.decode(self.path, self.decoder.inner().get_ref(), chunk, most)?
             }
             None => {
@@ -496,11 +497,11 @@ impl Piece {
         let pixel_bytes = page.pixel_bytes();
         // A piece of a plane holds only that plane's numbers of a pixel.
         let piece_bytes = page.piece_bytes();
-        let row_bytes = page.size[0] as usize * pixel_bytes;
+        let row_bytes = index(page.size[0]) * pixel_bytes;
         let is_whole = Some(self.voxels.len())
             == decoded_width.checked_mul(decoded_height).and_then(|pixels| pixels.checked_mul(piece_bytes));
         let is_inside = width <= decoded_width && height <= decoded_height;
-        let fits = start + width <= page.size[0] as usize && row_bytes * height <= band.len();
+        let fits = start + width <= index(page.size[0]) && row_bytes * height <= band.len();
         if !(is_whole && is_inside && fits) || width == 0 {
             return false;
         }
@@ -510,7 +511,7 @@ impl Piece {
                 into.copy_from_slice(&from[..into.len()]);
                 continue;
             }
-            let at = plane as usize * piece_bytes;
+            let at = index(plane) * piece_bytes;
             for (pixel, number) in into.chunks_exact_mut(pixel_bytes).zip(from.chunks_exact(piece_bytes)) {
                 pixel[at..at + piece_bytes].copy_from_slice(number);
             }

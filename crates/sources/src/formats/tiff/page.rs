@@ -6,6 +6,7 @@ use supervol_format::VoxelType;
 use tiff::{TiffError, TiffFormatError};
 
 use crate::SourceError;
+use crate::cast::index;
 use crate::grid::elements::{Meaning, Number};
 
 /// Largest size in bytes of a decoded strip or tile, and of a band of tiles.
@@ -65,7 +66,7 @@ impl Page {
     }
 
     pub(super) fn pixel_bytes(self) -> usize {
-        self.samples as usize * self.stored().bytes()
+        index(self.samples) * self.stored().bytes()
     }
 
     /// Number of planes of the page.

@@ -19,16 +19,17 @@ use std::path::Path;
 
 use supervol_format::{ByteSource, VoxelBox, VoxelType};
 
+use crate::cast::{low_8, low_32, whole_u64};
 use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::grid::dense::{GridFile, GridLayout, GridSource, checked_bytes};
 use crate::grid::elements::{Channels, Elements, Frames, Meaning, Number};
 use crate::input::data_files::open_data;
 use crate::input::file::SourceFile;
 use crate::input::selection::{Choice, Selection};
-use crate::input::spool::{Excess, Spool, SpoolFolder, Words, parse_voxel};
+use crate::input::spool::{Excess, Spool, SpoolFolder, TextNumbers, Words, parse_voxel};
 use crate::input::start::FileStart;
 use crate::{Endian, SourceError, SourceInfo, VolumeSource};
-use blocks::{UpTo, decode};
+use blocks::{EncodedArray, UpTo};
 use header::{Array, Blocks, Encoding, Header, number};
 
 /// First bytes of a legacy file.
@@ -137,14 +138,16 @@ impl Header {
             let text = UpTo::new(path, file, array.offset)?;
             // In a legacy file other arrays may follow directly.
             let excess = if self.blocks.is_some() { Excess::Refused } else { Excess::Expected };
-            let how = (Words::Shown, excess);
+            let voxel_type = layout.voxel_type;
+            let numbers = TextNumbers { voxel_type, voxels: numbers, words: Words::Shown, excess };
             let read = if array.encoding == Encoding::Shares { share } else { parse_voxel };
-            decoded.append_words(path, BufReader::new(text), (layout.voxel_type, read), numbers, how)?;
+            decoded.append_words(path, BufReader::new(text), numbers, read)?;
             let layout = GridLayout { endian: Endian::Little, ..layout };
             return GridFile::single(path, decoded.finish()?, 0, layout);
         }
         let blocks = self.blocks.unwrap_or(Blocks { word_bytes: 4, compressor: None });
-        decode(path, file, (array, blocks, self.endian), bytes, &mut decoded)?;
+        let encoded = EncodedArray { path, file, array, blocks, endian: self.endian, bytes };
+        encoded.decode(&mut decoded)?;
         GridFile::single(path, decoded.finish()?, 0, layout)
     }
 }
@@ -153,7 +156,7 @@ impl Header {
 fn share(word: &str, _: VoxelType, out: &mut [u8]) -> bool {
     let share = word.parse::<f64>().ok().filter(|share| (0.0..=1.0).contains(share));
     // The rounded result is at most 255.
-    share.map(|share| out[0] = (share * f64::from(u8::MAX)).round() as u8).is_some()
+    share.map(|share| out[0] = low_8(low_32(whole_u64((share * f64::from(u8::MAX)).round())))).is_some()
 }
 
 /// Reads a word of `bytes` bytes at offset `at` of a file.

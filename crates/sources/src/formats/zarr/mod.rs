@@ -20,10 +20,12 @@ mod store;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
+use supervol_files::folder_of;
 use supervol_format::Dims;
 use supervol_format::readable::Mib;
 use supervol_format::recent::Recent;
 
+use crate::cast::{self, index};
 use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::grid::chunked::{ChunkGrid, ChunkMemory, ChunkedSource, Chunks, widened};
 use crate::grid::dense::{GridLayout, checked_bytes};
@@ -39,7 +41,6 @@ use metadata::{Array, Index, Version2, Version3};
 use ome::{ArrayAxis, Attributes};
 use placement::place;
 use store::Store;
-use supervol_files::folder_of;
 
 /// Files that identify a folder as Zarr or N5.
 const ZARR_FILES: [&str; 3] = ["zarr.json", ".zarray", ".zgroup"];
@@ -104,7 +105,7 @@ pub(crate) fn factors_of_viewer(
         let numbers: Option<Vec<f64>> = value.as_array()?.iter().map(serde_json::Value::as_f64).collect();
         numbers?.try_into().ok().filter(|factors: &[f64; 3]| factors.iter().all(|factor| *factor >= 1.0))
     };
-    let listed = attributes(setup)?.and_then(|found| numbers(&found["downsamplingFactors"][level as usize]));
+    let listed = attributes(setup)?.and_then(|found| numbers(&found["downsamplingFactors"][index(level)]));
     if listed.is_some() {
         return Ok(listed);
     }
@@ -243,7 +244,7 @@ fn image_level(
     notes: &mut Vec<Message>,
 ) -> Result<Chosen, SourceError> {
     let level = level_of(folder, image.datasets.len(), selection, notes)?;
-    let Some(dataset) = image.datasets.get(level as usize) else {
+    let Some(dataset) = image.datasets.get(index(level)) else {
         return Err(SourceError::invalid(folder, "multiscales", "at least one dataset", "none"));
     };
     let below = folder.strip_prefix(&store.path).unwrap_or(folder).join(&dataset.path);
@@ -380,7 +381,7 @@ impl Chunks for ArrayChunks {
                 let path = self.folder.join(self.array.keys.name(&shard));
                 let inside = number.iter().zip(&sharding.count);
                 // Fits: the number of chunks has been checked.
-                let at = inside.fold(0, |at, (n, count)| at * count + n % count) as usize;
+                let at = index(inside.fold(0, |at, (n, count)| at * count + n % count));
                 let data = self.read_of_shard(&path, at, (&sharding.count, sharding.index))?;
                 (path, data)
             }
@@ -407,7 +408,7 @@ impl ArrayChunks {
             return Err(format!("a block of {sizes:?}, where chunks are of {:?}", shape.chunk));
         }
         let element = self.array.number.stored().bytes();
-        let wanted = sizes.iter().product::<u64>() as usize * element;
+        let wanted = index(sizes.iter().product::<u64>()) * element;
         if header > data.len() {
             return Err("shorter than its header".into());
         }
@@ -438,7 +439,7 @@ impl ArrayChunks {
             let expected = format!("at most {limit} bytes within the {length} of the shard");
             return Err(SourceError::invalid(path, "index of the shard", expected, format!("{bytes} from {start} on")));
         }
-        let mut data = vec![0; bytes as usize];
+        let mut data = vec![0; cast::index(bytes)];
         file.read_at(path, start, &mut data)?;
         Ok(Some(data))
     }
@@ -461,10 +462,10 @@ impl ArrayChunks {
         let bytes = 16 * chunks + if index.has_checksum { 4 } else { 0 };
         let wrong = |found: String| SourceError::invalid(path, "index of the shard", format!("{bytes} bytes"), found);
         let start = length.checked_sub(bytes).ok_or_else(|| wrong(format!("a file of {length}")))?;
-        let mut data = vec![0; bytes as usize];
+        let mut data = vec![0; cast::index(bytes)];
         file.read_at(path, if index.at_end { start } else { 0 }, &mut data)?;
         let stages: &[_] = if index.has_checksum { &[codecs::Codec::Crc32c] } else { &[] };
-        let data = codecs::decode(stages, data, 16 * chunks as usize).map_err(wrong)?;
+        let data = codecs::decode(stages, data, 16 * cast::index(chunks)).map_err(wrong)?;
         let numbers = data.as_chunks::<8>().0.as_chunks::<2>().0;
         let table = Arc::new(numbers.iter().map(|pair| pair.map(u64::from_le_bytes)).collect::<Vec<_>>());
         let mut tables = self.tables.lock().unwrap_or_else(PoisonError::into_inner);

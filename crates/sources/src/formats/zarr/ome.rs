@@ -1,10 +1,11 @@
 //! OME-Zarr metadata of an image (0.1 to 0.5, and scales and translations of the drafts of 0.6): levels, axes,
 //! placement. <https://ngff.openmicroscopy.org>
 
-use crate::Message;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 use supervol_format::Geometry;
+
+use crate::Message;
 
 /// Attributes of a group or an array.
 #[derive(Debug, Default, Deserialize)]

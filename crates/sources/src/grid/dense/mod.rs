@@ -16,6 +16,7 @@ use supervol_format::{Dims, VoxelBox, VoxelType};
 
 use super::elements::{Elements, NumberGrid};
 pub use super::layout::{GridLayout, SCRATCH_BYTES};
+use crate::cast::index;
 use crate::{Endian, SourceError, SourceInfo, VolumeSource};
 pub use storage::Part;
 use storage::Storage;
@@ -126,12 +127,12 @@ impl GridFile {
         }
         // Rows with small gaps are read as one span, from the first voxel of the first row to the last voxel of the
         // last row.
-        let stride = stride_bytes as usize;
+        let stride = index(stride_bytes);
         let mut span = Vec::new();
-        for (group, group_out) in rows.chunks_mut(gathered as usize * row_bytes).enumerate() {
+        for (group, group_out) in rows.chunks_mut(index(gathered) * row_bytes).enumerate() {
             let row_count = group_out.len() / row_bytes;
             span.resize((row_count - 1) * stride + row_bytes, 0);
-            self.read_run(at_row(group * gathered as usize), &mut span)?;
+            self.read_run(at_row(group * index(gathered)), &mut span)?;
             for (from, to) in span.chunks(stride).zip(group_out.chunks_exact_mut(row_bytes)) {
                 to.copy_from_slice(&from[..row_bytes]);
             }
