@@ -1,8 +1,8 @@
 //! `BigDataViewer`: an XML file that names an HDF5 file or an N5 folder with the voxels. It states the voxel sizes and
 //! the placement of each view.
 //!
-//! A view is a setup (`--channel`, in the order of the file) at a time point (`--frame`, in numerical order).
-//! `--source-level` selects a level of the viewer's own pyramid. The placement of a view is the product of its
+//! A view is a setup (`channel`, in the order of the file) at a time point (`frame`, in numerical order).
+//! `level` selects a level of the viewer's own pyramid. The placement of a view is the product of its
 //! transforms; without transforms, the voxel size. [`super::hdf5`] and [`super::zarr`] read the voxels. Data outside
 //! the folder of the XML file are read only if allowed. Format: Pietzsch, Saalfeld, Preibisch and Tomancak,
 //! "`BigDataViewer`: visualization and processing for large image data sets", Nature Methods 12 (2015), and

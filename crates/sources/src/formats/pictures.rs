@@ -2,7 +2,7 @@
 //!
 //! All pictures must have the same format, size and type. Other files are skipped, with a note. Colours give their
 //! luminance, or one channel. Palette indices, and pixels of fewer than eight bits, are voxels as stored. Pictures do
-//! not state the distance of slices; `--spacing` does. Uncompressed TIFF is read in place. All else is decoded once
+//! not state the distance of slices; `spacing` does. Uncompressed TIFF is read in place. All else is decoded once
 //! into a spool file, one picture at a time, by the crates `png`, `jpeg-decoder` and `tiff`.
 
 use std::fs::File;

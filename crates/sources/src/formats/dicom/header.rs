@@ -353,7 +353,7 @@ impl Header {
         }
     }
 
-    /// The padding value of a word, with the sign of the pixels, whatever representation the file states. 0 is ignored:
+    /// Takes the padding value, with the sign of the pixels, in any representation that the file states. 0 is ignored:
     /// some scanners state it although their images have air of that value, so a patient would get holes.
     fn take_padding(&mut self, number: Option<f64>) {
         let Some(number) = number.filter(|n| !n.is_nan()) else { return };

@@ -1,12 +1,12 @@
 //! DICOM: a folder with the files of a series, or one file, with one or many frames.
 //!
-//! A series is the set of files with the same series UID. If a folder holds several, they are listed, and `--series`
+//! A series is the set of files with the same series UID. If a folder holds several, they are listed, and `series`
 //! chooses one. Slices are sorted by their position along the normal of the image, which is the z direction. The world
 //! space is the patient's: left-posterior-superior, in mm. Missing slices are refused; a tilted gantry gives a sheared
 //! grid.
 //! Rescale slope and intercept become scale and offset if they are equal for all slices; voxels stay as stored.
-//! Otherwise the values are computed slice by slice, as f32. The padding value is nodata, unless it is 0. `--frame`
-//! chooses one of several volumes at the same place (time points, echoes), `--channel` a colour.
+//! Otherwise the values are computed slice by slice, as f32. The padding value is nodata, unless it is 0. `frame`
+//! chooses one of several volumes at the same place (time points, echoes), `channel` a colour.
 //! Uncompressed pixels are read in place. Compressed ones (RLE, JPEG, JPEG 2000) are decoded once into a spool file,
 //! one frame at a time. Single bits, JPEG-LS, JPEG XL and video are refused by name.
 

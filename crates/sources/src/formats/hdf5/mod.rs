@@ -1,7 +1,7 @@
 //! HDF5: a dataset of a file (`FILE.h5:/PATH`), or the only one. Also BigDataViewer, Imaris, NetCDF 4 and MINC 2, which
 //! are HDF5.
 //!
-//! The last three axes of a dataset are z, y, x; further axes are `--frame` and `--channel`. Chunks are decoded one by
+//! The last three axes of a dataset are z, y, x; further axes are `frame` and `channel`. Chunks are decoded one by
 //! one (deflate, shuffle, Fletcher, szip, LZ4, LZF, n-bit, scale-offset; other filters are refused). Contiguous
 //! datasets are read in runs at the offsets in their headers.
 //! Spacings come from the attributes `element_size_um` (Fiji, ilastik) and `resolutions` (BigDataViewer). BigDataViewer

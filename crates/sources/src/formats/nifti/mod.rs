@@ -4,7 +4,7 @@
 //! x is fastest in the file. Uncompressed voxels are read in place. Gzip is decoded once into a spool file
 //! ([`crate::input::spool`]); it is recognized by the first bytes, not by the file name. `scl_slope` and `scl_inter`
 //! become scale and offset; voxels stay as stored.
-//! A series (4-D and more) gives its first volume, or that of `--frame`. Colours give their luminance, or one channel.
+//! A series (4-D and more) gives its first volume, or that of `frame`. Colours give their luminance, or one channel.
 //! 64-bit integers are kept in the smallest type that holds all of them. Complex voxels are refused. ANALYZE does not
 //! state which sides of a patient its axes point to, so its world space is unknown, with a note.
 

@@ -1,8 +1,8 @@
-//! What a file is whose traces do not form a grid, and what a person can do about it.
+//! Reason and advice for a file whose traces do not form a grid.
 //!
-//! Only runs when the file is going to be refused: reads the trace headers once more and looks at the words in which
-//! inline and crossline numbers are found in practice. It suggests, it never chooses: a wrong guess would show a wrong
-//! picture without a word.
+//! This module runs only for files that are refused. It reads the trace headers once more, and examines the words that
+//! hold inline and crossline numbers in practice. It only makes suggestions: a wrong guess would give a wrong picture
+//! without a warning.
 
 use std::collections::HashSet;
 use std::fmt::{Display, Write};
@@ -17,7 +17,7 @@ use super::scan::{LineSummary, add_line, for_each_header};
 use crate::cast::index;
 use crate::{Message, ReadOption, SourceError};
 
-/// Traces that are looked at; bounds the sets kept here to a few megabytes.
+/// Largest number of traces that are examined; bounds the sets here to a few megabytes.
 const MAX_TRACES_JUDGED: u64 = 1 << 18;
 
 /// Four-byte words of the trace header that identify traces, and their names in the standard.
@@ -40,7 +40,7 @@ const WORDS: [(usize, &str); 12] = [
 const PAIRS: [(usize, usize); 9] =
     [(189, 193), (9, 21), (9, 13), (5, 21), (17, 21), (17, 13), (17, 25), (181, 185), (21, 13)];
 
-/// What the headers show.
+/// Statistics of the trace headers.
 struct Evidence {
     traces: u64,
     words: Vec<Option<LineSummary>>,
@@ -51,7 +51,7 @@ struct Evidence {
     asked: [(i32, i32); 2],
 }
 
-/// The refusal of a file without a grid.
+/// Error for a file without a grid.
 pub(super) fn refuse(input: Input<'_>, layout: &Layout, options: &SegyOptions, defect: &NoGrid) -> SourceError {
     let evidence = match gather(input, layout, options) {
         Ok(evidence) => evidence,
@@ -141,7 +141,7 @@ fn varying_words(evidence: &Evidence) -> String {
     text
 }
 
-/// What to do: the pairs under which the file is a full grid, or the options in general.
+/// Advice: the pair of places under which the file is a full grid, or the options in general.
 fn advice(evidence: &Evidence, layout: &Layout, options: &SegyOptions) -> Message {
     let word = |byte: usize| {
         let index = WORDS.iter().position(|(b, _)| *b == byte)?;

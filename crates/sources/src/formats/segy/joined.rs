@@ -1,7 +1,7 @@
-//! Several files as one: the headers of the first, and behind them the traces of all of them, in natural order of their names.
+//! Several files as one: the headers of the first file, then the traces of all files in natural order of their names.
 //!
-//! Surveys are often kept as one file per inline. The files must agree in byte order, sample format, samples and header lengths;
-//! which trace stands where is found out as in one file. Few are open at once ([`OpenFiles`]).
+//! Surveys are often stored as one file per inline. The files must agree in byte order, sample format, samples and
+//! header lengths. Traces are assigned to grid cells as in a single file. Few files are open at once ([`OpenFiles`]).
 
 use std::fs::File;
 use std::io;
@@ -18,16 +18,16 @@ use crate::cast::index;
 use crate::input::open_files::OpenFiles;
 use crate::{Endian, SourceError};
 
-/// Part of a file: its traces.
+/// The traces of one file.
 #[derive(Debug)]
 struct Part {
     path: PathBuf,
-    /// First byte of its traces in the file, and in all of it.
+    /// Offset of the traces in the file, and in the joined files, in bytes.
     start: u64,
     position: u64,
 }
 
-/// See the module.
+/// Several files as one, see the module.
 #[derive(Debug)]
 pub(super) struct Joined {
     headers: Vec<u8>,
@@ -37,7 +37,7 @@ pub(super) struct Joined {
 }
 
 impl Joined {
-    /// Joins files, of which there is at least one; each is looked at here.
+    /// Joins at least one file; reads the headers of each.
     pub(super) fn new(paths: &[PathBuf], options: &SegyOptions) -> Result<Self, SourceError> {
         let mut joined = Self { headers: Vec::new(), parts: Vec::new(), bytes: 0, open: OpenFiles::default() };
         let mut first: Option<Layout> = None;
@@ -69,7 +69,8 @@ impl Joined {
     }
 }
 
-/// Clears what the binary header of revision 2 says of one file alone: its traces, where they begin, what follows them.
+/// Clears the fields of a revision 2 binary header that hold for one file only: number and offset of its traces, and
+/// the records behind them.
 fn only_one((at, byte): (usize, &mut u8)) {
     if (312..332).contains(&at) {
         *byte = 0;

@@ -1,27 +1,27 @@
 //! SEG-Y: post-stack 3D seismic volumes, revisions 0, 1 and 2.
 //!
-//! Grid: x = crossline, y = inline, z = sample, z down; the grid ascends in inline and crossline number, and sample k
-//! is k sample intervals below the first. Traces the file does not have, and traces marked dead, are absent: NaN in
-//! float volumes, a value no sample has in integer volumes (`nodata`). A live trace of zeros stays zeros.
+//! Grid: x = crossline, y = inline, z = sample, z down. The grid ascends in inline and crossline number; sample k is k
+//! sample intervals below the first. Missing traces and traces marked dead are absent: NaN in float volumes, an unused
+//! value in integer volumes (`nodata`). A live trace of zeros stays zeros.
 //!
 //! The path of a file through this folder:
 //! 1. `file_header`: `text_header` and `binary_header`, with the byte order (`fields`);
-//! 2. `layout`: those claims held against the size of the file;
-//! 3. `sniff`: samples held against the declared format;
+//! 2. `layout`: compares the headers with the size of the file;
+//! 3. `sniff`: compares the samples with the declared format;
 //! 4. `scan`, `grid`: one pass over the trace headers, then the trace of each grid cell;
-//! 5. `diagnose`: if there is no grid, why, and what to do;
-//! 6. `survey`, `position_fit`: place in the world; `nodata`: how holes are stored;
+//! 5. `diagnose`: reason and advice if the traces form no grid;
+//! 6. `survey`, `position_fit`: placement in the world; `nodata`: value of missing voxels;
 //! 7. `read`, `samples`: boxes of voxels; `source` ties all of these together.
 //!
-//! A header that lies is refused with the reason, or overridden by an option; nothing is guessed silently, and what
-//! was assumed stands in [`SourceInfo::notes`].
+//! A wrong header is refused with the reason, or overridden by an option. Every assumption is a note
+//! ([`SourceInfo::notes`]).
 //!
-//! Memory: 24 bytes per run of traces while opening (a line in order is one run), three times as many while the list
-//! grows, then nothing per trace for complete grids, or 4 bytes per grid cell for grids with holes or without order; all of
-//! it bounded by the size of the file and by [`SegyOptions::memory_bytes`].
+//! Memory while opening: 24 bytes per run of traces (a line in order is one run), three times as many while the list
+//! grows. Memory of the open source: none per trace for complete grids, 4 bytes per grid cell for grids with holes or
+//! without order. The size of the file and [`SegyOptions::memory_bytes`] bound both.
 //!
-//! Several files are one survey where a folder is given (`joined`). Of a file that has not been stacked, one offset or the mean over
-//! all of them is read where that is asked for (`stack`).
+//! A folder of several files is one survey (`joined`). Of a pre-stack file, one offset is read, or the mean over all
+//! offsets (`stack`).
 //!
 //! Not read: 2D lines without line numbers, traces of varying length, format 4, and the contents of
 //! trace header extensions and extended text headers.
@@ -60,10 +60,10 @@ use crate::input::folder::{FolderDepth, Listing};
 use crate::input::start::{is_named, lower_name};
 use crate::{SourceError, SourceInfo, VolumeSource};
 
-/// How names of SEG-Y files end.
+/// Name endings of SEG-Y files.
 const ENDINGS: &[&str] = &[".sgy", ".segy", ".seg-y", ".seg"];
 
-/// How text headers of SEG-Y begin: C 1 and C01, in EBCDIC and in ASCII.
+/// First bytes of SEG-Y text headers: C 1 and C01, in EBCDIC and in ASCII.
 const TEXT_HEADERS: [&[u8]; 4] = [b"C 1", b"C01", b"\xc3\x40\xf1", b"\xc3\xf0\xf1"];
 
 /// Row of the table of formats.
@@ -95,7 +95,7 @@ fn is_named_segy(path: &Path) -> bool {
     is_named(&lower_name(path), ENDINGS)
 }
 
-/// A file, or a folder of files that are one survey, in natural order of their names; opened as the options say.
+/// Opens a file, or the files of a folder as one survey, in natural order of their names.
 ///
 /// # Errors
 /// As [`SegySource::open`]; also if files do not agree.
@@ -121,7 +121,7 @@ pub fn open(
         info.files = files;
         info.folder = folder.map(Into::into);
     };
-    // Messages name what was asked for.
+    // Messages name the opened file or folder.
     let path = folder.unwrap_or(first);
     if options.offsets == Offsets::Stack {
         let mut stack = stack::Stack::from_bytes(bytes, path, options)?;

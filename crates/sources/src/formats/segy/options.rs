@@ -1,4 +1,4 @@
-//! Options of a SEG-Y file, where its headers are silent or wrong.
+//! Options for a SEG-Y file whose headers are incomplete or wrong.
 
 use super::samples::SampleFormat;
 use crate::{Endian, Message, ReadOption, SourceError};
@@ -6,38 +6,38 @@ use crate::{Endian, Message, ReadOption, SourceError};
 /// Last byte of a trace header at which a four-byte word can begin.
 const LAST_WORD_BYTE: u16 = 237;
 
-/// What a person may say about a file, where its headers do not or lie.
+/// Options for a SEG-Y file whose headers are incomplete or wrong.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SegyOptions {
     /// Byte of the trace header, from 1, at which the four-byte inline number begins; 189 by the standard.
     pub inline_byte: u16,
     /// The same for the crossline number; 193 by the standard.
     pub crossline_byte: u16,
-    /// Sample format code that overrides bytes 3225-3226, and is believed without judging the samples.
+    /// Sample format code that overrides bytes 3225-3226. The samples are not checked against it.
     pub format: Option<u16>,
-    /// Byte order, where detection from the headers fails.
+    /// Byte order, if detection from the headers fails.
     pub endian: Option<Endian>,
-    /// Samples of each trace, whatever the headers say.
+    /// Samples of each trace; overrides the headers.
     pub samples: Option<u32>,
-    /// Sample interval, in ms or in units of depth, whatever the headers say.
+    /// Sample interval, in ms or in units of depth; overrides the headers.
     pub interval: Option<f64>,
-    /// Byte of the trace header, from 1, at which the four-byte offset from source to receiver begins; 37 by the standard.
+    /// Byte of the trace header, from 1, at which the four-byte source-receiver offset begins; 37 by the standard.
     pub offset_byte: u16,
-    /// Which traces of those with different offsets, where there are several at one place.
+    /// Selected traces of a pre-stack file, which has several offsets at one place.
     pub offsets: Offsets,
-    /// Most bytes of memory for the table of traces; a file that needs more is refused.
+    /// Largest memory for the table of traces, in bytes. A file that needs more is refused.
     pub memory_bytes: u64,
 }
 
-/// Traces of a file that has not been stacked.
+/// Traces of a pre-stack file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Offsets {
     /// There must be one trace at each place.
     #[default]
     Single,
-    /// Those with this offset.
+    /// The traces with this offset.
     One(i32),
-    /// The mean over all of them.
+    /// The mean over all offsets.
     Stack,
 }
 
@@ -58,7 +58,7 @@ impl Default for SegyOptions {
 }
 
 impl SegyOptions {
-    /// Where numbers of traces stand, and whatever overrules the file.
+    /// Options that determine the voxel values.
     pub(super) fn describe(&self) -> Vec<(&'static str, String)> {
         let offset = match self.offsets {
             Offsets::Single => None,
@@ -77,7 +77,7 @@ impl SegyOptions {
         places.into_iter().chain(overruled.into_iter().filter_map(|(name, said)| Some((name, said?)))).collect()
     }
 
-    /// What is said where the table of traces takes more than is allowed.
+    /// Error for a table of traces that needs more memory than allowed.
     pub(super) fn too_little_memory(&self, needed_bytes: u64) -> SourceError {
         SourceError::Memory {
             what: "the table of traces, which follow no order".into(),

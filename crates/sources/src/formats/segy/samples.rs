@@ -29,7 +29,7 @@ pub(super) enum SampleFormat {
     U8,
 }
 
-/// Text, then the option of the sample format with a value.
+/// Message of a text, the option of the sample format, and a value of it.
 pub(super) fn say_format(start: &str, value: &str) -> Message {
     Message::from(start).option(ReadOption::SampleFormat).text(format_args!(" {value}"))
 }

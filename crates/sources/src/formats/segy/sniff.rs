@@ -6,7 +6,7 @@
 //! zero. In IEEE numbers it is the last exponent bit and the first three fraction bits: zero in about one of 16.
 //!
 //! The judgement is only used to refuse a file whose header contradicts it, and only where it is very sure; an
-//! explicit `--format` is never judged. The traces looked at are spread evenly and always the same.
+//! explicit `format` is never judged. The traces looked at are spread evenly and always the same.
 
 use std::collections::HashSet;
 

@@ -39,7 +39,7 @@ impl std::fmt::Debug for SegySource {
 impl SegySource {
     /// Opens a file: reads its headers, and the header of every trace.
     ///
-    /// Integer files whose grid has holes are read through once more, for a value that can stand for absence.
+    /// Integer files whose grid has holes are read once more, to find an unused value for absent voxels.
     ///
     /// # Errors
     /// If the file cannot be read, is not a post-stack 3D SEG-Y file, or contradicts itself.
@@ -108,7 +108,7 @@ impl VolumeSource for SegySource {
     }
 }
 
-/// Notes what a person should know about the traces.
+/// Notes missing, dead and skipped traces, and contradictions between headers.
 fn note_traces(layout: &Layout, scan: &Scan, grid: &Grid, (absent, given): (Absent, bool), notes: &mut Vec<Message>) {
     let stored = if absent.value.is_nan() { "NaN".to_owned() } else { format!("{}", absent.value) };
     if grid.missing > 0 {

@@ -1,7 +1,7 @@
-//! Pre-stack files: the offsets that they hold, and the mean over all of them.
+//! Pre-stack files: the offsets of a file, and the mean over all offsets.
 //!
-//! Each offset is a volume of its own on the grid of all traces; where it has no live trace, its voxels are absent. The mean is
-//! taken over those that are there, as f32 (of 32-bit integers and doubles as f64); voxels with none are NaN.
+//! Each offset is a volume on the grid of all traces. Its voxels are absent where it has no live trace. The mean is
+//! over the present voxels, as f32, or as f64 for 32-bit integers and doubles. A voxel that is absent in all is NaN.
 
 use std::collections::BTreeSet;
 use std::io;
@@ -21,7 +21,7 @@ use super::scan::for_each_header;
 use super::source::SegySource;
 use crate::{Message, ReadOption, SourceError, SourceInfo, VolumeSource};
 
-/// Most offsets that are averaged: each has a table of traces.
+/// Largest number of offsets that are averaged: each has a table of traces.
 const OFFSETS_LIMIT: usize = 256;
 /// Voxels that are averaged at once.
 const PART_VOXELS: u64 = 1 << 18;
@@ -68,7 +68,7 @@ impl Stack {
         info.nodata = None;
         info.memory_bytes = offsets.iter().map(|o| o.info().memory_bytes).sum::<u64>() + 16 * PART_VOXELS;
         info.reading = options.describe();
-        // What was noticed of one offset says nothing of the others.
+        // These notes hold for one offset only.
         info.notes.retain(|note| {
             let note = note.to_string();
             !note.contains("no trace") && !note.contains("other offsets")

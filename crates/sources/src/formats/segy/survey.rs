@@ -1,9 +1,9 @@
-//! Where the grid lies in the world: CDP coordinates, spacing, sample axis.
+//! Placement of the grid in the world: CDP coordinates, spacing, sample axis.
 //!
-//! The world frame stays local: x along the crossline axis, z down, and y a quarter turn clockwise from x as the map shows
-//! it, so that the three are right-handed; origin at the first inline and crossline and at the delay of the first sample.
-//! Where inlines ascend against y, the grid's second axis points along -y: its frame is left-handed, as most surveys are.
-//! Map coordinates are large and turned against the grid; they are kept as the survey's corners, as metadata.
+//! The world frame is local and right-handed: x along the crossline axis, z down, and y a quarter turn clockwise from x
+//! on the map. Its origin is the first inline and crossline, at the delay of the first sample. If inlines ascend
+//! against y, the grid's second axis points along -y: its frame is left-handed, as in most surveys. Map coordinates are
+//! large and rotated against the grid. They are stored as metadata, as the survey's corners.
 
 use super::binary_header::{BinaryHeader, TRACE_HEADER_BYTES};
 use super::fields::{Fields, scaled};
@@ -32,7 +32,7 @@ pub(super) struct Placement {
     pub(super) units: [&'static str; 2],
 }
 
-/// Finds corners and spacing, and notes whatever had to be assumed.
+/// Finds corners and spacing, and notes every assumption.
 pub(super) fn place(
     input: Input<'_>,
     (layout, header): (&Layout, &BinaryHeader),
@@ -76,8 +76,8 @@ pub(super) fn place(
     Ok(Placement { spacing, units, ..placed })
 }
 
-/// Directions of the grid's axes in the local world. Seen from above, with the first inline running to the right, inlines
-/// ascend upwards or downwards on the map: the corners say which. Without corners nothing contradicts downwards.
+/// Directions of the grid's axes in the local world. On a map with the first inline running to the right, inlines
+/// ascend upwards or downwards; the corners decide. Without corners, downwards is assumed.
 pub(super) fn direction(corners: Option<[[f64; 2]; 4]>) -> [f64; 9] {
     let ascend_upwards = corners.is_some_and(|points| {
         let [along_x, along_y] = [1, 2].map(|c| [0, 1].map(|k| points[c][k] - points[0][k]));

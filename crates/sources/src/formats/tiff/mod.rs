@@ -4,8 +4,8 @@
 //!
 //! Pages stored without compression and in one piece are read in place. So are the slices that ImageJ writes behind the
 //! only page of a stack of more than 4 GiB. All others are decoded once into a spool file ([`crate::input::spool`]),
-//! chunk by chunk. The first of several channels and times is used, with a note, unless `--channel` and `--frame`
-//! select others. The first of several OME series is used, or `--series N`. Colours give their luminance, or one
+//! chunk by chunk. The first of several channels and times is used, with a note, unless `channel` and `frame`
+//! select others. The first of several OME series is used, or `series`. Colours give their luminance, or one
 //! channel. Pages that are smaller copies are skipped. Palette indices are the voxels. Single bits become the voxels 0
 //! and 1; 64-bit integers the smallest type that holds all of them. White-is-zero pages are inverted, so that greater
 //! is brighter. The crate `tiff` decodes all but JPEG and zstd (`coded`). This module selects the pages of the volume.

@@ -2,7 +2,7 @@
 //! inline or appended, uncompressed or compressed by zlib or LZ4. Legacy files are binary or text.
 //!
 //! Raw arrays are read in place. All else is decoded once into a spool file ([`crate::input::spool`]), block by block.
-//! If there are several arrays, the active scalars are used, or the named array (`FILE.vti:/NAME`). `--channel` selects
+//! If there are several arrays, the active scalars are used, or the named array (`FILE.vti:/NAME`). `channel` selects
 //! one of several components. Cell data are voxels between the points. Origin, spacing and direction are the file's.
 //! 64-bit integers are kept in the smallest type that holds all of them. Several pieces, LZMA, meshes and grids with
 //! uneven distances are refused by name. Written by hand: `vtkio` reads whole files into memory and depends on

@@ -1,8 +1,8 @@
 //! Zarr (versions 2 and 3), OME-Zarr and N5: folders of chunks, or ZIP files of such folders, read chunk by chunk.
 //!
 //! A folder is an array or a group. An OME-Zarr image or an N5 pyramid gives its finest level, or that of
-//! `--source-level N`. Other groups give their only array, or the named one (`FOLDER:/PATH`). Axes other than x, y and
-//! z are `--frame` (time) and `--channel`. Missing chunks have the fill value. Codecs: gzip, zlib, zstd, Blosc (without
+//! `level`. Other groups give their only array, or the named one (`FOLDER:/PATH`). Axes other than x, y and
+//! z are `frame` (time) and `channel`. Missing chunks have the fill value. Codecs: gzip, zlib, zstd, Blosc (without
 //! Snappy), LZ4, CRC-32C, byte shuffle, transposition, shards; others are refused by name. Written by hand: `zarrs`
 //! adds 58 packages, and inflates a chunk without a limit (decision 020). Crates do the decompression. Chunk sizes are
 //! checked against the memory before reading, no chunk is decoded beyond its size, and no file outside the folder is
