@@ -5,6 +5,7 @@
 
 use std::path::{Path, PathBuf};
 
+use supervol_arguments::source::flag;
 use supervol_format::container::manifest::Source;
 use supervol_format::level_reader::LevelReader;
 use supervol_format::{Dims, Geometry, Lod};
@@ -123,7 +124,7 @@ pub fn outcome(data: &Path, path: &Path, work: &Path) -> Outcome {
         Err(error) => {
             // The path is in the first column.
             let reason = error
-                .to_string()
+                .named(flag)
                 .replace(&format!("{}: ", path.display()), "")
                 .replace(&data.display().to_string(), "");
             return Outcome { file, fate: "refused", what: reason, notes: Vec::new() };
@@ -133,7 +134,7 @@ pub fn outcome(data: &Path, path: &Path, work: &Path) -> Outcome {
     let origin = identify_source(path, &options.selection, source.as_ref()).unwrap_or_else(|e| panic!("{file}: {e}"));
     round_trip(&file, source.as_ref(), origin, work);
     let what = format!("{} {}", info.dims, info.voxel_type);
-    Outcome { file, fate: "builds", what, notes: info.notes.clone() }
+    Outcome { file, fate: "builds", what, notes: info.notes.iter().map(|note| note.named(flag)).collect() }
 }
 
 fn round_trip(file: &str, source: &dyn VolumeSource, origin: Source, work: &Path) {

@@ -19,6 +19,7 @@ pub mod counting;
 pub mod faults;
 pub mod fields;
 pub mod forge;
+#[cfg(feature = "pictures")]
 pub mod formats;
 pub mod fuzz_bodies;
 pub mod fuzz_journal;

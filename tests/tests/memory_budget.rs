@@ -137,7 +137,7 @@ fn check_scattered_traces() {
         let options = SegyOptions { memory_bytes, ..SegyOptions::default() };
         SegySource::from_bytes(Box::new(file.clone()), Path::new("scattered.sgy"), &options)
     };
-    let refused = open(1 << 20).err().expect("a table of 90,000 traces takes more").to_string();
+    let refused = open(1 << 20).expect_err("a table of 90,000 traces takes more").to_string();
     let needed: u64 = refused.split(' ').next().and_then(|n| n.parse().ok()).expect("it begins with a number");
     let (peak, source) = peak_of(|| open(needed << 20).unwrap_or_else(|e| panic!("{needed} MiB: {e}")));
     let allowed = (needed << 20) as usize + file.len() + SLACK;

@@ -7,6 +7,7 @@ use supervol_format::container::ContainerError;
 use supervol_format::pyramid::PyramidError;
 use supervol_format::readable::Mib;
 use supervol_sources::SourceError;
+use supervol_sources::message::OptionName;
 
 /// Reason of a failure. Each message says what was expected, what was found, and where.
 #[derive(Debug, thiserror::Error)]
@@ -68,6 +69,18 @@ impl BuildError {
         matches!(source.kind(), std::io::ErrorKind::NotFound | std::io::ErrorKind::InvalidInput)
     }
 
+    /// The message with the names that a program gives to the options of sources.
+    #[must_use]
+    pub fn named(&self, name: OptionName) -> String {
+        match self {
+            Self::Source(error) => error.named(name),
+            Self::Kept { error, kept, written_bytes, missing_bytes } => {
+                format!("{}. {}", error.named(name), kept_advice(kept, *written_bytes, *missing_bytes))
+            }
+            other => other.to_string(),
+        }
+    }
+
     /// Whether the disk or a quota is full, or the file would be longer than allowed.
     #[must_use]
     pub fn is_full_disk(&self) -> bool {
@@ -120,8 +133,8 @@ impl BuildError {
             ) | Self::Outdated { .. }
                 | Self::Options(_)
                 | Self::Memory { .. }
-                | Self::Source(SourceError::Options(_))
-        ) || self.is_missing_input()
+        ) || matches!(self, Self::Source(error) if error.is_wrong_option())
+            || self.is_missing_input()
     }
 }
 

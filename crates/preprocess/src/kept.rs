@@ -17,7 +17,7 @@ use supervol_format::Container;
 use supervol_format::canceller::Canceller;
 use supervol_format::container::header::MAGIC;
 use supervol_sources::grid::placed::{PlacedSource, Placing};
-use supervol_sources::input::folder::Listing;
+use supervol_sources::input::folder::{FolderDepth, Listing};
 use supervol_sources::input::spool::SpoolFolder;
 use supervol_sources::open::{Found, OpenOptions, look_at, open, split_array};
 use supervol_sources::{SourceError, VolumeSource};
@@ -211,7 +211,7 @@ impl Cache {
         let (file, array) = split_array(source);
         let whole = std::fs::canonicalize(&file).map_err(|e| SourceError::io(&file, e))?;
         let files = if whole.is_dir() {
-            Listing::of(&whole, true, reading.options.outside)?.files
+            Listing::of(&whole, FolderDepth::WithSubfolders, reading.options.outside)?.files
         } else {
             vec![whole.clone()]
         };

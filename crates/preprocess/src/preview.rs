@@ -155,7 +155,7 @@ fn thinned_info(info: &SourceInfo, strides: [u64; 3]) -> SourceInfo {
         survey.corners = None;
     }
     let [x, y, z] = strides;
-    info.notes.push(format!("a preview: one of {x} x {y} x {z} voxels of the volume"));
+    info.notes.push(format!("a preview: one of {x} x {y} x {z} voxels of the volume").into());
     info
 }
 

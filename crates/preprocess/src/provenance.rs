@@ -14,7 +14,7 @@ use supervol_sources::input::file::SourceFile;
 use supervol_sources::input::selection::Selection;
 use supervol_sources::open::split_array;
 use supervol_sources::stop::check;
-use supervol_sources::{SourceError, SourceInfo, VolumeSource};
+use supervol_sources::{Message, SourceError, SourceInfo, VolumeSource};
 
 use crate::bounded::MaxError;
 use crate::downsample::Reduce;
@@ -135,8 +135,8 @@ fn cut(text: &str, characters: usize) -> String {
 }
 
 /// The first notes, and how many more there are: a file must not fill the manifest with what it made us notice.
-pub(crate) fn bounded_notes(notes: &[String]) -> Vec<String> {
-    let mut kept: Vec<String> = notes.iter().take(NOTES).map(|note| cut(note, NOTE_CHARACTERS)).collect();
+pub(crate) fn bounded_notes(notes: &[Message]) -> Vec<String> {
+    let mut kept: Vec<String> = notes.iter().take(NOTES).map(|note| cut(&note.to_string(), NOTE_CHARACTERS)).collect();
     if notes.len() > NOTES {
         kept.push(format!("and {} more notes", notes.len() - NOTES));
     }

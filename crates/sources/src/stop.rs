@@ -8,7 +8,9 @@
 use supervol_format::VoxelBox;
 use supervol_format::canceller::Canceller;
 
-use crate::{SourceError, SourceInfo, VolumeSource};
+use crate::error::SourceError;
+use crate::info::SourceInfo;
+use crate::source::VolumeSource;
 
 /// Fails if the canceller is set.
 ///
@@ -24,6 +26,12 @@ pub struct Stoppable<'a> {
     pub source: &'a dyn VolumeSource,
     /// The cancel flag.
     pub canceller: &'a Canceller,
+}
+
+impl std::fmt::Debug for Stoppable<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Stoppable").field("info", self.source.info()).finish_non_exhaustive()
+    }
 }
 
 impl VolumeSource for Stoppable<'_> {

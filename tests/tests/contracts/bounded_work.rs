@@ -63,7 +63,7 @@ fn no_manifest_is_longer_than_readers_take() {
     // The same for a source.
     let mut noisy = Noisy(Synthetic::new("sphere", Dims([8; 3]), None, 1).expect("a name"), None);
     let mut info = noisy.0.info().clone();
-    info.notes = vec!["x".repeat(1000); 10_000];
+    info.notes = vec!["x".repeat(1000).into(); 10_000];
     info.unit = "y".repeat(1 << 20);
     noisy.1 = Some(info);
     let built = try_build(&noisy, &options(16)).expect("it builds");

@@ -7,6 +7,7 @@ mod bounded_work;
 mod container_contract;
 mod corruption;
 mod failures;
+#[cfg(feature = "pictures")]
 mod formats;
 mod huge_files;
 mod reductions;

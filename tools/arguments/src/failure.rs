@@ -8,6 +8,7 @@ use supervol_files::OutputError;
 use supervol_format::container::ContainerError;
 use supervol_preprocess::BuildError;
 
+use crate::source::flag;
 use crate::terminal;
 
 /// Whose fault it is decides the exit code.
@@ -76,7 +77,7 @@ impl Failure {
 
 impl From<BuildError> for Failure {
     fn from(error: BuildError) -> Self {
-        let message = error.to_string();
+        let message = error.named(flag);
         if error.is_wrong_command() {
             Self::Command(message)
         } else if error.is_machine_failure() {

@@ -13,10 +13,11 @@ use supervol_preprocess::kept::Reading;
 use supervol_sources::formats::nrrd::Outside;
 use supervol_sources::formats::raw::RawOptions;
 use supervol_sources::formats::segy::{Offsets, SegyOptions};
+use supervol_sources::grid::named::NamedSource;
 use supervol_sources::grid::placed::{Domain, Placing};
 use supervol_sources::input::selection::Selection;
 use supervol_sources::open::OpenOptions;
-use supervol_sources::{Endian, VolumeSource};
+use supervol_sources::{Endian, ReadOption, VolumeSource};
 
 use crate::failure::Failure;
 use crate::quantity::{self, Dtype, Offset, Spacing};
@@ -238,9 +239,81 @@ pub fn refuse_without_file(reading: &Reading, option: &str) -> Result<(), Failur
     Err(Failure::Command(message))
 }
 
-/// Opens a volume file, and says which one it is.
+/// The flag of an option of the readers.
+pub fn flag(option: ReadOption) -> &'static str {
+    match option {
+        ReadOption::Dims => "--dims",
+        ReadOption::VoxelType => "--dtype",
+        ReadOption::HeaderBytes | ReadOption::Offsets => "--offset",
+        ReadOption::Frame => "--frame",
+        ReadOption::Channel => "--channel",
+        ReadOption::Series => "--series",
+        ReadOption::Level => "--source-level",
+        ReadOption::Outside => "--allow-outside",
+        ReadOption::Spacing => "--spacing",
+        ReadOption::Domain => "--domain",
+        ReadOption::AxisUnit => "--unit",
+        ReadOption::MemoryBytes => "--memory",
+        ReadOption::SampleFormat => "--format",
+        ReadOption::Endian => "--endian",
+        ReadOption::Samples => "--samples",
+        ReadOption::Interval => "--interval",
+        ReadOption::InlineByte => "--il-byte",
+        ReadOption::CrosslineByte => "--xl-byte",
+        ReadOption::OffsetByte => "--offset-byte",
+    }
+}
+
+/// Opens a volume file, and says which one it is. Its notes name the flags of the options.
 pub fn open(reading: &Reading, input: &Path, folder: &Path) -> Result<(Box<dyn VolumeSource>, Source), BuildError> {
-    let source = reading.open(input, folder)?;
+    let source: Box<dyn VolumeSource> = Box::new(NamedSource::new(reading.open(input, folder)?, flag));
     let origin = supervol_preprocess::identify_source(input, &reading.options.selection, source.as_ref())?;
     Ok((source, origin))
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    #[derive(clap::Parser)]
+    struct Reader {
+        #[command(flatten)]
+        source: SourceArguments,
+    }
+
+    const OPTIONS: [ReadOption; 20] = [
+        ReadOption::Dims,
+        ReadOption::VoxelType,
+        ReadOption::HeaderBytes,
+        ReadOption::Frame,
+        ReadOption::Channel,
+        ReadOption::Series,
+        ReadOption::Level,
+        ReadOption::Outside,
+        ReadOption::Spacing,
+        ReadOption::Domain,
+        ReadOption::AxisUnit,
+        ReadOption::MemoryBytes,
+        ReadOption::SampleFormat,
+        ReadOption::Endian,
+        ReadOption::Samples,
+        ReadOption::Interval,
+        ReadOption::InlineByte,
+        ReadOption::CrosslineByte,
+        ReadOption::OffsetByte,
+        ReadOption::Offsets,
+    ];
+
+    /// Commands define `--memory` themselves.
+    #[test]
+    fn each_flag_is_an_argument() {
+        let command = Reader::command();
+        let known: Vec<&str> = command.get_arguments().filter_map(clap::Arg::get_long).collect();
+        for option in OPTIONS {
+            let name = flag(option).strip_prefix("--").expect("flags begin with two hyphens");
+            assert!(name == "memory" || known.contains(&name), "{option:?}: {name}");
+        }
+    }
 }

@@ -12,7 +12,7 @@ use supervol_files::{Existing, OutputError, folder_of};
 use supervol_format::level_reader::LevelReader;
 use supervol_format::{Container, VoxelBox, VoxelType, cast};
 use supervol_preprocess::error::BuildError;
-use supervol_sources::formats::zarr::is_zarr;
+use supervol_sources::open::is_chunked;
 
 use super::headers::{Place, numpy_name};
 use super::{Extraction, Plan, scaled};
@@ -75,7 +75,7 @@ fn check_free(output: &Path, existing: Existing) -> Result<(), BuildError> {
     match output.symlink_metadata() {
         Err(_) => Ok(()),
         Ok(_) if existing != Existing::Replace => Err(OutputError::Exists { path: output.into() }.into()),
-        Ok(found) if found.is_dir() && is_zarr(output) => Ok(()),
+        Ok(found) if found.is_dir() && is_chunked(output) => Ok(()),
         Ok(_) => {
             let found = "something else than a Zarr, which a folder does not replace";
             Err(OutputError::NoFile { path: output.into(), found: found.into() }.into())

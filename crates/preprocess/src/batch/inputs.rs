@@ -85,7 +85,7 @@ impl Search {
     fn folder(&mut self, folder: &Path, depth: usize, inputs: &mut Inputs) -> Result<(), BuildError> {
         if inputs.paths.len() > INPUTS_LIMIT {
             let what = format!("{}: expected at most {INPUTS_LIMIT} volumes, found more", folder.display());
-            return Err(SourceError::Options(what).into());
+            return Err(SourceError::options(what).into());
         }
         if is_chunked(folder) {
             inputs.paths.push(folder.into());

@@ -131,5 +131,5 @@ pub fn check_outside(input: &Path, folder: &Path) -> Result<(), BuildError> {
     };
     let message =
         || format!("{}: the output folder {} lies in it. Choose another with -o", input.display(), folder.display());
-    if inside { Err(SourceError::Options(message()).into()) } else { Ok(()) }
+    if inside { Err(SourceError::options(message()).into()) } else { Ok(()) }
 }

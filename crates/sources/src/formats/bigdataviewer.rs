@@ -1,8 +1,8 @@
 //! `BigDataViewer`: an XML file that names an HDF5 file or an N5 folder with the voxels. It states the voxel sizes and
 //! the placement of each view.
 //!
-//! A view is a setup (`--channel`, in the order of the file) at a time point (`--frame`, in numerical order).
-//! `--source-level` selects a level of the viewer's own pyramid. The placement of a view is the product of its
+//! A view is a setup (`channel`, in the order of the file) at a time point (`frame`, in numerical order).
+//! `level` selects a level of the viewer's own pyramid. The placement of a view is the product of its
 //! transforms; without transforms, the voxel size. [`super::hdf5`] and [`super::zarr`] read the voxels. Data outside
 //! the folder of the XML file are read only if allowed. Format: Pietzsch, Saalfeld, Preibisch and Tomancak,
 //! "`BigDataViewer`: visualization and processing for large image data sets", Nature Methods 12 (2015), and
@@ -19,15 +19,17 @@ use supervol_format::{Geometry, VoxelBox};
 
 use super::zarr::ome::unit_of;
 use super::{hdf5, zarr};
+use crate::cast::index;
+use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::input::data_files::{Outside, find_all};
 use crate::input::file::SourceFile;
 use crate::input::folder::FolderOptions;
-use crate::input::selection::Selection;
+use crate::input::selection::{Choice, Selection, first_of};
 use crate::input::text::shortened;
-use crate::{Axis, SourceError, SourceInfo, VolumeSource};
+use crate::{Axis, Message, ReadOption, SourceError, SourceInfo, VolumeSource};
 
 /// First element of such a file.
-pub(crate) const START: &[u8] = b"<SpimData";
+const START: &[u8] = b"<SpimData";
 /// Longest file that is read, in bytes: room for tens of thousands of views.
 const XML_LIMIT_BYTES: u64 = 64 << 20;
 /// Largest number of setups, and of views.
@@ -35,10 +37,28 @@ const VIEWS_LIMIT: usize = 1 << 17;
 /// Largest depth of nested elements.
 const DEPTH_LIMIT: usize = 64;
 
+/// Row of the table of formats.
+pub const FORMAT: Format = Format {
+    name: "bdv",
+    title: "BigDataViewer",
+    choices: &[Choice::Level, Choice::Series, Choice::Array],
+    sniff: |start, _| start.begins_with(START) || start.text_begins_with(b"<?xml") && start.holds(START),
+    certainty: Certainty::Certain,
+    folder: Folder::Never,
+    open: |path, options| Ok(Box::new(ViewerXmlSource::open(path, &options.of_folders())?)),
+    found: |_| Found::Volume,
+};
+
 /// A view of a data set.
 pub struct ViewerXmlSource {
     voxels: Box<dyn VolumeSource>,
     info: SourceInfo,
+}
+
+impl std::fmt::Debug for ViewerXmlSource {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("ViewerXmlSource").field("info", &self.info).finish_non_exhaustive()
+    }
 }
 
 impl ViewerXmlSource {
@@ -69,11 +89,11 @@ impl ViewerXmlSource {
             zarr::open(&data, &of_data).map(|source| Box::new(source) as _)
         };
         let voxels = opened.map_err(|error| match error {
-            SourceError::Options(_) | SourceError::Invalid { .. } if options.selection.level.is_some() => {
-                SourceError::Options(format!(
-                    "--source-level {level}: {}: no readable `{name}`: {error}",
-                    data.display()
-                ))
+            SourceError::Options(_) | SourceError::NoSuchPart { .. } | SourceError::Invalid { .. }
+                if options.selection.level.is_some() =>
+            {
+                let what = format_args!(" {level}: {}: no readable `{name}`: ", data.display());
+                SourceError::options(Message::from(ReadOption::Level).text(what).message(error.message()))
             }
             other => other,
         })?;
@@ -92,7 +112,7 @@ impl ViewerXmlSource {
         info.axes = ["x", "y", "z"].map(|name| Axis { name: name.into(), unit: setup.unit.clone() });
         info.files.insert(0, source_file);
         // The voxel reader notes that it does not know the spacing; here it is known.
-        info.notes.retain(|note| !note.contains("--spacing"));
+        info.notes.retain(|note| !note.options().any(|option| option == ReadOption::Spacing));
         info.notes.append(&mut notes);
         Ok(Self { voxels, info })
     }
@@ -271,22 +291,22 @@ impl Described {
     }
 
     /// The selected view.
-    fn view(&self, path: &Path, selection: &Selection, notes: &mut Vec<String>) -> Result<View<'_>, SourceError> {
+    fn view(&self, path: &Path, selection: &Selection, notes: &mut Vec<Message>) -> Result<View<'_>, SourceError> {
         let setups = self.setups.len() as u64;
         if setups == 0 {
             return Err(SourceError::invalid(path, "ViewSetups", "at least one", "none"));
         }
         if setups > 1 && selection.channel.is_none() {
-            notes.push(format!("{setups} setups; the first is used; --channel 0 to {} takes another", setups - 1));
+            notes.push(first_of(&format!("{setups} setups"), ReadOption::Channel, setups));
         }
-        let setup = &self.setups[selection.channel_of(path, setups)? as usize];
+        let setup = &self.setups[index(selection.channel_of(path, setups)?)];
         let mut times: Vec<u64> = self.places.iter().map(|(time, ..)| *time).collect();
         times.sort_unstable();
         times.dedup();
         if times.is_empty() {
             times.push(0);
         }
-        let time = times[selection.noted_frame(path, times.len() as u64, "time points", notes)? as usize];
+        let time = times[index(selection.noted_frame(path, times.len() as u64, "time points", notes)?)];
         Ok(View { setup, time })
     }
 

@@ -1,16 +1,20 @@
-//! Readers: one module per file format.
+//! Readers: one module per file format, and the table of all formats.
 //!
-//! A reader turns files of one format into a [`VolumeSource`](crate::VolumeSource). [`crate::open`] finds the reader
-//! for a file.
+//! A reader turns files of one format into a [`VolumeSource`](crate::VolumeSource). Its module exports `FORMAT`, a row
+//! of [`FORMATS`]: the name of the format, a function that recognizes files, and a function that opens them.
+//! [`mod@crate::open`] takes the first row that recognizes a file. A new reader needs its module and one line of the
+//! table.
 
 pub mod bigdataviewer;
 pub mod dicom;
+pub mod format;
 pub mod hdf5;
 pub mod metaimage;
 pub mod nifti;
 pub mod npy;
 pub mod npz;
 pub mod nrrd;
+pub mod options;
 pub mod pictures;
 pub mod raw;
 pub mod segy;
@@ -18,3 +22,26 @@ pub mod tiff;
 pub(crate) mod unsupported;
 pub mod vtk;
 pub mod zarr;
+
+use self::format::Format;
+
+/// Table of all formats, in order of priority: the first row that recognizes a file or a folder opens it.
+pub const FORMATS: &[Format] = &[
+    raw::FORMAT,
+    zarr::FORMAT,
+    // DICOM comes before TIFF: some programs write the first bytes of a TIFF into the preamble of a DICOM file.
+    dicom::FORMAT,
+    vtk::FORMAT,
+    bigdataviewer::FORMAT,
+    npz::FORMAT,
+    hdf5::FORMAT,
+    nrrd::FORMAT,
+    metaimage::FORMAT,
+    npy::FORMAT,
+    nifti::FORMAT,
+    tiff::FORMAT,
+    pictures::FORMAT,
+    // SEG-Y comes late: any text may begin as a SEG-Y does.
+    segy::FORMAT,
+    zarr::ARCHIVE,
+];

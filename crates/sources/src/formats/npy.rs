@@ -11,12 +11,14 @@ use std::path::Path;
 
 use supervol_format::{ByteSource, VoxelBox, VoxelType};
 
-use crate::grid::dense::shape::{SplitAxes, split_axes};
+use crate::cast::index;
+use crate::formats::format::{Certainty, Folder, Format, Found};
+use crate::grid::dense::shape::{FastestAxis, SplitAxes, split_axes};
 use crate::grid::dense::{GridFile, GridLayout, GridSource, checked_bytes};
 use crate::grid::elements::{Channels, Elements, Frames, Meaning, Number};
 use crate::input::file::SourceFile;
 use crate::input::selection::Selection;
-use crate::{Endian, SourceError, SourceInfo, VolumeSource};
+use crate::{Endian, Message, ReadOption, SourceError, SourceInfo, VolumeSource};
 
 /// Longest header that is read, in bytes. NumPy itself warns beyond 10,000.
 const HEADER_LIMIT_BYTES: u64 = 1 << 20;
@@ -26,9 +28,36 @@ const AXES_LIMIT: usize = 64;
 
 const MAGIC: &[u8; 6] = b"\x93NUMPY";
 
+/// Row of the table of formats.
+pub const FORMAT: Format = Format {
+    name: "npy",
+    title: "npy",
+    choices: &[],
+    sniff: |start, _| start.begins_with(b"\x93NUM") || start.is_named(&[".npy"]),
+    certainty: Certainty::Certain,
+    folder: Folder::Never,
+    open: |path, options| Ok(Box::new(NpySource::open_with(path, &options.selection)?)),
+    found: |_| Found::Volume,
+};
+
 /// A `.npy` file.
 #[derive(Debug)]
 pub struct NpySource(GridSource);
+
+/// Part of a file that holds an array with its header.
+#[derive(Debug)]
+pub(crate) struct ArrayPart {
+    /// Name of the format, see [`SourceInfo::format`].
+    pub(crate) format: &'static str,
+    /// The file, or a file with the inflated array.
+    pub(crate) file: File,
+    /// Offset of the array in bytes.
+    pub(crate) start: u64,
+    /// Length of the array in bytes, with its header.
+    pub(crate) length: u64,
+    /// The opened file, to notice changes.
+    pub(crate) source_file: SourceFile,
+}
 
 impl NpySource {
     /// Opens a `.npy` file.
@@ -47,17 +76,12 @@ impl NpySource {
         let source_file = SourceFile::of(path)?;
         let file = File::open(path).map_err(|e| SourceError::io(path, e))?;
         let length = file.len().map_err(|e| SourceError::io(path, e))?;
-        Self::of_part(path, "npy", (file, 0, length), selection, source_file)
+        Self::of_part(path, ArrayPart { format: "npy", file, start: 0, length, source_file }, selection)
     }
 
-    /// The array in a part of a file: `length` bytes from byte `start` on.
-    pub(crate) fn of_part(
-        path: &Path,
-        format: &'static str,
-        (file, start, length): (File, u64, u64),
-        selection: &Selection,
-        source_file: SourceFile,
-    ) -> Result<Self, SourceError> {
+    /// The array in a part of a file.
+    pub(crate) fn of_part(path: &Path, part: ArrayPart, selection: &Selection) -> Result<Self, SourceError> {
+        let ArrayPart { format, file, start, length, source_file } = part;
         let (text, offset) = header_text(path, &file, start)?;
         let header = parse_header(&text).map_err(|wrong| {
             let found = format!("`{}`", excerpt(&text));
@@ -92,7 +116,7 @@ impl NpySource {
         }
         let excess = start + length - end;
         if excess > 0 {
-            info.notes.push(format!("the file goes on after the array; bytes not read: {excess}"));
+            info.notes.push(format!("the file goes on after the array; bytes not read: {excess}").into());
         }
         Ok(Self(GridSource::with_elements(info, grid, elements)))
     }
@@ -145,7 +169,7 @@ fn header_text(path: &Path, file: &File, start_at: u64) -> Result<(String, u64),
         return Err(SourceError::invalid(path, "length of the npy header", expected, format!("{length} bytes")));
     }
     // The limit above keeps the length within the address space.
-    let mut text = vec![0; length as usize];
+    let mut text = vec![0; index(length)];
     read(text_offset, &mut text)?;
     Ok((String::from_utf8_lossy(&text).into_owned(), start_at + text_offset + length))
 }
@@ -296,8 +320,8 @@ fn split_axes_of(path: &Path, header: &NpyHeader, selection: &Selection) -> Resu
         return Err(SourceError::invalid(path, "shape", "at least one element", format!("none along axis {axis}")));
     }
     let fastest_first: Vec<u64> = shape.iter().rev().copied().collect();
-    let split = split_axes(&fastest_first, &vec![true; shape.len()], selection.channel.is_some());
-    let refused = |advice: String| {
+    let split = split_axes(&fastest_first, &vec![true; shape.len()], FastestAxis::of(selection));
+    let refused = |advice: Message| {
         let what = format!("the array has {} axes ({shape:?}), a volume has three [z, y, x]", shape.len());
         Err(SourceError::unsupported(path, what, advice))
     };
@@ -306,9 +330,9 @@ fn split_axes_of(path: &Path, header: &NpyHeader, selection: &Selection) -> Resu
         // Either the first or the last axis may be the extra one; only the user knows.
         Ok(_) if selection.channel.is_none() && selection.frame.is_none() => {
             let [first, last] = [shape[0], shape[shape.len() - 1]];
-            refused(format!(
-                "choose one of the {first} along the first with --frame, or of the {last} along the last with --channel"
-            ))
+            let advice = Message::from(format!("choose one of the {first} along the first with "));
+            let advice = advice.option(ReadOption::Frame).text(format_args!(", or of the {last} along the last with "));
+            refused(advice.option(ReadOption::Channel))
         }
         Ok(_) if header.fortran_order => refused("in Fortran order: save it with `numpy.ascontiguousarray`".into()),
         Ok(split) => Ok(split),

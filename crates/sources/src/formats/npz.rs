@@ -11,11 +11,12 @@ use std::path::Path;
 use supervol_format::{ByteSource, VoxelBox};
 use zip::{CompressionMethod, ZipArchive};
 
-use super::npy::NpySource;
+use super::npy::{ArrayPart, NpySource};
+use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::formats::unsupported::refusal_of_zip;
 use crate::input::data_files::open_data;
 use crate::input::file::SourceFile;
-use crate::input::selection::Selection;
+use crate::input::selection::{Choice, Selection};
 use crate::input::spool::{DEFLATE_RATIO_LIMIT, Spool, SpoolFolder};
 use crate::input::text::shortened;
 use crate::{SourceError, SourceInfo, VolumeSource};
@@ -26,6 +27,18 @@ const ARRAYS_LIMIT: usize = 1 << 16;
 const LISTED_LIMIT: usize = 20;
 /// Buffer size for inflating in bytes.
 const BUFFER_BYTES: usize = 1 << 18;
+
+/// Row of the table of formats.
+pub const FORMAT: Format = Format {
+    name: "npz",
+    title: "npz",
+    choices: &[Choice::Array],
+    sniff: |start, _| start.is_named(&[".npz"]),
+    certainty: Certainty::Certain,
+    folder: Folder::Never,
+    open: |path, options| Ok(Box::new(NpzSource::open(path, &options.spool, &options.selection)?)),
+    found: |_| Found::Volume,
+};
 
 /// An array of an archive.
 #[derive(Debug)]
@@ -48,16 +61,18 @@ impl NpzSource {
             let start = entry.data_start();
             let start = start.ok_or_else(|| SourceError::invalid(path, "archive", "a place of the array", "none"))?;
             drop(entry);
-            let part = (open_data(path)?, start, length);
-            let whole = part.0.len().map_err(|e| SourceError::io(path, e))?;
+            let file = open_data(path)?;
+            let whole = file.len().map_err(|e| SourceError::io(path, e))?;
             if start.checked_add(length).is_none_or(|end| end > whole) {
                 let found = format!("{length} bytes from byte {start} on, in a file of {whole}");
                 return Err(SourceError::invalid(path, "archive", "an array inside the file", found));
             }
-            return Ok(Self(NpySource::of_part(path, "npz", part, selection, source_file)?));
+            let part = ArrayPart { format: "npz", file, start, length, source_file };
+            return Ok(Self(NpySource::of_part(path, part, selection)?));
         }
         let inflated = inflate(path, &mut entry, length, spool)?;
-        Ok(Self(NpySource::of_part(path, "npz", (inflated, 0, length), selection, source_file)?))
+        let part = ArrayPart { format: "npz", file: inflated, start: 0, length, source_file };
+        Ok(Self(NpySource::of_part(path, part, selection)?))
     }
 }
 
@@ -88,7 +103,7 @@ where
             let found = arrays.iter().find(|name| **name == *wanted || plain(name) == *wanted);
             found.map(|name| (*name).to_owned()).ok_or_else(|| {
                 let (path, wanted) = (path.display(), shortened(wanted));
-                SourceError::Options(format!("{path}: no array `{wanted}`; there are: {}", list()))
+                SourceError::options(format!("{path}: no array `{wanted}`; there are: {}", list()))
             })
         }
         (None, [one]) => Ok((*one).to_owned()),

@@ -2,7 +2,7 @@
 //!
 //! All pictures must have the same format, size and type. Other files are skipped, with a note. Colours give their
 //! luminance, or one channel. Palette indices, and pixels of fewer than eight bits, are voxels as stored. Pictures do
-//! not state the distance of slices; `--spacing` does. Uncompressed TIFF is read in place. All else is decoded once
+//! not state the distance of slices; `spacing` does. Uncompressed TIFF is read in place. All else is decoded once
 //! into a spool file, one picture at a time, by the crates `png`, `jpeg-decoder` and `tiff`.
 
 use std::fs::File;
@@ -13,21 +13,23 @@ use jpeg_decoder::PixelFormat;
 use png::{BitDepth, ColorType};
 use supervol_format::{Dims, VoxelBox, VoxelType};
 
-use super::tiff::{Page, Pages, RATIO_LIMIT};
+use super::tiff::{Page, Pages, RATIO_LIMIT, is_tiff};
+use crate::cast::index;
+use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::grid::dense::{GridFile, GridLayout, GridSource, Part, checked_bytes, swap_bytes};
 use crate::grid::elements::{Channels, Elements, Frames, Number};
 use crate::input::data_files::Outside;
 use crate::input::file::SourceFile;
-use crate::input::folder::{FolderOptions, Listing};
+use crate::input::folder::{FolderDepth, FolderOptions, Listing};
 use crate::input::spool::Spool;
-use crate::{Endian, SourceError, SourceInfo, VolumeSource};
+use crate::{Endian, Message, SourceError, SourceInfo, VolumeSource};
 
 /// Copies of a picture's pixels in memory while it is decoded.
 const PICTURE_COPIES: u64 = 3;
 
 /// Picture formats.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Kind {
+enum Kind {
     Png,
     Jpeg,
     Tiff,
@@ -35,15 +37,14 @@ pub(crate) enum Kind {
 
 impl Kind {
     /// The format of a file that begins with `head`.
-    pub(crate) fn of(head: &[u8]) -> Option<Self> {
-        const TIFF_STARTS: [&[u8]; 4] = [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"];
+    fn of(head: &[u8]) -> Option<Self> {
         if head.starts_with(b"\x89PNG\r\n\x1a\n") {
             return Some(Self::Png);
         }
         if head.starts_with(b"\xff\xd8\xff") {
             return Some(Self::Jpeg);
         }
-        TIFF_STARTS.iter().any(|start| head.starts_with(start)).then_some(Self::Tiff)
+        is_tiff(head).then_some(Self::Tiff)
     }
 
     fn name(self) -> &'static str {
@@ -54,6 +55,21 @@ impl Kind {
         }
     }
 }
+
+/// Row of the table of formats.
+pub const FORMAT: Format = Format {
+    name: "pictures",
+    title: "PNG, JPEG",
+    choices: &[],
+    sniff: |start, _| Kind::of(&start.bytes).is_some(),
+    certainty: Certainty::Certain,
+    folder: Folder::ByFiles {
+        title: "pictures",
+        sniff: |files| files.any_start(|start| Kind::of(&start.bytes).is_some()),
+    },
+    open: |path, options| Ok(Box::new(PicturesSource::open(path, &options.of_folders())?)),
+    found: |_| Found::Picture,
+};
 
 /// A folder of pictures, or a single one.
 #[derive(Debug)]
@@ -106,8 +122,8 @@ impl VolumeSource for PicturesSource {
 }
 
 /// The pictures of a folder, which must have the same format.
-fn files(path: &Path, outside: Outside, notes: &mut Vec<String>) -> Result<(Vec<PathBuf>, Kind), SourceError> {
-    let listing = if path.is_dir() { Listing::of(path, false, outside)? } else { Listing::one(path) };
+fn files(path: &Path, outside: Outside, notes: &mut Vec<Message>) -> Result<(Vec<PathBuf>, Kind), SourceError> {
+    let listing = if path.is_dir() { Listing::of(path, FolderDepth::Flat, outside)? } else { Listing::one(path) };
     listing.note(notes);
     let (mut pictures, mut others) = (Vec::new(), 0);
     for file in listing.files {
@@ -133,7 +149,7 @@ fn files(path: &Path, outside: Outside, notes: &mut Vec<String>) -> Result<(Vec<
         return Err(SourceError::invalid(path, "folder", "pictures of one format", found));
     }
     if others > 0 {
-        notes.push(format!("{others} files of the folder are no pictures and are left out"));
+        notes.push(format!("{others} files of the folder are no pictures and are left out").into());
     }
     Ok((pictures.into_iter().map(|(file, _)| file).collect(), kind))
 }
@@ -158,10 +174,11 @@ fn decode(files: &[PathBuf], kind: Kind, first: Page, options: &FolderOptions<'_
     let needed = first.bytes().saturating_mul(PICTURE_COPIES);
     if needed > options.memory_bytes {
         let [width, height] = first.size;
-        let allowed = options.memory_bytes;
-        let what =
-            format!("pictures of {width} x {height} take {needed} bytes each to decode; --memory allows {allowed}");
-        return Err(SourceError::Options(what));
+        return Err(SourceError::Memory {
+            what: format!("decoding pictures of {width} x {height}"),
+            needed_bytes: needed,
+            allowed_bytes: options.memory_bytes,
+        });
     }
     let mut spool = Spool::create(options.spool)?;
     for file in files {
@@ -286,7 +303,7 @@ fn decode_png(reader: &mut png::Reader<BufReader<File>>, page: Page) -> Result<V
         return Ok(pixels);
     }
     // Each row begins at a byte boundary; the first pixel has the highest bits.
-    let width = page.size[0] as usize;
+    let width = index(page.size[0]);
     let pixel = |row: &[u8], x: usize| row[x * bits / 8] >> (8 - bits - x * bits % 8) & ((1 << bits) - 1);
     Ok(pixels
         .chunks_exact(row_bytes.max(1))

@@ -11,7 +11,9 @@ use supervol_format::recent::Recent;
 use supervol_format::{Dims, VoxelBox};
 
 use super::elements::{Elements, NumberGrid};
-use crate::grid::dense::{GridLayout, swap_bytes};
+use crate::cast::index;
+use crate::grid::dense::swap_bytes;
+use crate::grid::layout::GridLayout;
 use crate::{AccessOrder, Endian, SourceError, SourceInfo, VolumeSource};
 
 /// Largest number of axes of an array.
@@ -146,7 +148,7 @@ impl ChunkGrid {
         let mut product = 1;
         for axis in array.stored.iter().rev() {
             strides[*axis] = product;
-            product *= array.chunk[*axis] as usize;
+            product *= index(array.chunk[*axis]);
         }
         let (state, changed) = (Mutex::default(), Condvar::new());
         Self { layout, array, placement, strides, chunks, memory, state, changed }
@@ -181,7 +183,7 @@ impl ChunkGrid {
         state.loading.retain(|loading| *loading != number);
         self.changed.notify_all();
         let chunk = decoded?.map(Arc::new);
-        state.kept.insert_within(self.memory.kept as usize, number, chunk.clone());
+        state.kept.insert_within(index(self.memory.kept), number, chunk.clone());
         Ok(chunk)
     }
 
@@ -218,19 +220,18 @@ impl ChunkGrid {
         fill.copy_from_slice(&self.array.fill[..BYTES]);
         let stride = self.placement.axes.map(|axis| axis.map_or(0, |axis| self.strides[axis]));
         let fixed = self.placement.fixed.iter().zip(&self.array.chunk).zip(&self.strides);
-        let base: usize = fixed.map(|((at, n), stride)| (at % n) as usize * stride).sum();
+        let base: usize = fixed.map(|((at, n), stride)| index(at % n) * stride).sum();
         let [nx, ny, _] = whole.extent();
         let width = part.extent()[0];
         for z in part.start[2]..part.end[2] {
             for y in part.start[1]..part.end[1] {
-                let [dx, dy, dz] =
-                    [part.start[0] - whole.start[0], y - whole.start[1], z - whole.start[2]].map(|n| n as usize);
+                let [dx, dy, dz] = [part.start[0] - whole.start[0], y - whole.start[1], z - whole.start[2]].map(index);
                 let row = &mut out[dx + nx * (dy + ny * dz)..][..width];
                 let Some(from) = from else {
                     row.fill(fill);
                     continue;
                 };
-                let inside = [part.start[0] - first[0], y - first[1], z - first[2]].map(|n| n as usize);
+                let inside = [part.start[0] - first[0], y - first[1], z - first[2]].map(index);
                 let at = base + inside.iter().zip(stride).map(|(n, stride)| n * stride).sum::<usize>();
                 if stride[0] == 1 {
                     row.copy_from_slice(&from[at..at + width]);
@@ -273,10 +274,10 @@ impl NumberGrid for ChunkGrid {
 /// Copies the elements of a small block to their positions in a whole chunk. The rest of the chunk is never read.
 pub(crate) fn widened(data: &[u8], sizes: &[u64], chunk: &[u64], element: usize, bytes: usize) -> Vec<u8> {
     let mut out = vec![0; bytes];
-    let row = *sizes.last().unwrap_or(&1) as usize * element;
+    let row = index(*sizes.last().unwrap_or(&1)) * element;
     let mut place = vec![0u64; sizes.len()];
     for run in data.chunks_exact(row.max(1)) {
-        let at = number_in_c_order(&place, chunk) as usize * element;
+        let at = index(number_in_c_order(&place, chunk)) * element;
         out[at..at + row].copy_from_slice(run);
         // Next row: the second-to-last axis runs fastest.
         for axis in (0..sizes.len().saturating_sub(1)).rev() {

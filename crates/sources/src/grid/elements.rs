@@ -11,9 +11,10 @@ use supervol_format::file_order::boxes;
 use supervol_format::voxel_type::Voxel;
 use supervol_format::{Dims, VoxelBox, VoxelType, with_voxel};
 
-use crate::SourceError;
-use crate::grid::dense::{GridLayout, SCRATCH_BYTES};
-use crate::input::selection::Selection;
+use crate::cast::{index, low_8, low_16, low_32, single, whole_i128, whole_u64};
+use crate::grid::layout::{GridLayout, SCRATCH_BYTES};
+use crate::input::selection::{Selection, first_of};
+use crate::{Message, ReadOption, SourceError};
 
 /// Weights of red, green and blue in the luminance, in thousandths: Rec. 601, as in most programs that convert colours
 /// to grey.
@@ -64,7 +65,7 @@ impl Channels {
         count: u64,
         meaning: Meaning,
         selection: &Selection,
-        notes: &mut Vec<String>,
+        notes: &mut Vec<Message>,
     ) -> Result<Self, SourceError> {
         if count <= 1 {
             selection.channel_of(path, 1)?;
@@ -76,13 +77,15 @@ impl Channels {
         let last = count - 1;
         if meaning == Meaning::Components {
             let what = format!("{count} numbers per voxel; a volume has one");
-            return Err(SourceError::unsupported(path, what, format!("choose one with --channel 0 to {last}")));
+            let advice = Message::from("choose one with ").option(ReadOption::Channel);
+            return Err(SourceError::unsupported(path, what, advice.text(format_args!(" 0 to {last}"))));
         }
         if count >= 3 {
-            notes.push(format!("colours: their luminance is used; --channel 0 to {last} takes one channel instead"));
+            let what = Message::from("colours: their luminance is used; ").option(ReadOption::Channel);
+            notes.push(what.text(format_args!(" 0 to {last} takes one channel instead")));
             return Ok(Self { count, wanted: None });
         }
-        notes.push(format!("{count} channels; the first is used; --channel 0 to {last} takes another"));
+        notes.push(first_of(&format!("{count} channels"), ReadOption::Channel, count));
         Ok(Self { count, wanted: Some(0) })
     }
 }
@@ -163,7 +166,7 @@ impl Elements {
         grid: &impl NumberGrid,
         number: Number,
         (channels, frames): (Channels, Frames),
-        notes: &mut Vec<String>,
+        notes: &mut Vec<Message>,
     ) -> Result<Self, SourceError> {
         let elements = Self { channels, frames, ..Self::plain(number.stored()) };
         match number {
@@ -188,7 +191,7 @@ impl Elements {
         path: &Path,
         grid: &impl NumberGrid,
         signed: bool,
-        notes: &mut Vec<String>,
+        notes: &mut Vec<Message>,
     ) -> Result<Self, SourceError> {
         let [mut least, mut greatest] = [i128::MAX, i128::MIN];
         for part in grid.parts(grid.layout().dims.full_box()) {
@@ -201,7 +204,7 @@ impl Elements {
         }
         let holds = |t: &VoxelType| {
             let (low, high) = t.limits();
-            (low as i128..=high as i128).contains(&least) && (low as i128..=high as i128).contains(&greatest)
+            whole_i128(low) <= least && greatest <= whole_i128(high)
         };
         let integers = VoxelType::ALL.into_iter().filter(|t| !t.is_float());
         let is_exact = -EXACT_IN_DOUBLES <= least && greatest <= EXACT_IN_DOUBLES;
@@ -211,7 +214,7 @@ impl Elements {
             return Err(SourceError::unsupported(path, what, "subtract or divide what they have in common first"));
         };
         let name = if signed { "int64" } else { "uint64" };
-        notes.push(format!("{name}, of {least} to {greatest}: kept as {voxel_type}, which holds all of them"));
+        notes.push(format!("{name}, of {least} to {greatest}: kept as {voxel_type}, which holds all of them").into());
         Ok(Self { numbers: Numbers::Whole { signed }, voxel_type, ..self })
     }
 
@@ -227,7 +230,7 @@ impl Elements {
         if self.channels == Channels::ONE && self.numbers == Numbers::AsStored {
             return grid.read_box(voxels, out);
         }
-        let count = self.channels.count as usize;
+        let count = index(self.channels.count);
         let most = SCRATCH_BYTES / (count * stored.bytes());
         let mut rest = out;
         let mut scratch = Vec::new();
@@ -249,12 +252,12 @@ impl Elements {
             return self.convert_halves(numbers, out);
         }
         if (self.channels.wanted, stored, self.numbers) == (None, VoxelType::U8, Numbers::AsStored) {
-            return luminances_of_bytes(numbers, self.channels.count as usize, out);
+            return luminances_of_bytes(numbers, index(self.channels.count), out);
         }
-        let groups = numbers.chunks_exact(stored.bytes() * self.channels.count as usize);
+        let groups = numbers.chunks_exact(stored.bytes() * index(self.channels.count));
         let voxels = out.chunks_exact_mut(self.voxel_type.bytes());
         let picked = |group: &[u8], voxel: &mut [u8]| match self.channels.wanted {
-            Some(channel) => voxel.copy_from_slice(&group[channel as usize * stored.bytes()..][..stored.bytes()]),
+            Some(channel) => voxel.copy_from_slice(&group[index(channel) * stored.bytes()..][..stored.bytes()]),
             None => with_voxel!(stored, V => {
                 let colours = group.chunks_exact(size_of::<V>()).map(|number| V::read_le(number).to_f64());
                 let thousandths: f64 = colours.zip(LUMINANCE).map(|(colour, share)| colour * share).sum();
@@ -278,9 +281,9 @@ impl Elements {
         if let Numbers::Bits { low, count, signed } = self.numbers {
             let kept = |word| bits(word, low, count, signed);
             match stored.bytes() {
-                1 => out.iter_mut().for_each(|voxel| *voxel = kept((*voxel).into()) as u8),
+                1 => out.iter_mut().for_each(|voxel| *voxel = low_8(kept((*voxel).into()))),
                 2 => out.as_chunks_mut::<2>().0.iter_mut().for_each(|voxel| {
-                    *voxel = (kept(u16::from_le_bytes(*voxel).into()) as u16).to_le_bytes();
+                    *voxel = low_16(kept(u16::from_le_bytes(*voxel).into())).to_le_bytes();
                 }),
                 _ => out.as_chunks_mut::<4>().0.iter_mut().for_each(|voxel| {
                     *voxel = kept(u32::from_le_bytes(*voxel)).to_le_bytes();
@@ -294,13 +297,13 @@ impl Elements {
     /// Converts little-endian half-precision floats to voxels.
     fn convert_halves(&self, numbers: &[u8], out: &mut [u8]) {
         let value = |number: &[u8; 2]| f16::from_le_bytes(*number).to_f32();
-        let groups = numbers.as_chunks::<2>().0.chunks_exact(self.channels.count as usize);
+        let groups = numbers.as_chunks::<2>().0.chunks_exact(index(self.channels.count));
         for (group, voxel) in groups.zip(out.as_chunks_mut::<4>().0) {
             let found = match self.channels.wanted {
-                Some(channel) => value(&group[channel as usize]),
+                Some(channel) => value(&group[index(channel)]),
                 None => {
                     let parts = group.iter().zip(LUMINANCE).map(|(number, share)| f64::from(value(number)) * share);
-                    (parts.sum::<f64>() / 1000.0) as f32
+                    single(parts.sum::<f64>() / 1000.0)
                 }
             };
             *voxel = found.to_le_bytes();
@@ -310,12 +313,15 @@ impl Elements {
 
 /// Luminances of byte colours, three or more per voxel, in integers; the results equal those in doubles.
 fn luminances_of_bytes(numbers: &[u8], count: usize, out: &mut [u8]) {
-    const SHARES: [u32; 3] = [LUMINANCE[0] as u32, LUMINANCE[1] as u32, LUMINANCE[2] as u32];
+    const fn integer(share: f64) -> u32 {
+        low_32(whole_u64(share))
+    }
+    const SHARES: [u32; 3] = [integer(LUMINANCE[0]), integer(LUMINANCE[1]), integer(LUMINANCE[2])];
     let luminance = |[red, green, blue]: [u8; 3]| {
         let thousandths = SHARES[0] * u32::from(red) + SHARES[1] * u32::from(green) + SHARES[2] * u32::from(blue);
         let (whole, rest) = (thousandths / 1000, thousandths % 1000);
         // Halves are rounded to even.
-        (whole + u32::from(rest + (whole & 1) > 500)) as u8
+        low_8(whole + u32::from(rest + (whole & 1) > 500))
     };
     if count == 3 {
         numbers.as_chunks::<3>().0.iter().zip(out).for_each(|(colours, voxel)| *voxel = luminance(*colours));
@@ -335,11 +341,18 @@ fn whole(bytes: [u8; 8], signed: bool) -> i128 {
 #[inline]
 fn bits(word: u32, low: u32, count: u32, signed: bool) -> u32 {
     let word = word << (32 - low - count);
-    if signed { ((word as i32) >> (32 - count)) as u32 } else { word >> (32 - count) }
+    if signed { (word.cast_signed() >> (32 - count)).cast_unsigned() } else { word >> (32 - count) }
 }
 
 #[cfg(test)]
 mod tests {
+    #![allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_possible_wrap,
+        clippy::cast_sign_loss,
+        reason = "tests use small numbers"
+    )]
+
     use super::*;
 
     #[test]

@@ -2,7 +2,7 @@
 
 use supervol_format::{Geometry, VoxelBox};
 
-use crate::{SourceError, SourceInfo, VolumeSource};
+use crate::{Message, ReadOption, SourceError, SourceInfo, VolumeSource};
 
 /// Meaning of a survey's third axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -39,6 +39,12 @@ pub struct PlacedSource {
     info: SourceInfo,
 }
 
+impl std::fmt::Debug for PlacedSource {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("PlacedSource").field("info", &self.info).finish_non_exhaustive()
+    }
+}
+
 impl PlacedSource {
     /// Places a source and notes each change.
     ///
@@ -53,7 +59,7 @@ impl PlacedSource {
             direction: placing.direction.unwrap_or(file.direction),
         };
         if let Some(defect) = geometry.defect() {
-            return Err(SourceError::Options(defect));
+            return Err(SourceError::options(defect));
         }
         let changed = [
             ("spacing", geometry.spacing != file.spacing),
@@ -63,7 +69,7 @@ impl PlacedSource {
         // A raw file has no placement of its own to override.
         if info.format != "raw" {
             for (what, _) in changed.iter().filter(|(_, changed)| *changed) {
-                info.notes.push(format!("the {what} was given by hand and is not the file's"));
+                info.notes.push(format!("the {what} was given by hand and is not the file's").into());
             }
         }
         info.geometry = geometry;
@@ -93,7 +99,9 @@ fn name_axes(info: &mut SourceInfo, placing: &Placing) -> Result<(), SourceError
             Domain::Depth => ("depth", "a unit of length"),
         };
         let found = unit.unwrap_or_default();
-        return Err(SourceError::Options(format!("--domain {name}: expected {expected} as --unit, found {found}")));
+        let message = Message::from(ReadOption::Domain).text(format_args!(" {name}: expected {expected} as "));
+        let message = message.option(ReadOption::AxisUnit).text(format_args!(", found {found}"));
+        return Err(SourceError::options(message));
     }
     let feet = info.axes[0].unit == "ft";
     let (name, usual) = match domain {
@@ -106,11 +114,14 @@ fn name_axes(info: &mut SourceInfo, placing: &Placing) -> Result<(), SourceError
     (axis.name, axis.unit) = (name.into(), unit.unwrap_or(usual).into());
     if info.survey.is_some() && before != (axis.name.clone(), axis.unit.clone()) {
         let file = format!("{} {}", before.0, before.1);
-        info.notes.push(format!(
-            "the third axis is {name} in {}, which was given by hand; the file says {}",
-            axis.unit,
-            file.trim()
-        ));
+        info.notes.push(
+            format!(
+                "the third axis is {name} in {}, which was given by hand; the file says {}",
+                axis.unit,
+                file.trim()
+            )
+            .into(),
+        );
     }
     Ok(())
 }

@@ -6,10 +6,10 @@ use std::path::{Component, Path, PathBuf};
 use supervol_files::folder_of;
 
 use super::file::SourceFile;
-use super::spool::SpoolFolder;
 use super::text::shortened;
-use crate::SourceError;
-use crate::grid::dense::{GridFile, GridLayout, Part, checked_bytes};
+use crate::cast::signed;
+use crate::error::SourceError;
+use crate::{Message, ReadOption};
 
 /// Largest width of a number in a file-name pattern, in digits.
 const PATTERN_WIDTH_LIMIT: usize = 32;
@@ -43,7 +43,8 @@ pub(crate) fn find_all(header: &Path, names: &[String], outside: Outside) -> Res
             return Ok(file);
         }
         let what = format!("its data file `{}` lies outside the folder of the header", shortened(name));
-        Err(SourceError::unsupported(header, what, "give --allow-outside if you know where the header comes from"))
+        let advice = Message::from("give ").option(ReadOption::Outside);
+        Err(SourceError::unsupported(header, what, advice.text(" if you know where the header comes from")))
     };
     names.iter().map(find).collect()
 }
@@ -62,57 +63,12 @@ pub(crate) fn look_at(header: &Path, path: &Path) -> Result<SourceFile, SourceEr
     })
 }
 
-/// Layout of the voxels in the data files of a header.
-pub(crate) trait DataLayout {
-    /// Whether the files hold the voxels without encoding.
-    fn is_raw(&self) -> bool;
-
-    /// Offset in a file of `share_bytes` bytes of raw voxels, at or behind byte `start`.
-    fn offset(&self, path: &Path, start: u64, share_bytes: u64, notes: &mut Vec<String>) -> Result<u64, SourceError>;
-
-    /// Decodes the voxels of all files into one file, `share_bytes` bytes from each.
-    fn decode(&self, files: &[PathBuf], start: u64, share_bytes: u64, spool: &SpoolFolder)
-    -> Result<File, SourceError>;
-}
-
-/// Opens the grid in some files, with equal shares from byte `start` of each. `key` is the header field that names
-/// them, for messages.
-pub(crate) fn open_grid(
-    (header, key): (&Path, &str),
-    (files, start): (Vec<PathBuf>, u64),
-    layout: GridLayout,
-    data: &impl DataLayout,
-    (spool, notes): (&SpoolFolder, &mut Vec<String>),
-) -> Result<(GridFile, Vec<SourceFile>), SourceError> {
-    let bytes = checked_bytes(header, layout.dims, layout.voxel_type)?;
-    if !bytes.is_multiple_of(files.len() as u64 * layout.voxel_type.bytes() as u64) {
-        let expected = format!("a number of files that divides the {} voxels", layout.dims);
-        return Err(SourceError::invalid(header, key, expected, format!("{} files", files.len())));
-    }
-    let source_files = files.iter().map(|path| look_at(header, path)).collect::<Result<Vec<_>, _>>()?;
-    let share_bytes = bytes / files.len() as u64;
-    if !data.is_raw() {
-        let file = data.decode(&files, start, share_bytes, spool)?;
-        return Ok((GridFile::single(&files[0], file, 0, layout)?, source_files));
-    }
-    let mut parts = Vec::with_capacity(files.len());
-    for path in files {
-        let offset = data.offset(&path, start, share_bytes, notes)?;
-        parts.push(Part { path, offset });
-    }
-    let grid = match &parts[..] {
-        [one] => GridFile::single(&one.path, open_data(&one.path)?, one.offset, layout),
-        _ => GridFile::parts(header, parts, layout),
-    };
-    Ok((grid?, source_files))
-}
-
 /// Notes, at most once, that a data file has bytes behind its voxels.
-pub(crate) fn note_excess(path: &Path, excess: u64, notes: &mut Vec<String>) {
-    if excess > 0 && notes.iter().all(|n| !n.contains("goes on after the voxels")) {
+pub(crate) fn note_excess(path: &Path, excess: u64, notes: &mut Vec<Message>) {
+    if excess > 0 && notes.iter().all(|n| !n.to_string().contains("goes on after the voxels")) {
         // The name without its folder: notes must not depend on the location of a file.
         let name = path.file_name().unwrap_or_default().display();
-        notes.push(format!("{name} goes on after the voxels; bytes not read: {excess}"));
+        notes.push(format!("{name} goes on after the voxels; bytes not read: {excess}").into());
     }
 }
 
@@ -132,7 +88,7 @@ pub(crate) fn pattern_names(path: &Path, pattern: &str, numbers: [&str; 3]) -> R
         return Err(wrong("whole numbers `min max step` behind a file-name pattern"));
     };
     let count = if step == 0 { None } else { max.checked_sub(min).and_then(|d| d.checked_div(step)) };
-    let Some(count) = count.filter(|c| (0..FILES_LIMIT as i64).contains(c)) else {
+    let Some(count) = count.filter(|c| (0..signed(FILES_LIMIT as u64)).contains(c)) else {
         return Err(wrong("min, max and step of 1 to 65536 files"));
     };
     let parts =

@@ -7,7 +7,7 @@ use std::fs::Metadata;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
-use crate::SourceError;
+use crate::error::SourceError;
 
 /// Minimum age of a file's last change, so that every later change shows in its times. No usual file system stores
 /// times in coarser steps than two seconds.

@@ -9,7 +9,8 @@ use std::path::{Path, PathBuf};
 use super::data_files::{FILES_LIMIT, Outside};
 use super::selection::Selection;
 use super::spool::SpoolFolder;
-use crate::SourceError;
+use crate::error::SourceError;
+use crate::{Message, ReadOption};
 
 /// Largest depth of subfolders that are searched.
 const DEPTH_LIMIT: usize = 8;
@@ -38,17 +39,39 @@ pub struct Listing {
     entries: usize,
 }
 
+/// Folders that a listing includes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FolderDepth {
+    /// Only the folder itself.
+    Flat,
+    /// The folder and its subfolders, down to a limit.
+    WithSubfolders,
+}
+
+impl FolderDepth {
+    /// Largest number of folders inside one another below the listed one.
+    const fn limit(self) -> usize {
+        match self {
+            Self::Flat => 0,
+            Self::WithSubfolders => DEPTH_LIMIT,
+        }
+    }
+}
+
 impl Listing {
     /// Listing of a single file, as if it were alone in a folder.
     pub(crate) fn one(file: &Path) -> Self {
         Self { files: vec![file.into()], ..Self::default() }
     }
 
-    /// Lists a folder, and its subfolders if `is_deep`. Names that begin with a dot are skipped.
-    pub fn of(folder: &Path, is_deep: bool, outside: Outside) -> Result<Self, SourceError> {
+    /// Lists a folder. Names that begin with a dot are skipped.
+    ///
+    /// # Errors
+    /// If a folder cannot be read or holds too many files.
+    pub fn of(folder: &Path, depth: FolderDepth, outside: Outside) -> Result<Self, SourceError> {
         let whole = std::fs::canonicalize(folder).map_err(|e| SourceError::io(folder, e))?;
         let mut listing = Self::default();
-        listing.list(folder, &whole, if is_deep { DEPTH_LIMIT } else { 0 }, outside)?;
+        listing.list(folder, &whole, depth.limit(), outside)?;
         listing.files.sort_by(|a, b| natural(a, b));
         Ok(listing)
     }
@@ -88,10 +111,11 @@ impl Listing {
     }
 
     /// Notes the links that were not followed.
-    pub(crate) fn note(&self, notes: &mut Vec<String>) {
+    pub(crate) fn note(&self, notes: &mut Vec<Message>) {
         if self.links_outside > 0 {
             let count = self.links_outside;
-            notes.push(format!("{count} links lead outside the folder and are left out; --allow-outside follows them"));
+            let what = Message::from(format!("{count} links lead outside the folder and are left out; "));
+            notes.push(what.option(ReadOption::Outside).text(" follows them"));
         }
     }
 }

@@ -6,6 +6,7 @@
 //! - `open_files`: a bounded set of open files;
 //! - [`selection`]: the part of a file that the user chose (channel, frame, dataset);
 //! - [`spool`]: a temporary file for decoded voxels;
+//! - `start`: the first bytes and the name of a file, by which formats are recognized;
 //! - `text`: numbers and lines of text headers.
 
 pub(crate) mod data_files;
@@ -14,4 +15,5 @@ pub mod folder;
 pub(crate) mod open_files;
 pub mod selection;
 pub mod spool;
+pub mod start;
 pub(crate) mod text;

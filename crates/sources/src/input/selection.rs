@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use super::text::shortened;
-use crate::SourceError;
+use crate::error::SourceError;
+use crate::{Message, ReadOption};
 
 /// Largest number of channels that a note names.
 const NAMED_CHANNELS: u64 = 8;
@@ -23,15 +24,26 @@ pub struct Selection {
     pub level: Option<u64>,
 }
 
+/// A part of a file that formats have or lack as a whole.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Choice {
+    /// Levels of a pyramid.
+    Level,
+    /// Series.
+    Series,
+    /// Named arrays.
+    Array,
+}
+
 impl Selection {
     /// The selected time point out of `count`; by default the first.
     pub(crate) fn frame_of(&self, path: &Path, count: u64) -> Result<u64, SourceError> {
-        pick(path, "--frame", self.frame, count)
+        pick(path, ReadOption::Frame, self.frame, count)
     }
 
     /// The selected channel out of `count`; by default the first.
     pub(crate) fn channel_of(&self, path: &Path, count: u64) -> Result<u64, SourceError> {
-        pick(path, "--channel", self.channel, count)
+        pick(path, ReadOption::Channel, self.channel, count)
     }
 
     /// As [`Self::channel_of`], with a note: the available channels if none is selected, else the selected channel's
@@ -41,26 +53,23 @@ impl Selection {
         path: &Path,
         count: u64,
         names: &[String],
-        notes: &mut Vec<String>,
+        notes: &mut Vec<Message>,
     ) -> Result<u64, SourceError> {
         let channel = self.channel_of(path, count)?;
         let name_of = |n: u64| usize::try_from(n).ok().and_then(|n| names.get(n)).filter(|name| !name.is_empty());
         if self.channel.is_some() {
-            notes.extend(name_of(channel).map(|name| format!("channel {channel} is {}", shortened(name))));
+            notes.extend(name_of(channel).map(|name| format!("channel {channel} is {}", shortened(name)).into()));
         } else if count > 1 {
             let named: Vec<String> = (0..count.min(NAMED_CHANNELS)).filter_map(name_of).map(|n| shortened(n)).collect();
             let names = if named.is_empty() { String::new() } else { format!(" ({})", named.join(", ")) };
-            notes.push(format!(
-                "{count} channels{names}; the first is used; --channel 0 to {} takes another",
-                count - 1
-            ));
+            notes.push(first_of(&format!("{count} channels{names}"), ReadOption::Channel, count));
         }
         Ok(channel)
     }
 
     /// The selected level out of `count`; by default the finest.
     pub(crate) fn level_of(&self, path: &Path, count: u64) -> Result<u64, SourceError> {
-        pick(path, "--source-level", self.level, count)
+        pick(path, ReadOption::Level, self.level, count)
     }
 
     /// As [`Self::frame_of`], with a note on the available frames if none is selected. `what` is their noun, such as
@@ -70,12 +79,26 @@ impl Selection {
         path: &Path,
         count: u64,
         what: &str,
-        notes: &mut Vec<String>,
+        notes: &mut Vec<Message>,
     ) -> Result<u64, SourceError> {
         if count > 1 && self.frame.is_none() {
-            notes.push(format!("{count} {what}; the first is used; --frame 0 to {} takes another", count - 1));
+            notes.push(first_of(&format!("{count} {what}"), ReadOption::Frame, count));
         }
         self.frame_of(path, count)
+    }
+
+    /// Refuses a selection that files of a format never have; `choices` lists those that they may have.
+    pub(crate) fn refuse_beyond(&self, path: &Path, choices: &[Choice]) -> Result<(), SourceError> {
+        if !choices.contains(&Choice::Level) {
+            self.level_of(path, 1)?;
+        }
+        if !choices.contains(&Choice::Series) {
+            self.refuse_series(path)?;
+        }
+        if !choices.contains(&Choice::Array) {
+            self.refuse_array(path)?;
+        }
+        Ok(())
     }
 
     /// Refuses a selection, for formats that hold one volume.
@@ -86,26 +109,25 @@ impl Selection {
         self.refuse_array(path)
     }
 
-    /// Refuses `--series`, for formats without series.
+    /// Refuses the selection of a series, for formats without series.
     pub(crate) fn refuse_series(&self, path: &Path) -> Result<(), SourceError> {
         if self.series.is_none() {
             return Ok(());
         }
-        Err(SourceError::Options(format!(
-            "--series: {} is no DICOM or OME-TIFF; only DICOM and OME-TIFF have series",
-            path.display()
-        )))
+        let what = format_args!(": {} is no DICOM or OME-TIFF; only DICOM and OME-TIFF have series", path.display());
+        Err(SourceError::options(Message::from(ReadOption::Series).text(what)))
     }
 
     /// Refuses the name of an array, for formats that hold one volume.
     pub(crate) fn refuse_array(&self, path: &Path) -> Result<(), SourceError> {
         let Some(array) = &self.array else { return Ok(()) };
         let what = format!("{} holds no arrays that could be named; leave `:/{array}` out", path.display());
-        Err(SourceError::Options(what))
+        Err(SourceError::options(what))
     }
 }
 
-/// The options as they follow the file name on the command line; empty if nothing is selected.
+/// Suffix of the volume's name in containers, as the options follow the file name on the command line; empty if nothing
+/// is selected. Containers store this text, so it must not change.
 impl std::fmt::Display for Selection {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self { frame, channel, series, array, level } = self;
@@ -117,15 +139,16 @@ impl std::fmt::Display for Selection {
     }
 }
 
-fn pick(path: &Path, option: &str, wanted: Option<u64>, count: u64) -> Result<u64, SourceError> {
+/// Note that the first of `count` parts is used. `what` names the parts.
+pub(crate) fn first_of(what: &str, option: ReadOption, count: u64) -> Message {
+    let start = Message::from(format!("{what}; the first is used; ")).option(option);
+    start.text(format_args!(" 0 to {} takes another", count - 1))
+}
+
+fn pick(path: &Path, option: ReadOption, wanted: Option<u64>, count: u64) -> Result<u64, SourceError> {
     let wanted = wanted.unwrap_or(0);
     if wanted < count {
         return Ok(wanted);
     }
-    let there = if count == 1 {
-        "one, which is number 0".into()
-    } else {
-        format!("{count}, of which the last is number {}", count - 1)
-    };
-    Err(SourceError::Options(format!("{option} {wanted}: {} has {there}", path.display())))
+    Err(SourceError::NoSuchPart { path: path.into(), option, wanted, count })
 }

@@ -13,7 +13,8 @@ use supervol_format::canceller::Canceller;
 use supervol_format::voxel_type::Voxel;
 use supervol_format::{VoxelType, with_voxel};
 
-use crate::SourceError;
+use crate::cast::index;
+use crate::error::SourceError;
 use crate::stop::check;
 
 /// Buffer size for copying in bytes.
@@ -79,6 +80,19 @@ pub enum Words {
     Shown,
     /// The text is in a file that a header has named. That might be any file, so messages must not reveal its contents.
     Hidden,
+}
+
+/// Numbers to read from a text.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct TextNumbers {
+    /// Type of the voxels that the numbers become.
+    pub voxel_type: VoxelType,
+    /// Number of voxels.
+    pub voxels: u64,
+    /// Whether errors may quote the text.
+    pub words: Words,
+    /// Reaction to further numbers.
+    pub excess: Excess,
 }
 
 /// Converts a word to a voxel; false if it is not a number of this type.
@@ -167,7 +181,7 @@ impl Spool {
                     found,
                 ));
             }
-            let passed_over = share.skip_bytes.saturating_sub(done).min(count as u64) as usize;
+            let passed_over = index(share.skip_bytes.saturating_sub(done).min(count as u64));
             self.write(&buffer[passed_over..count])?;
             done += count as u64;
         }
@@ -209,20 +223,13 @@ impl Spool {
         }
     }
 
-    /// Appends `voxels` numbers from a text, separated by white space or commas, as little-endian voxels.
+    /// Appends numbers from a text, separated by white space or commas, as little-endian voxels.
     ///
     /// # Errors
     /// If there are fewer numbers. If there are more, and more are refused. If a word is not a number of this type. If
     /// the folder is full.
-    pub fn append_text(
-        &mut self,
-        path: &Path,
-        reader: impl BufRead,
-        voxel_type: VoxelType,
-        voxels: u64,
-        how: (Words, Excess),
-    ) -> Result<(), SourceError> {
-        self.append_words(path, reader, (voxel_type, parse_voxel), voxels, how)
+    pub fn append_text(&mut self, path: &Path, reader: impl BufRead, numbers: TextNumbers) -> Result<(), SourceError> {
+        self.append_words(path, reader, numbers, parse_voxel)
     }
 
     /// As [`Self::append_text`], with `parse` as the conversion from words to voxels.
@@ -230,10 +237,10 @@ impl Spool {
         &mut self,
         path: &Path,
         reader: impl BufRead,
-        (voxel_type, parse): (VoxelType, ParseVoxel),
-        voxels: u64,
-        (words, excess): (Words, Excess),
+        numbers: TextNumbers,
+        parse: ParseVoxel,
     ) -> Result<(), SourceError> {
+        let TextNumbers { voxel_type, voxels, words, excess } = numbers;
         let mut tokens = Tokens { reader, path, token: String::new() };
         let mut voxel = [0; 8];
         let voxel = &mut voxel[..voxel_type.bytes()];

@@ -3,7 +3,7 @@
 use std::io::BufRead;
 use std::path::Path;
 
-use crate::SourceError;
+use crate::error::SourceError;
 
 /// The first characters of a text from a file, safe to print in a message.
 pub(crate) fn shortened(text: &str) -> String {

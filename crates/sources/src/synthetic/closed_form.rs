@@ -6,7 +6,7 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 
 use supervol_format::{Dims, VoxelType};
 
-use super::{CHUNK_VOXELS, Scale, Target};
+use super::target::{CHUNK_VOXELS, Scale, Target};
 
 /// Frequency of the ripples of the Marschner-Lobb signal, f_M.
 const MARSCHNER_LOBB_FREQUENCY: f64 = 6.0;

@@ -21,14 +21,16 @@
 mod closed_form;
 mod noise;
 pub mod seismic;
+mod target;
 pub mod vessels;
 
-use supervol_format::voxel_type::Voxel;
-use supervol_format::{Dims, Geometry, VoxelBox, VoxelType, with_voxel};
+use supervol_format::{Dims, Geometry, VoxelBox, VoxelType};
 
 use super::{Axis, SourceError, SourceInfo, VolumeSource};
+use crate::{Message, ReadOption};
 use closed_form::ClosedForm;
 use seismic::Seismic;
+use target::Target;
 use vessels::Vessels;
 
 /// All names that [`Synthetic::new`] knows.
@@ -36,9 +38,6 @@ pub const NAMES: [&str; 6] = ["marschner-lobb", "seismic", "vessels", "sphere", 
 
 /// World distance between the voxels of `seismic` in metres: 25 m between lines and traces, 10 m between samples.
 const SEISMIC_SPACING_M: [f64; 3] = [25.0, 25.0, 10.0];
-
-/// Voxels along x that are computed together: columns share their tables, and the tables stay in the cache.
-const CHUNK_VOXELS: usize = 1024;
 
 /// A volume computed on read.
 #[derive(Debug)]
@@ -63,7 +62,8 @@ impl Synthetic {
         let voxel_type = voxel_type.unwrap_or(VoxelType::U8);
         if !dims.is_valid() || dims.bytes(voxel_type).is_none() {
             let expected = format!("1 to {} voxels on each axis and less than 2^64 bytes in all", Dims::LIMIT);
-            return Err(SourceError::Options(format!("--dims: expected {expected}, found {dims}")));
+            let message = Message::from(ReadOption::Dims).text(format_args!(": expected {expected}, found {dims}"));
+            return Err(SourceError::options(message));
         }
         let mut info = SourceInfo::plain("synth", dims, voxel_type);
         let field = match name {
@@ -79,10 +79,10 @@ impl Synthetic {
             }
             _ => {
                 let names = NAMES.join(", ");
-                return Err(SourceError::Options(format!("no synthetic volume is called `{name}`; there are {names}")));
+                return Err(SourceError::options(format!("no synthetic volume is called `{name}`; there are {names}")));
             }
         };
-        info.notes.push(format!("computed: {name}, seed {seed}"));
+        info.notes.push(format!("computed: {name}, seed {seed}").into());
         Ok(Self { info, field })
     }
 }
@@ -104,96 +104,5 @@ impl VolumeSource for Synthetic {
             Field::Vessels(field) => field.fill(&mut target),
         }
         Ok(())
-    }
-}
-
-/// Buffer of a read, and its box.
-struct Target<'a> {
-    voxels: VoxelBox,
-    voxel_type: VoxelType,
-    out: &'a mut [u8],
-}
-
-impl Target<'_> {
-    /// The bytes of `length` voxels along x from `start` on; all must lie in the box.
-    fn row(&mut self, start: [u64; 3], length: usize) -> &mut [u8] {
-        let [nx, ny, _] = self.voxels.extent();
-        // Inside the box, whose extent fits the address space.
-        let [x, y, z] = std::array::from_fn(|a| (start[a] - self.voxels.start[a]) as usize);
-        let bytes = self.voxel_type.bytes();
-        let first = (x + nx * (y + ny * z)) * bytes;
-        &mut self.out[first..first + length * bytes]
-    }
-
-    /// Starts and lengths of the pieces along x that are computed together.
-    fn chunks(&self) -> impl Iterator<Item = (u64, usize)> + use<> {
-        let (start, end) = (self.voxels.start[0], self.voxels.end[0]);
-        (start..end).step_by(CHUNK_VOXELS).map(move |x| (x, CHUNK_VOXELS.min((end - x) as usize)))
-    }
-}
-
-/// Conversion of field values to stored values: `stored = value * gain + bias`, rounded for integer types.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Scale {
-    gain: f64,
-    bias: f64,
-}
-
-impl Scale {
-    /// Scale for values from 0 to 1.
-    fn unit(voxel_type: VoxelType) -> Self {
-        let gain = if voxel_type.is_float() { 1.0 } else { voxel_type.limits().1.min(65535.0) };
-        Self { gain, bias: 0.0 }
-    }
-
-    /// Scale for values from -1 to 1.
-    fn amplitude(voxel_type: VoxelType) -> Self {
-        match voxel_type {
-            VoxelType::U8 => Self { gain: 127.0, bias: 128.0 },
-            VoxelType::I8 => Self { gain: 127.0, bias: 0.0 },
-            VoxelType::U16 | VoxelType::U32 => Self { gain: 30000.0, bias: 32768.0 },
-            VoxelType::I16 | VoxelType::I32 | VoxelType::F32 | VoxelType::F64 => Self { gain: 30000.0, bias: 0.0 },
-        }
-    }
-
-    /// Writes doubles as voxels, rounded to nearest.
-    fn write(self, values: &[f64], voxel_type: VoxelType, out: &mut [u8]) {
-        with_voxel!(voxel_type, V => {
-            for (value, voxel) in values.iter().zip(out.chunks_exact_mut(size_of::<V>())) {
-                V::from_f64(value * self.gain + self.bias).write_le(voxel);
-            }
-        });
-    }
-
-    /// Writes f32 values as voxels. Integers are rounded half up, which compiles to a few vector instructions.
-    fn write_fast(self, values: &[f32], voxel_type: VoxelType, out: &mut [u8]) {
-        match voxel_type {
-            VoxelType::U8 => {
-                let (gain, bias) = (self.gain as f32, self.bias as f32 + 0.5);
-                for (value, voxel) in values.iter().zip(out) {
-                    *voxel = (value * gain + bias) as i32 as u8;
-                }
-            }
-            VoxelType::I8 => self.write_integers::<1>(values, out),
-            VoxelType::U16 | VoxelType::I16 => self.write_integers::<2>(values, out),
-            VoxelType::U32 | VoxelType::I32 => self.write_integers::<4>(values, out),
-            VoxelType::F32 | VoxelType::F64 => with_voxel!(voxel_type, V => {
-                for (value, voxel) in values.iter().zip(out.chunks_exact_mut(size_of::<V>())) {
-                    V::from_f64(f64::from(*value) * self.gain + self.bias).write_le(voxel);
-                }
-            }),
-        }
-    }
-
-    /// Writes integers: the low bytes of a two's complement number are the voxel, signed or not.
-    fn write_integers<const BYTES: usize>(self, values: &[f32], out: &mut [u8]) {
-        // Shifted to be positive, so that truncation rounds down.
-        const SHIFT: i32 = 1 << 17;
-        let bias = self.bias + 0.5 + f64::from(SHIFT);
-        for (value, voxel) in values.iter().zip(out.as_chunks_mut::<BYTES>().0) {
-            let stored = (f64::from(*value) * self.gain + bias) as i32 - SHIFT;
-            let bytes = stored.to_le_bytes();
-            *voxel = std::array::from_fn(|i| bytes[i]);
-        }
     }
 }

@@ -4,6 +4,8 @@
 
 use supervol_format::random::Random;
 
+use crate::cast::low_32;
+
 /// Generator of a seed for one purpose, for tables that are computed once.
 pub(super) fn numbers_for(purpose: u64, seed: u64) -> Random {
     Random::new(seed ^ purpose.wrapping_mul(0xd6e8_feb8_6659_fd93))
@@ -26,14 +28,14 @@ pub(super) fn mix(mut h: u32) -> u32 {
 
 /// Hash that the voxels of a row along x share. Coordinates are below 2^32, as every axis is.
 pub(super) fn row_hash(seed: u64, y: u64, z: u64) -> u32 {
-    let seed = mix(seed as u32 ^ mix((seed >> 32) as u32 ^ 0x5bd1_e995));
-    mix(mix(seed.wrapping_add((y as u32).wrapping_mul(0x27d4_eb2f))).wrapping_add((z as u32).wrapping_mul(0x1656_67b1)))
+    let seed = mix(low_32(seed) ^ mix(low_32(seed >> 32) ^ 0x5bd1_e995));
+    mix(mix(seed.wrapping_add(low_32(y).wrapping_mul(0x27d4_eb2f))).wrapping_add(low_32(z).wrapping_mul(0x1656_67b1)))
 }
 
 /// Noise of the voxel x of a row: between -1 and 1, symmetric about 0, with a triangular distribution.
 #[inline]
 pub(super) fn voxel_noise(row: u32, x: u32) -> f32 {
     let h = mix(row.wrapping_add(x.wrapping_mul(0x9e37_79b1)));
-    let sum = (h & 0xffff) as i32 + (h >> 16) as i32 - 0xffff;
+    let sum = (h & 0xffff).cast_signed() + (h >> 16).cast_signed() - 0xffff;
     sum as f32 * (1.0 / 65536.0)
 }

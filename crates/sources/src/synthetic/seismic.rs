@@ -19,7 +19,8 @@ use supervol_format::Dims;
 use supervol_format::random::Random;
 
 use super::noise::{numbers_for, row_hash, sign, voxel_noise};
-use super::{CHUNK_VOXELS, Scale, Target};
+use super::target::{CHUNK_VOXELS, Scale, Target};
+use crate::cast::{index, low_32, signed, single, whole, whole_i32, whole_of_single};
 
 /// Depth in voxels after which the layers repeat; a power of two.
 pub const PERIOD_LIMIT: u64 = 1 << 16;
@@ -103,12 +104,12 @@ impl Seismic {
         let width = nx.max(ny);
         // Room for the shifts of folds and faults, so that small volumes do not repeat.
         let period = (dims.0[2] * 2 + 256).next_power_of_two().min(PERIOD_LIMIT);
-        let index_mask = (period as u32) << TABLE_BITS;
+        let index_mask = low_32(period) << TABLE_BITS;
         let mut random = numbers_for(1, seed);
         Self {
             seed,
             depth_voxels: nz,
-            trace: trace(period as usize, &mut numbers_for(2, seed)),
+            trace: trace(index(period), &mut numbers_for(2, seed)),
             index_mask: index_mask - 1,
             waves: std::array::from_fn(|i| Wave::random(i, width, nz, &mut random)),
             faults: std::array::from_fn(|_| Fault::random([nx, ny, nz], &mut random)),
@@ -138,21 +139,21 @@ impl Seismic {
         let depth = &mut scratch.depth[..length];
         let amplitude = &mut scratch.amplitude[..length];
         // Depths wrap at 2^32, a whole number of periods.
-        let z_fixed = (z as u32).wrapping_shl(DEPTH_BITS) as i32;
-        let below = (z as f64 / self.depth_voxels) as f32;
-        let z = z as i32;
+        let z_fixed = low_32(z).wrapping_shl(DEPTH_BITS).cast_signed();
+        let below = single(z as f64 / self.depth_voxels);
+        let z_signed = low_32(z).cast_signed();
         for ((depth, fold), growth) in depth.iter_mut().zip(&columns.fold).zip(&columns.growth) {
-            *depth = z_fixed.wrapping_add(*fold).wrapping_add((growth * below) as i32);
+            *depth = z_fixed.wrapping_add(*fold).wrapping_add(whole_of_single(growth * below));
         }
         for fault in &columns.faults {
             for ((depth, top), throw) in depth.iter_mut().zip(&fault.top).zip(&fault.throw) {
-                *depth = depth.wrapping_add(if z > *top { *throw } else { 0 });
+                *depth = depth.wrapping_add(if z_signed > *top { *throw } else { 0 });
             }
         }
         const BELOW_ENTRY: u32 = DEPTH_BITS - TABLE_BITS;
         const TO_FRACTION: f32 = 1.0 / (1 << BELOW_ENTRY) as f32;
         for ((amplitude, depth), gain) in amplitude.iter_mut().zip(&*depth).zip(&columns.gain) {
-            let depth = *depth as u32;
+            let depth = depth.cast_unsigned();
             let entry = (depth >> BELOW_ENTRY & self.index_mask) as usize;
             let fraction = (depth & ((1 << BELOW_ENTRY) - 1)) as f32 * TO_FRACTION;
             let (low, high) = (self.trace[entry], self.trace[entry + 1]);
@@ -164,8 +165,8 @@ impl Seismic {
             }
             channel.fill(depth, &share.across, amplitude);
         }
-        let row = row_hash(self.seed, y, z as u64);
-        for (amplitude, x) in amplitude.iter_mut().zip(x as u32..) {
+        let row = row_hash(self.seed, y, z);
+        for (amplitude, x) in amplitude.iter_mut().zip(low_32(x)..) {
             *amplitude = (*amplitude + NOISE * voxel_noise(row, x)).clamp(-1.0, 1.0);
         }
     }
@@ -190,17 +191,17 @@ fn trace(period: usize, random: &mut Random) -> Vec<f32> {
             package = random.between(0.25, 1.5);
         }
         let coefficient = package * random.between(0.1, 1.0) * sign(random);
-        let first = ((depth - RICKER_SUPPORT) * per_voxel).ceil() as i64;
-        let last = ((depth + RICKER_SUPPORT) * per_voxel).floor() as i64;
+        let first = whole(((depth - RICKER_SUPPORT) * per_voxel).ceil());
+        let last = whole(((depth + RICKER_SUPPORT) * per_voxel).floor());
         for entry in first..=last {
-            let at = entry.rem_euclid(entries as i64) as usize;
+            let at = index(entry.rem_euclid(signed(entries as u64)).cast_unsigned());
             amplitudes[at] += coefficient * ricker(entry as f64 / per_voxel - depth);
         }
         depth += random.between(2.0, 14.0);
     }
     let power: f64 = amplitudes.iter().map(|a| a * a).sum::<f64>() / entries as f64;
     let gain = TRACE_RMS / power.sqrt().max(f64::MIN_POSITIVE);
-    let mut table: Vec<f32> = amplitudes.iter().map(|a| (a * gain) as f32).collect();
+    let mut table: Vec<f32> = amplitudes.iter().map(|a| single(a * gain)).collect();
     table.push(table[0]);
     table
 }
@@ -239,19 +240,19 @@ impl Fault {
 
 impl Channel {
     fn random(index: usize, [nx, ny, nz]: [f64; 3], random: &mut Random) -> Self {
-        let fixed = |voxels: f64| (voxels * f64::from(1 << DEPTH_BITS)) as i32;
+        let fixed = |voxels: f64| whole_i32(voxels * f64::from(1 << DEPTH_BITS));
         let depth = nz * (index as f64 + random.between(0.3, 0.7)) / CHANNELS as f64;
         let k = TAU / nx.max(ny);
         Self {
             // Depths wrap like those of voxels; within one period they are exact.
-            depth: (depth * f64::from(1 << DEPTH_BITS)) as i64 as i32,
+            depth: low_32(whole(depth * f64::from(1 << DEPTH_BITS)).cast_unsigned()).cast_signed(),
             half_thickness: fixed((0.012 * nz).clamp(2.0, 12.0)),
             y0: ny * random.between(0.25, 0.75),
             amplitude: [ny * random.between(0.05, 0.15), ny * random.between(0.02, 0.06)],
             k: [k * random.between(0.8, 1.6), k * random.between(3.0, 6.0)],
             phase: [random.between(0.0, TAU), random.between(0.0, TAU)],
             half_width: (ny * random.between(0.015, 0.04)).max(1.5),
-            brightness: (random.between(0.6, 0.95) * sign(random)) as f32,
+            brightness: single(random.between(0.6, 0.95) * sign(random)),
         }
     }
 
@@ -361,9 +362,9 @@ impl Columns {
                 growth += wave.growth_voxels * value;
                 gain += wave.gain * value;
             }
-            self.fold[i] = (fold * fixed) as i32;
-            self.growth[i] = (growth * fixed) as f32;
-            self.gain[i] = gain as f32;
+            self.fold[i] = whole_i32(fold * fixed);
+            self.growth[i] = single(growth * fixed);
+            self.gain[i] = single(gain);
         }
     }
 }
@@ -377,8 +378,8 @@ impl FaultColumns {
             let along = (dy * fault.across[0] - dx * fault.across[1]) / fault.half_length;
             // The displacement decreases to zero towards the fault's ends.
             let taper = (1.0 - along * along).max(0.0);
-            self.top[i] = (fault.z0 + fault.slope * across) as i32;
-            self.throw[i] = (fault.throw_voxels * taper * taper * fixed) as i32;
+            self.top[i] = whole_i32(fault.z0 + fault.slope * across);
+            self.throw[i] = whole_i32(fault.throw_voxels * taper * taper * fixed);
         }
     }
 }
@@ -388,7 +389,7 @@ impl ChannelColumns {
         self.is_empty = true;
         for (share, (centre, cosine)) in self.across.iter_mut().zip(centrelines) {
             let t = (y - centre) * cosine / channel.half_width;
-            *share = (1.0 - t * t).max(0.0) as f32;
+            *share = single((1.0 - t * t).max(0.0));
             self.is_empty &= *share == 0.0;
         }
     }

@@ -12,7 +12,8 @@ use supervol_format::random::Random;
 use supervol_format::{Dims, VoxelBox};
 
 use super::noise::numbers_for;
-use super::{Scale, Target};
+use super::target::{Scale, Target};
+use crate::cast::{index, low_32, single, whole_u64};
 
 /// Share of the grid that tubes may fill; an upper estimate.
 const FILL_LIMIT: f64 = 0.045;
@@ -70,7 +71,7 @@ impl Vessels {
 
     /// Counting sort: number of pieces per cell, then the start of each list, then the lists.
     fn sort_into_cells(&mut self) {
-        let count = self.cells.iter().product::<u64>() as usize;
+        let count = index(self.cells.iter().product());
         let mut counts = vec![0_u32; count + 1];
         self.for_each_near(|cell, _| counts[cell + 1] += 1);
         for cell in 0..count {
@@ -88,18 +89,18 @@ impl Vessels {
     fn for_each_near(&self, mut visit: impl FnMut(usize, u32)) {
         let edge = self.cell_voxels as f64;
         let half_diagonal = edge * 3.0_f64.sqrt() / 2.0;
-        for (index, piece) in self.pieces.iter().enumerate() {
+        for (number, piece) in (0..).zip(&self.pieces) {
             let reach = DVec3::splat(piece.radius + REACH_VOXELS);
             let low = (piece.start.min(piece.end) - reach) / edge;
             let high = (piece.start.max(piece.end) + reach) / edge;
             // Casts saturate at 0; the upper end is clamped to the last cell.
-            let range = |axis: usize| low[axis] as u64..=(high[axis] as u64).min(self.cells[axis] - 1);
+            let range = |axis: usize| whole_u64(low[axis])..=whole_u64(high[axis]).min(self.cells[axis] - 1);
             for z in range(2) {
                 for y in range(1) {
                     for x in range(0) {
                         let centre = (DVec3::new(x as f64, y as f64, z as f64) + 0.5) * edge;
                         if piece.distance(centre) <= piece.radius + REACH_VOXELS + half_diagonal {
-                            visit(self.cell([x, y, z]), index as u32);
+                            visit(self.cell([x, y, z]), number);
                         }
                     }
                 }
@@ -108,7 +109,7 @@ impl Vessels {
     }
 
     fn cell(&self, [x, y, z]: [u64; 3]) -> usize {
-        (x + self.cells[0] * (y + self.cells[1] * z)) as usize
+        index(x + self.cells[0] * (y + self.cells[1] * z))
     }
 
     pub(super) fn fill(&self, target: &mut Target<'_>) {
@@ -176,24 +177,25 @@ impl Piece {
         let start = (self.start - origin).as_vec3();
         let axis = (self.end - self.start).as_vec3();
         let inverse_square = 1.0 / axis.length_squared().max(f32::MIN_POSITIVE);
-        let edge = (self.radius + 0.5) as f32;
+        let edge = single(self.radius + 0.5);
         let [nx, ny, _] = block.extent();
         // Voxels of the block that the tube's bounding box covers, relative to the corner.
         let range = |axis_index: usize| {
             let (a, b) = (start[axis_index], start[axis_index] + axis[axis_index]);
-            let low = (block.start[axis_index] - corner[axis_index]).max((a.min(b) - edge).ceil() as u64);
-            let high = (block.end[axis_index] - corner[axis_index]).min(((a.max(b) + edge).floor() + 1.0) as u64);
+            let low = (block.start[axis_index] - corner[axis_index]).max(whole_u64((a.min(b) - edge).ceil().into()));
+            let high =
+                (block.end[axis_index] - corner[axis_index]).min(whole_u64(((a.max(b) + edge).floor() + 1.0).into()));
             low..high
         };
         let mut touched = false;
         for z in range(2) {
             for y in range(1) {
-                let row = (y + corner[1] - block.start[1]) as usize + ny * (z + corner[2] - block.start[2]) as usize;
+                let row = index(y + corner[1] - block.start[1]) + ny * index(z + corner[2] - block.start[2]);
                 for x in range(0) {
                     let offset = Vec3::new(x as f32, y as f32, z as f32) - start;
                     let along = (offset.dot(axis) * inverse_square).clamp(0.0, 1.0);
                     let value = (edge - (offset - axis * along).length()).clamp(0.0, 1.0) * self.brightness;
-                    let at = (x + corner[0] - block.start[0]) as usize + nx * row;
+                    let at = index(x + corner[0] - block.start[0]) + nx * row;
                     values[at] = values[at].max(value);
                     touched |= value > 0.0;
                 }
@@ -225,13 +227,13 @@ fn grow(dims: Dims, random: &mut Random) -> Vec<Piece> {
     let shortest = size.min_element();
     let step = (0.03 * shortest).max(3.0);
     let root_radius = (0.016 * shortest).clamp(1.2, 200.0);
-    let roots = (6.0 * size.element_product() / shortest.powi(3)).clamp(6.0, 48.0) as usize;
-    let mut tips: VecDeque<Tip> = (0..roots).map(|i| root(i, size, root_radius, random)).collect();
+    let roots = whole_u64((6.0 * size.element_product() / shortest.powi(3)).clamp(6.0, 48.0));
+    let mut tips: VecDeque<Tip> = (0..index(roots)).map(|i| root(i, size, root_radius, random)).collect();
     let mut room = FILL_LIMIT * size.element_product();
     let mut pieces = Vec::new();
     while let Some(tip) = tips.pop_front() {
         let end = tip.position + tip.direction * step;
-        let brightness = (0.5 + 0.5 * ((tip.radius - RADIUS_LEAST) / root_radius).clamp(0.0, 1.0)) as f32;
+        let brightness = single(0.5 + 0.5 * ((tip.radius - RADIUS_LEAST) / root_radius).clamp(0.0, 1.0));
         let piece = Piece { start: tip.position, end, radius: tip.radius, brightness };
         room -= piece.volume();
         if room < 0.0 || pieces.len() == PIECES_LIMIT {
@@ -253,7 +255,7 @@ fn grow(dims: Dims, random: &mut Random) -> Vec<Piece> {
         for share in [share, 1.0 - share] {
             let radius = tip.radius * share.cbrt();
             if radius >= RADIUS_LEAST {
-                let until_fork = random.between(2.0, 7.0) as u32;
+                let until_fork = low_32(whole_u64(random.between(2.0, 7.0)));
                 tips.push_back(Tip { position: end, direction: turned(random, 0.9), radius, until_fork });
             }
         }

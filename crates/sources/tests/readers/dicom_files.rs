@@ -77,7 +77,7 @@ fn a_series_lies_where_simple_itk_places_it() {
         // last.
         assert!(distance < 0.02, "{index:?}: {distance} mm");
     }
-    assert!(info.notes.iter().any(|note| note.contains("evenly")), "{:?}", info.notes);
+    assert!(info.notes.iter().any(|note| note.to_string().contains("evenly")), "{:?}", info.notes);
     let Some(path) = data_file("dicom/odd/rtdose.dcm") else { return };
     let dose = opened(&path).unwrap();
     let [x, y, z] = dose.info().geometry.world_from_index().transform_point3([1.0, 2.0, 14.0].into()).to_array();
@@ -94,7 +94,7 @@ fn colours_are_luminance_or_one_channel() {
     let blue = choosing(&path, |s| s.channel = Some(2)).unwrap();
     assert_eq!(summary(blue.as_ref(), [0; 3]).2, 2_185_818.0);
     let error = choosing(&path, |s| s.channel = Some(3)).err().unwrap().to_string();
-    assert!(error.contains("--channel 3") && error.contains("last is number 2"), "{error}");
+    assert!(error.contains("`channel` 3") && error.contains("last is number 2"), "{error}");
 }
 
 /// Five slices of 5 x 4 voxels, 2.5 mm apart along z, and their voxels, lowest slice first.
@@ -124,7 +124,7 @@ fn slices_are_sorted_by_their_place() {
     assert_eq!((info.scale, info.offset, info.unit.as_str()), (1.0, -1024.0, "HU"));
     assert_eq!(info.geometry.spacing, [0.25, 0.5, 2.5]);
     assert_eq!(info.geometry.origin, [1.0, -2.0, 10.0]);
-    assert!(info.notes.iter().any(|note| note.starts_with("1 files of the folder")), "{:?}", info.notes);
+    assert!(info.notes.iter().any(|note| note.to_string().starts_with("1 files of the folder")), "{:?}", info.notes);
     // From the other side of the patient: z decreases, and x with it, so that the grid is right-handed.
     let folder = tempfile::tempdir().unwrap();
     let (slices, _) = stack(&Slice { orientation: "-1\\0\\0\\0\\1\\0", ..Slice::default() });
@@ -153,7 +153,11 @@ fn slices_that_are_missing_or_tilted() {
     let source = opened(folder.path()).unwrap();
     let world = source.info().geometry.world_from_index();
     assert!((world.transform_point3([0.0, 0.0, 4.0].into()) - glam::DVec3::new(1.0, 0.0, 20.0)).length() < 1e-12);
-    assert!(source.info().notes.iter().any(|note| note.contains("tilted by 11.31")), "{:?}", source.info().notes);
+    assert!(
+        source.info().notes.iter().any(|note| note.to_string().contains("tilted by 11.31")),
+        "{:?}",
+        source.info().notes
+    );
     // One slice beside the others.
     slices[2].position[1] += 5.0;
     let folder = tempfile::tempdir().unwrap();
@@ -169,13 +173,13 @@ fn series_and_time_points_are_chosen() {
     let second: Vec<u8> = voxels.iter().map(|byte| byte ^ 0x55).collect();
     write(folder.path(), &slices, &voxels);
     write(folder.path(), &others, &second);
-    assert_refused(opened(folder.path()), &["2 series", "--series", "number 7", "UID 1.2.3", "CT a head"]);
+    assert_refused(opened(folder.path()), &["2 series", "`series`", "number 7", "UID 1.2.3", "CT a head"]);
     for series in ["7", "1.2.4"] {
         let source = choosing(folder.path(), |s| s.series = Some(series.into())).unwrap();
         check_boxes(source.as_ref(), &second, 2);
     }
     let error = choosing(folder.path(), |s| s.series = Some("8".into())).err().unwrap().to_string();
-    assert!(error.contains("--series 8") && error.contains("number 7"), "{error}");
+    assert!(error.contains("`series` 8") && error.contains("number 7"), "{error}");
     // Two volumes in one series, with equal numbers at equal places.
     let folder = tempfile::tempdir().unwrap();
     write(folder.path(), &slices, &voxels);
@@ -184,7 +188,7 @@ fn series_and_time_points_are_chosen() {
     check_boxes(opened(folder.path()).unwrap().as_ref(), &voxels, 3);
     check_boxes(choosing(folder.path(), |s| s.frame = Some(1)).unwrap().as_ref(), &second, 3);
     let error = choosing(folder.path(), |s| s.frame = Some(2)).err().unwrap().to_string();
-    assert!(error.contains("--frame 2") && error.contains("last is number 1"), "{error}");
+    assert!(error.contains("`frame` 2") && error.contains("last is number 1"), "{error}");
     std::fs::remove_file(folder.path().join("IM0002-1.2.3-106")).unwrap();
     assert_refused(opened(folder.path()), &["as many at each place", "missing"]);
 }
@@ -206,7 +210,7 @@ fn damaged_files_and_other_compressions_leave_other_series_alone() {
     let source = chosen("1.2.3").unwrap();
     check_boxes(source.as_ref(), &voxels, 2);
     assert!(
-        source.info().notes.iter().any(|n| n.starts_with("1 damaged files are left out")),
+        source.info().notes.iter().any(|n| n.to_string().starts_with("1 damaged files are left out")),
         "{:?}",
         source.info().notes
     );
@@ -281,7 +285,11 @@ fn slopes_bits_localisers_and_links() {
     let stored = |i: usize| f64::from(i16::from_le_bytes([voxels[2 * i], voxels[2 * i + 1]]));
     assert_eq!(value_at(source.as_ref(), [2, 1, 3]), stored(67) * 0.5 - 1024.0);
     assert_eq!(value_at(source.as_ref(), [2, 1, 2]), stored(47) - 1024.0);
-    assert!(source.info().notes.iter().any(|note| note.contains("localisers")), "{:?}", source.info().notes);
+    assert!(
+        source.info().notes.iter().any(|note| note.to_string().contains("localisers")),
+        "{:?}",
+        source.info().notes
+    );
     // Twelve significant bits of sixteen, with other data in the rest.
     let folder = tempfile::tempdir().unwrap();
     let (slices, _) = stack(&Slice { stored_bits: 12, ..Slice::default() });

@@ -96,7 +96,7 @@ fn spacings_are_read_where_they_are_written() {
         assert_eq!(fiji.info().axes[0].unit, "um");
         let viewer = opened(&named(&file(name), "t00000/s00/1/cells")).unwrap();
         assert_eq!(viewer.info().geometry.spacing, [2.0, 2.0, 1.0]);
-        assert!(viewer.info().notes.iter().any(|n| n.contains("--spacing")), "{:?}", viewer.info().notes);
+        assert!(viewer.info().notes.iter().any(|n| n.to_string().contains("`spacing`")), "{:?}", viewer.info().notes);
     }
 }
 
@@ -210,16 +210,16 @@ fn data_sets_of_big_data_viewer_are_read_with_their_place() {
         info.files.iter().map(|f| f.path().to_owned()).collect::<Vec<_>>(),
         [path.clone(), folder.path().join("data.h5")]
     );
-    let notes = info.notes.join("; ");
-    assert!(notes.contains("2 setups") && notes.contains("2 time points") && !notes.contains("--spacing"), "{notes}");
+    let notes = info.notes.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
+    assert!(notes.contains("2 setups") && notes.contains("2 time points") && !notes.contains("`spacing`"), "{notes}");
     // Missing parts are reported as missing.
     let refused =
         |choose: fn(&mut OpenOptions), words: &[&str]| assert_refused(of_level(&path, choose).map(|_| ()), words);
-    refused(|o| o.selection.level = Some(3), &["--source-level 3", "t00000/s00/3/cells"]);
+    refused(|o| o.selection.level = Some(3), &["`level` 3", "t00000/s00/3/cells"]);
     refused(|o| o.selection.channel = Some(1), &["t00000/s01/1/cells"]);
-    refused(|o| o.selection.channel = Some(2), &["--channel 2", "the last is number 1"]);
+    refused(|o| o.selection.channel = Some(2), &["`channel` 2", "the last is number 1"]);
     refused(|o| o.selection.frame = Some(1), &["t00004/s00/1/cells"]);
-    refused(|o| o.selection.series = Some("a".into()), &["--series"]);
+    refused(|o| o.selection.series = Some("a".into()), &["`series`"]);
 }
 
 #[test]
@@ -229,7 +229,7 @@ fn data_sets_of_big_data_viewer_name_nothing_that_is_not_theirs() {
     std::fs::create_dir(&inside).unwrap();
     std::fs::copy(file("new.h5"), folder.path().join("data.h5")).unwrap();
     let outside = viewer_xml(&inside, "bdv.hdf5", "../data.h5");
-    assert_refused(of_level(&outside, |_| ()).map(|_| ()), &["outside", "--allow-outside"]);
+    assert_refused(of_level(&outside, |_| ()).map(|_| ()), &["outside", "`outside`"]);
     let allowed = of_level(&outside, |o| o.outside = supervol_sources::formats::nrrd::Outside::Allowed);
     assert_eq!(allowed.unwrap_or_else(|e| panic!("{e}")).info().dims, Dims(DIMS));
     assert_refused(

@@ -112,7 +112,7 @@ fn data_files_are_found_and_stay_below_the_header() {
     }
     std::fs::write(folder.path().join("secret"), [7; 280]).unwrap();
     let path = written(&inside, "v.mhd", &[&header("MET_USHORT", "", "../secret")]);
-    assert_refused(source(&path), &["outside", "--allow-outside"]);
+    assert_refused(source(&path), &["outside", "`outside`"]);
     assert!(MetaImageSource::open(&path, &SpoolFolder::at(&inside), Outside::Allowed).is_ok());
     for (data, words) in [
         ("missing.raw", &["data file", "no such file"][..]),
@@ -143,10 +143,10 @@ fn geometry_and_values() {
     assert_eq!(at(0.0, 0.0, 2.0), [-3.0, 40.0, 3.0]);
     let singular = "TransformMatrix = 0 1 0 0 1 0 0 0 1\n";
     let path = written(folder.path(), "v.mha", &[&header("MET_UCHAR", singular, "LOCAL"), &[0; 140]]);
-    assert!(source(&path).unwrap().info().notes.iter().any(|note| note.contains("singular")));
+    assert!(source(&path).unwrap().info().notes.iter().any(|note| note.to_string().contains("singular")));
     // Bytes behind the voxels are noted.
     let path = written(folder.path(), "v.mha", &[&header("MET_UCHAR", "", "LOCAL"), &[0; 143]]);
-    assert!(source(&path).unwrap().info().notes.iter().any(|note| note.ends_with("not read: 3")));
+    assert!(source(&path).unwrap().info().notes.iter().any(|note| note.to_string().ends_with("not read: 3")));
 }
 
 #[test]
@@ -159,7 +159,7 @@ fn what_is_no_volume_of_ours_is_refused_by_name() {
         assert_refused(source(&path), words);
     };
     refused("MET_UCHAR", "MET_UCHAR_ARRAY", &["ElementType", "MET_UCHAR_ARRAY"]);
-    refused("Offset", "ElementNumberOfChannels = 2\nOffset", &["2 numbers per voxel", "--channel 0 to 1"]);
+    refused("Offset", "ElementNumberOfChannels = 2\nOffset", &["2 numbers per voxel", "`channel` 0 to 1"]);
     refused("7 5 4", "7 5", &["DimSize"]);
     refused("7 5 4", "7 0 4", &["DimSize"]);
     refused("7 5 4", "7 5 9999999999999", &["dims"]);

@@ -27,7 +27,7 @@ fn stored(name: &str) -> Option<NiftiSource> {
 }
 
 fn has_note(source: &NiftiSource, words: &str) -> bool {
-    source.info().notes.iter().any(|n| n.contains(words))
+    source.info().notes.iter().any(|n| n.to_string().contains(words))
 }
 
 /// Compares the affine from index to world, row by row.

@@ -29,7 +29,7 @@ fn files_are_known_by_their_first_bytes_or_their_names() {
         ("m", b"SIMPLE  =                    T".to_vec(), "astropy"),
         ("n.xdmf", b"<?xml version=\"1.0\"?><Xdmf/>".to_vec(), "FILE.h5:/PATH"),
         ("o.hdr", b"ENVI\nsamples = 3".to_vec(), "gdal_translate"),
-        ("p", b"#INRIMAGE-4#{\n".to_vec(), "--offset 256"),
+        ("p", b"#INRIMAGE-4#{\n".to_vec(), "`header_bytes` 256"),
         ("q", b"# === DATA DESCRIPTION FILE ===".to_vec(), "parrec2nii"),
         ("r", b"PVM\n4 4 4\n".to_vec(), "pvm2raw"),
     ];
@@ -52,7 +52,7 @@ fn files_are_known_by_their_first_bytes_or_their_names() {
     }
     let unknown = folder.path().join("unknown");
     std::fs::write(&unknown, [9; 20]).unwrap();
-    refused(&unknown, &["MetaImage", "TIFF", "--dims"]);
+    refused(&unknown, &["MetaImage", "TIFF", "`dims`"]);
 }
 
 #[test]

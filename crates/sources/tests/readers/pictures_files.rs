@@ -68,7 +68,11 @@ fn slices_come_in_natural_order() {
     let source = opened(folder.path()).unwrap();
     assert_eq!(source.info().format, "pictures");
     check_boxes(source.as_ref(), &voxels, 8);
-    assert!(source.info().notes.iter().any(|note| note.contains("no pictures")), "{:?}", source.info().notes);
+    assert!(
+        source.info().notes.iter().any(|note| note.to_string().contains("no pictures")),
+        "{:?}",
+        source.info().notes
+    );
     // A picture of another size, and one of another format.
     let odd = folder.path().join("slice-5b.png");
     std::fs::write(&odd, png([7, 9], png::ColorType::Grayscale, png::BitDepth::Sixteen, &voxels[..126])).unwrap();
@@ -95,5 +99,5 @@ fn palettes_bits_and_colours() {
     assert_eq!(read_all(open(&path, &options).unwrap().as_ref()).unwrap(), [0, 255, 0, 9, 0, 255]);
     options.selection.channel = None;
     options.selection.frame = Some(1);
-    assert_refused(open(&path, &options), &["--frame 1"]);
+    assert_refused(open(&path, &options), &["`frame` 1"]);
 }

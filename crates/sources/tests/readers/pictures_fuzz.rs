@@ -35,5 +35,5 @@ fn damaged_files_and_pictures_that_are_too_large() {
     let mut options = OpenOptions::default();
     options.segy.memory_bytes = 100;
     std::fs::write(folder.path().join("v.png"), png([9, 7], &voxels)).unwrap();
-    assert_refused(open(&folder.path().join("v.png"), &options), &["9 x 7", "--memory allows 100"]);
+    assert_refused(open(&folder.path().join("v.png"), &options), &["9 x 7", "`memory_bytes` allows 0.001 MiB"]);
 }

@@ -27,7 +27,7 @@ fn walnut() {
     assert_eq!(summary(&source, [64, 48, 57]), (0.0, 22526.0, 2_873_024_118.0, 5353.0));
     assert_eq!(grid_support::value_at(&source, [30, 20, 10]), 732.0);
     let wrong = RawSource::open(&path, &options([128, 96, 115], VoxelType::U16));
-    assert_refused(wrong, &["2826240 bytes", "2801664 bytes", "--dims 128,96,114 fits"]);
+    assert_refused(wrong, &["2826240 bytes", "2801664 bytes", "`dims` 128,96,114 fits"]);
 }
 
 #[test]
@@ -73,9 +73,12 @@ fn wrong_options() {
     assert!(open(&ten).is_ok());
     assert_refused(
         open(&options([10, 10, 10], VoxelType::I16)),
-        &["2000 bytes", "1000 bytes", "--dtype u8 or i8 fits"],
+        &["2000 bytes", "1000 bytes", "`voxel_type` u8 or i8 fits"],
     );
-    assert_refused(open(&options([10, 10, 9], VoxelType::U8)), &["900 bytes", "--offset 100 fits", "--dims 10,10,10"]);
+    assert_refused(
+        open(&options([10, 10, 9], VoxelType::U8)),
+        &["900 bytes", "`header_bytes` 100 fits", "`dims` 10,10,10"],
+    );
     assert_refused(open(&RawOptions { header_bytes: 1, ..ten.clone() }), &["1001 bytes", "1000 bytes"]);
     assert_refused(open(&RawOptions { header_bytes: u64::MAX, ..ten.clone() }), &["1000 bytes"]);
     assert_refused(open(&options([0, 10, 10], VoxelType::U8)), &["0 x 10 x 10"]);

@@ -40,7 +40,7 @@ fn a_folder_with_one_file_per_inline_is_one_survey() {
     let (one, many) = (whole.info(), joined.info());
     assert_eq!((one.geometry, &one.survey, &one.axes), (many.geometry, &many.survey, &many.axes));
     assert_eq!(many.files.len(), 5);
-    assert!(many.notes.iter().any(|n| n == "5 files are read as one survey"), "{:?}", many.notes);
+    assert!(many.notes.iter().any(|n| n.to_string() == "5 files are read as one survey"), "{:?}", many.notes);
     // A missing line is a hole. A duplicate line is not allowed.
     std::fs::remove_file(folder.path().join("line_10.sgy")).unwrap();
     let holes = opened(folder.path(), |_| ()).unwrap();
@@ -79,7 +79,7 @@ fn one_offset_or_the_mean_of_all() {
         let Some(path) = data_file(&format!("segy/odd/{name}.sgy")) else { return };
         assert_refused(
             opened(&path, |_| ()).map(|_| ()),
-            &["2 offsets (byte 37), 1 to 2", "--offset 1", "--offset stack"],
+            &["2 offsets (byte 37), 1 to 2", "`offsets` 1", "`offsets` stack"],
         );
         for (offsets, mean) in [(Offsets::One(1), 1.0), (Offsets::One(2), 2.0), (Offsets::Stack, 1.5)] {
             let source = opened(&path, |options| options.offsets = offsets).unwrap_or_else(|e| panic!("{e}"));
@@ -90,14 +90,14 @@ fn one_offset_or_the_mean_of_all() {
                     assert!((found - expected).abs() < 3e-5, "{name}, {offsets:?}, {at:?}: {found} is not {expected}");
                 }
             }
-            let notes = source.info().notes.join("; ");
+            let notes = source.info().notes.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
             let expected =
                 if offsets == Offsets::Stack { "the mean of 2 offsets, 1 to 2" } else { "12 traces of other offsets" };
             assert!(notes.contains(expected), "{notes}");
         }
         // A selection without any trace is refused.
         let nothing = opened(&path, |options| options.offsets = Offsets::One(7)).map(|_| ());
-        assert_refused(nothing, &["no trace has offset 7 (byte 37): they have 1 to 2", "--offset-byte"]);
+        assert_refused(nothing, &["no trace has offset 7 (byte 37): they have 1 to 2", "`offset_byte`"]);
     }
 }
 
@@ -117,7 +117,11 @@ fn samples_and_interval_by_hand() {
     check_boxes(source.as_ref(), &read_all(whole.as_ref()).unwrap(), 1);
     assert_eq!(source.info().geometry.spacing[2], 2.5);
     assert_eq!(source.info().survey.as_ref().unwrap().sample_interval, 2.5);
-    assert!(source.info().notes.iter().any(|n| n.contains("interval was given by hand")), "{:?}", source.info().notes);
-    assert_refused(opened(&path, |options| options.samples = Some(0)).map(|_| ()), &["--samples 0"]);
-    assert_refused(opened(&path, |options| options.interval = Some(f64::NAN)).map(|_| ()), &["--interval"]);
+    assert!(
+        source.info().notes.iter().any(|n| n.to_string().contains("interval was given by hand")),
+        "{:?}",
+        source.info().notes
+    );
+    assert_refused(opened(&path, |options| options.samples = Some(0)).map(|_| ()), &["`samples` 0"]);
+    assert_refused(opened(&path, |options| options.interval = Some(f64::NAN)).map(|_| ()), &["`interval`"]);
 }

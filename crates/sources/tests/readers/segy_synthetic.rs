@@ -129,7 +129,7 @@ impl Recipe {
     }
 
     fn refusal(&self) -> String {
-        self.open().err().expect("refused").to_string()
+        self.open().expect_err("refused").to_string()
     }
 }
 
@@ -274,7 +274,7 @@ fn a_file_on_disk_reads_like_bytes_in_memory() {
     std::fs::write(file.path(), recipe.bytes()).unwrap();
     let source = SegySource::open(file.path(), &SegyOptions::default()).unwrap();
     assert_eq!(read_all(&source), read_all(&recipe.open().unwrap()));
-    let message = SegySource::open(Path::new("/no/such/file.sgy"), &SegyOptions::default()).err().expect("no file");
+    let message = SegySource::open(Path::new("/no/such/file.sgy"), &SegyOptions::default()).expect_err("no file");
     assert!(matches!(message, SourceError::Io { .. }));
 }
 
@@ -357,7 +357,7 @@ fn dead_padding_without_line_numbers_is_left_out() {
     traces.push(Trace { words: BTreeMap::from([(29, Word::I16(2))]), ..trace(0, 0, 4) });
     let source = Recipe::new(5, traces).open().unwrap();
     assert_eq!(source.info().dims, Dims([2, 2, 4]));
-    assert!(source.info().notes.iter().any(|n| n.contains("1 dead traces without line numbers")));
+    assert!(source.info().notes.iter().any(|n| n.to_string().contains("1 dead traces without line numbers")));
 }
 
 #[test]
@@ -403,11 +403,11 @@ fn lying_headers_are_refused_with_the_reason() {
     let label = {
         let mut bytes = Recipe::new(5, grid()).bytes();
         bytes[..7].copy_from_slice(b"0001SY1");
-        SegySource::from_bytes(Box::new(bytes), Path::new("x"), &SegyOptions::default()).err().expect("refused")
+        SegySource::from_bytes(Box::new(bytes), Path::new("x"), &SegyOptions::default()).expect_err("refused")
     };
     assert!(label.to_string().contains("tape label"), "{label}");
     let short = SegySource::from_bytes(Box::new(vec![0; 100]), Path::new("x"), &SegyOptions::default());
-    assert!(short.err().expect("refused").to_string().contains("3600"));
+    assert!(short.expect_err("refused").to_string().contains("3600"));
 }
 
 #[test]
@@ -416,7 +416,7 @@ fn sample_counts_missing_in_the_binary_header_come_from_the_traces() {
     traces.iter_mut().for_each(|t| t.words.extend([(115, Word::I16(5))]));
     let source = Recipe::new(5, traces.clone()).word(3221, Word::I16(0)).open().unwrap();
     assert_places(&source, Dims([3, 2, 5]).full_box());
-    assert!(source.info().notes.iter().any(|n| n.contains("0 samples per trace")));
+    assert!(source.info().notes.iter().any(|n| n.to_string().contains("0 samples per trace")));
     traces[3].words.insert(115, Word::I16(4));
     assert!(Recipe::new(5, traces).word(3221, Word::I16(0)).refusal().contains("trace 4"));
 }
@@ -430,7 +430,10 @@ fn lines_in_other_bytes_are_suggested_and_then_read() {
     }
     let recipe = Recipe::new(5, traces);
     let message = recipe.refusal();
-    assert!(message.contains("--il-byte 9 --xl-byte 21 would read it as a full grid of 3 x 2 traces"), "{message}");
+    assert!(
+        message.contains("`inline_byte` 9 `crossline_byte` 21 would read it as a full grid of 3 x 2 traces"),
+        "{message}"
+    );
     // The same with noise in bytes 189 and 193 that spans a huge grid.
     let mut noise = recipe.traces.clone();
     for (index, t) in noise.iter_mut().enumerate() {
@@ -438,7 +441,7 @@ fn lines_in_other_bytes_are_suggested_and_then_read() {
         t.words.extend([(189, Word::I32(number)), (193, Word::I32(number ^ 0x5A5A_5A5A))]);
     }
     let message = Recipe::new(5, noise).refusal();
-    assert!(message.contains("less than 1/64") && message.contains("--il-byte 9 --xl-byte 21"), "{message}");
+    assert!(message.contains("less than 1/64") && message.contains("`inline_byte` 9 `crossline_byte` 21"), "{message}");
     let options = SegyOptions { inline_byte: 9, crossline_byte: 21, ..SegyOptions::default() };
     assert_places(&recipe.open_with(&options).unwrap(), Dims([2, 3, 5]).full_box());
 }
@@ -462,7 +465,7 @@ fn coordinates_give_the_spacing_where_they_are_lengths() {
     assert_eq!(with(1, 100.0, 2).axes[1].unit, "ft");
     let degrees = with(3, 10.0, 1);
     assert_eq!((degrees.geometry.spacing[0], degrees.axes[0].unit.as_str()), (1.0, ""));
-    assert!(degrees.notes.iter().any(|n| n.contains("decimal degrees")), "{:?}", degrees.notes);
+    assert!(degrees.notes.iter().any(|n| n.to_string().contains("decimal degrees")), "{:?}", degrees.notes);
 }
 
 #[test]
@@ -471,7 +474,7 @@ fn differing_delays_and_intervals_are_noted() {
     traces[0].words.insert(109, Word::I16(100));
     traces[1].words.extend([(109, Word::I16(1040)), (215, Word::I16(-10)), (117, Word::I16(2000))]);
     let source = Recipe::new(5, traces).open().unwrap();
-    let notes = source.info().notes.join("\n");
+    let notes = source.info().notes.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n");
     assert!(notes.contains("from 100 ms (trace 1) to 104 ms (trace 2)"), "{notes}");
     assert!(notes.contains("2000 to 2000; the binary header's 4000"), "{notes}");
     assert_eq!(source.info().geometry.origin[2], 100.0);

@@ -74,15 +74,19 @@ fn frames() {
             assert_eq!(source.info().dims, Dims([5, 4, 3]));
             check_boxes(source.as_ref(), expected, 3);
         }
-        assert_refused(choose(&path, Some(3), None), &["--frame 3", "has 3, of which the last is number 2"]);
+        assert_refused(choose(&path, Some(3), None), &["`frame` 3", "has 3, of which the last is number 2"]);
         match choose(&path, None, None) {
             Ok(source) => {
                 check_boxes(source.as_ref(), &voxels[..120], 3);
                 let notes = &source.info().notes;
-                assert!(notes.iter().any(|note| note.contains("--frame 0 to 2")), "{}: {notes:?}", path.display());
+                assert!(
+                    notes.iter().any(|note| note.to_string().contains("`frame` 0 to 2")),
+                    "{}: {notes:?}",
+                    path.display()
+                );
             }
             // An npy array does not tell which axis is time.
-            Err(error) => assert!(path.ends_with("a.npy") && error.to_string().contains("--frame"), "{error}"),
+            Err(error) => assert!(path.ends_with("a.npy") && error.to_string().contains("`frame`"), "{error}"),
         }
     }
     // Compressed: the bytes before the volume are skipped.
@@ -113,20 +117,24 @@ fn channels() {
     for path in &is_colour {
         let source = choose(path, None, None).unwrap_or_else(|e| panic!("{e}"));
         check_boxes(source.as_ref(), &grey, 5);
-        assert!(source.info().notes.iter().any(|note| note.contains("luminance")), "{:?}", source.info().notes);
+        assert!(
+            source.info().notes.iter().any(|note| note.to_string().contains("luminance")),
+            "{:?}",
+            source.info().notes
+        );
     }
     let is_vector = [
         files.put("c.npy", npy("|u1", "(6, 4, 5, 3)", &colours)),
         files.put("v.nrrd", nrrd("uchar", "3 5 4 6", "kinds: vector domain domain domain\n", &colours)),
     ];
     for path in &is_vector {
-        assert_refused(choose(path, None, None), &["--channel"]);
+        assert_refused(choose(path, None, None), &["`channel`"]);
     }
     for path in is_colour.iter().chain(&is_vector) {
         for c in 0..3 {
             check_boxes(choose(path, None, Some(c)).unwrap().as_ref(), &channel(c as usize), 5);
         }
-        assert_refused(choose(path, None, Some(3)), &["--channel 3", "last is number 2"]);
+        assert_refused(choose(path, None, Some(3)), &["`channel` 3", "last is number 2"]);
     }
 }
 
@@ -164,7 +172,11 @@ fn integers_of_64_bits_take_the_smallest_type_that_holds_them() {
                 assert_eq!(value_at(source.as_ref(), [i as u64 % 2, i as u64 / 2, 0]), *value as f64);
             }
             let says = format!("kept as {voxel_type}");
-            assert!(source.info().notes.iter().any(|note| note.contains(&says)), "{:?}", source.info().notes);
+            assert!(
+                source.info().notes.iter().any(|note| note.to_string().contains(&says)),
+                "{:?}",
+                source.info().notes
+            );
         }
     }
     let unsigned: Vec<u8> = [u64::MAX, 0, 0, 0].iter().flat_map(|v| v.to_le_bytes()).collect();
@@ -177,10 +189,10 @@ fn formats_with_one_volume_say_so() {
     let files = Files(tempfile::tempdir().unwrap());
     let path = files.put("a.npy", npy("|u1", "(2, 2, 2)", &[0; 8]));
     assert!(choose(&path, Some(0), None).is_ok());
-    assert_refused(choose(&path, Some(1), None), &["--frame 1", "has one, which is number 0"]);
+    assert_refused(choose(&path, Some(1), None), &["`frame` 1", "has one, which is number 0"]);
     let mut options = OpenOptions::default();
     options.selection.series = Some("3".into());
-    assert_refused(open(&path, &options), &["--series", "no DICOM"]);
+    assert_refused(open(&path, &options), &["`series`", "no DICOM"]);
     let mut named = path.into_os_string();
     named.push(":/x");
     assert_refused(open(Path::new(&named), &OpenOptions::default()), &["no arrays", ":/x"]);

@@ -152,7 +152,7 @@ fn vessels_are_sparse() {
 fn wrong_options() {
     let open = |name: &str, dims| Synthetic::new(name, Dims(dims), None, 0);
     assert_refused(open("nothing", [8; 3]), &["nothing", "marschner-lobb", "constant"]);
-    assert_refused(open("ramp", [8, 0, 8]), &["--dims", "8 x 0 x 8"]);
+    assert_refused(open("ramp", [8, 0, 8]), &["`dims`", "8 x 0 x 8"]);
     assert_refused(open("ramp", [1 << 23; 3]), &["2^64"]);
     assert_eq!(open("ramp", [8; 3]).unwrap().info().voxel_type, VoxelType::U8);
 }

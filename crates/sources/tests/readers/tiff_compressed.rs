@@ -63,7 +63,7 @@ fn colours_by_jpeg_are_red_green_and_blue() {
             }
         }
         let source = opened(name, None);
-        assert!(source.info().notes.iter().any(|note| note.contains("luminance")), "{name}");
+        assert!(source.info().notes.iter().any(|note| note.to_string().contains("luminance")), "{name}");
     }
 }
 

@@ -146,7 +146,7 @@ fn whole_numbers_of_64_bits_are_kept_in_what_holds_them() {
     for rows in [6, 4] {
         let source = chosen(&written(folder.path(), &tiff(&[page(rows)], "")), None, None).unwrap();
         assert_eq!((source.info().dims, source.info().voxel_type), (Dims([4, 6, 1]), VoxelType::I16));
-        assert!(source.info().notes.iter().any(|note| note.contains("int64")), "{:?}", source.info().notes);
+        assert!(source.info().notes.iter().any(|note| note.to_string().contains("int64")), "{:?}", source.info().notes);
         check_boxes(source.as_ref(), &small, 3);
     }
     let positive: Vec<u8> = (0..24u64).flat_map(|n| (n << 40).to_le_bytes()).collect();
@@ -189,7 +189,7 @@ fn numbers_in_planes_of_their_own() {
             check_boxes(source.as_ref(), &plane.repeat(2), 3);
         }
         let source = chosen(&path, None, None).unwrap();
-        assert!(source.info().notes.iter().any(|note| note.contains("luminance")));
+        assert!(source.info().notes.iter().any(|note| note.to_string().contains("luminance")));
         let shares = [0.299, 0.587, 0.114];
         let luminance = |at: usize| (0..3).map(|c| shares[c] * f64::from(planes[c][at])).sum::<f64>();
         for at in [0, 19, 17 * 20 + 3, 359] {
@@ -199,7 +199,7 @@ fn numbers_in_planes_of_their_own() {
     }
     // Channels that are not colours have no luminance.
     let path = written(folder.path(), &tiff(&in_planes(BLACK_IS_ZERO)[..1], ""));
-    assert_refused(chosen(&path, None, None).map(|_| ()), &["3 numbers per voxel", "--channel 0 to 2"]);
+    assert_refused(chosen(&path, None, None).map(|_| ()), &["3 numbers per voxel", "`channel` 0 to 2"]);
     check_boxes(chosen(&path, Some(2), None).unwrap().as_ref(), &planes[2], 3);
 }
 
@@ -220,13 +220,19 @@ fn series_of_ome() {
     let xml = format!("<?xml version=\"1.0\"?><OME>{}{}</OME>", image([9, 7, 3], 0.5, 0), image([5, 4, 2], 0.25, 3));
     let path = written(folder.path(), &tiff(&pages, &xml));
     let source = chosen(&path, None, None).unwrap();
-    assert!(source.info().notes.iter().any(|n| n.contains("2 series") && n.contains("--series 0 to 1")));
+    assert!(
+        source
+            .info()
+            .notes
+            .iter()
+            .any(|n| n.to_string().contains("2 series") && n.to_string().contains("`series` 0 to 1"))
+    );
     check_boxes(source.as_ref(), &first, 3);
     let source = chosen(&path, None, Some("1")).unwrap_or_else(|e| panic!("{e}"));
     assert_eq!((source.info().dims, source.info().geometry.spacing), (Dims([5, 4, 2]), [0.25, 0.25, 2.0]));
     check_boxes(source.as_ref(), &second, 3);
-    assert_refused(chosen(&path, None, Some("2")).map(|_| ()), &["--series 2", "2 series"]);
-    assert_refused(chosen(&path, None, Some("1.2.3")).map(|_| ()), &["--series 1.2.3", "number"]);
+    assert_refused(chosen(&path, None, Some("2")).map(|_| ()), &["`series` 2", "2 series"]);
+    assert_refused(chosen(&path, None, Some("1.2.3")).map(|_| ()), &["`series` 1.2.3", "number"]);
     let plain = written(folder.path(), &tiff(&pages[..1], ""));
     assert_refused(chosen(&plain, None, Some("1")).map(|_| ()), &["only DICOM and OME-TIFF have series"]);
     // Pages of different sizes without a description.

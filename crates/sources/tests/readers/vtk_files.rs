@@ -64,7 +64,7 @@ fn real_files_are_what_vtk_reads() {
     let cells = opened(&path).unwrap();
     assert_eq!(cells.info().geometry.origin, [0.5; 3]);
     assert!(
-        cells.info().notes.iter().any(|note| note.contains("int64, of 0 to 4: kept as u8")),
+        cells.info().notes.iter().any(|note| note.to_string().contains("int64, of 0 to 4: kept as u8")),
         "{:?}",
         cells.info().notes
     );

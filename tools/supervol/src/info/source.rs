@@ -5,9 +5,11 @@ use std::path::{Path, PathBuf};
 
 use supervol_arguments::failure::{Failure, with_output};
 use supervol_arguments::quantity::show_bytes;
+use supervol_arguments::source::flag;
 use supervol_preprocess::BuildError;
 use supervol_preprocess::kept::Reading;
 use supervol_preprocess::naming::container_beside;
+use supervol_sources::grid::named::NamedSource;
 use supervol_sources::input::file::SourceFile;
 use supervol_sources::{SourceInfo, Survey, VolumeSource};
 
@@ -26,6 +28,7 @@ impl Described {
     /// Opens a volume file; its voxels are not read, except where it is compressed as a whole.
     pub fn of(path: &Path, reading: &Reading) -> Result<Self, Failure> {
         let source = reading.open(path, &std::env::temp_dir()).map_err(BuildError::from)?;
+        let source = Box::new(NamedSource::new(source, flag));
         Ok(Self { path: path.into(), source })
     }
 
@@ -66,7 +69,7 @@ impl Described {
             "nodata": info.nodata.map(|stored| stored * info.scale + info.offset),
             "source": { "name": self.name(), "format": info.format, "bytes": self.bytes() },
             "survey": info.survey,
-            "notes": info.notes,
+            "notes": info.notes.iter().map(ToString::to_string).collect::<Vec<_>>(),
         })
     }
 

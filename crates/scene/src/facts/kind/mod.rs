@@ -272,9 +272,10 @@ impl<'a> Evidence<'a> {
 
     /// Whether the file holds other channels beside the one that was read. This is usual for microscopes, not for
     /// scanners of solid matter. If the user chose the channel, the choice is part of the name; otherwise the reader
-    /// writes a note.
+    /// writes a note, with the option's name in the library or on the command line.
     fn is_one_of_several_channels(&self) -> bool {
-        let is_noted = |note: &String| note.contains(" channels") && note.contains("--channel");
+        let names_option = |note: &String| note.contains("`channel`") || note.contains("--channel");
+        let is_noted = |note: &String| note.contains(" channels") && names_option(note);
         self.manifest.source.name.contains(" --channel ") || self.manifest.notes.iter().any(is_noted)
     }
 }

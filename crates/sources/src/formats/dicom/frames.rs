@@ -16,6 +16,7 @@ use super::data_set::{DataSet, PixelsAt};
 use super::header::{FRAMES_LIMIT, Image, of_fault, open};
 use super::series::Member;
 use super::syntax::Compression;
+use crate::cast::{index, low_32, whole};
 use crate::grid::dense::swap_bytes;
 use crate::input::spool::SpoolFolder;
 use crate::{Endian, SourceError};
@@ -62,7 +63,7 @@ impl<'a> Frames<'a> {
             Compression::None => Vec::new(),
             _ => DataSet::new(&mut file, pixels.offset, end)
                 .map_err(|e| SourceError::io(path, e))?
-                .fragments(4 * FRAMES_LIMIT as usize)
+                .fragments(4 * index(FRAMES_LIMIT))
                 .map_err(|fault| of_fault(path, fault))?,
         };
         let (endian, count) = (header.syntax.spelling.endian, header.frame_count);
@@ -74,7 +75,7 @@ impl<'a> Frames<'a> {
         let bytes = self.image.frame_bytes();
         let decoded = match self.compression {
             Compression::None => {
-                let mut out = vec![0; bytes as usize];
+                let mut out = vec![0; index(bytes)];
                 let at = self.pixels.offset + frame * bytes;
                 self.file.read_exact_at(at, &mut out).map_err(|e| SourceError::io(self.path, e))?;
                 if self.endian == Endian::Big {
@@ -108,10 +109,10 @@ impl<'a> Frames<'a> {
         let of_frame = if self.count == 1 {
             data
         } else if data.len() as u64 == self.count {
-            &data[frame as usize..=frame as usize]
+            &data[index(frame)..=index(frame)]
         } else {
             let starts = self.starts(table_at, table_bytes)?;
-            let (from, to) = (starts[frame as usize], starts.get(frame as usize + 1).copied().unwrap_or(u64::MAX));
+            let (from, to) = (starts[index(frame)], starts.get(index(frame) + 1).copied().unwrap_or(u64::MAX));
             // Offsets count from the first fragment's item, eight bytes before its data.
             let first = data.first().map_or(0, |(at, _)| at - 8);
             let number = |offset: u64| data.iter().take_while(|(at, _)| at - 8 - first < offset).count();
@@ -273,16 +274,23 @@ fn jpeg_2000(encoded: &[u8], image: &Image) -> Result<Vec<u8>, String> {
     if planes.len() != components as usize || planes.iter().any(|plane| plane.samples().len() != pixels) {
         return Err(format!("{} components", planes.len()));
     }
+    let bits = planes.iter().map(|plane| plane.bit_depth()).max().unwrap_or_default();
+    if u32::from(bits) > image.allocated {
+        return Err(format!("numbers of {bits} bits"));
+    }
     // The decoder adds half the range to signed numbers, too.
     let shift = if is_signed { 1i64 << (planes[0].bit_depth().clamp(1, 32) - 1) } else { 0 };
-    let number = |i: usize| (planes[i % planes.len()].samples()[i / planes.len()].round() as i64 - shift) as u32;
+    let number = |i: usize| {
+        let sample = whole(planes[i % planes.len()].samples()[i / planes.len()].round().into());
+        low_32((sample - shift).cast_unsigned())
+    };
     Ok(widened((0..pixels * planes.len()).map(number), image))
 }
 
 /// Converts numbers to the width that the file announces.
 fn widened(numbers: impl Iterator<Item = u32>, image: &Image) -> Vec<u8> {
     let size = image.allocated as usize / 8;
-    let mut out = Vec::with_capacity(image.frame_bytes() as usize);
+    let mut out = Vec::with_capacity(index(image.frame_bytes()));
     numbers.for_each(|number| out.extend_from_slice(&number.to_le_bytes()[..size]));
     out
 }

@@ -8,6 +8,7 @@ use supervol_format::ByteSource;
 
 use super::data_set::{DataSet, Element, Fault, PixelsAt, Spelling, Visitor, in_order};
 use super::syntax::Syntax;
+use crate::cast::{index, low_32, whole, whole_u64};
 use crate::input::spool::{Spool, SpoolFolder};
 use crate::input::text::shortened;
 use crate::{Endian, SourceError};
@@ -153,6 +154,8 @@ pub(super) struct Header {
     pub(super) description: String,
     pub(super) instance: i64,
     pub(super) padding: Option<f64>,
+    /// Padding value that has more than 16 bits.
+    wrong_padding: Option<f64>,
     /// Unit of the values, from whichever of three elements states it.
     pub(super) unit: String,
     pub(super) frame_count: u64,
@@ -175,6 +178,7 @@ impl Header {
             description: String::new(),
             instance: 0,
             padding: None,
+            wrong_padding: None,
             unit: String::new(),
             frame_count: 1,
             place: Place::default(),
@@ -187,9 +191,9 @@ impl Header {
 
     /// Placement of a frame.
     pub(super) fn frame(&self, number: u64) -> Place {
-        let own = self.frames.get(number as usize).copied().unwrap_or_default();
+        let own = self.frames.get(index(number)).copied().unwrap_or_default();
         let mut place = own.or(&self.shared).or(&self.place);
-        let along = self.offsets.get(number as usize).zip(self.offsets.first());
+        let along = self.offsets.get(index(number)).zip(self.offsets.first());
         if let (Some((offset, first)), Some(position), Some(normal)) = (along, place.position, normal(&place)) {
             place.position = Some(std::array::from_fn(|i| position[i] + normal[i] * (offset - first)));
         } else if self.frame_count > 1 && own.position.is_none() {
@@ -207,6 +211,10 @@ impl Header {
         let fault = |fault| of_fault(path, fault);
         let mut data_set = DataSet::new(&mut file, start, end).map_err(|e| SourceError::io(path, e))?;
         header.pixels = data_set.visit(header.syntax.spelling, &mut header).map_err(fault)?;
+        if let Some(number) = header.wrong_padding {
+            let expected = "a number of 16 bits";
+            return Err(SourceError::invalid(path, "pixel padding value (0028,0120)", expected, number.to_string()));
+        }
         if !(1..=FRAMES_LIMIT).contains(&header.frame_count) {
             let found = header.frame_count.to_string();
             return Err(SourceError::invalid(path, "number of frames", format!("1 to {FRAMES_LIMIT}"), found));
@@ -319,37 +327,44 @@ impl Header {
     fn take(&mut self, tag: u32, bytes: &[u8], numbers: &[f64]) {
         let first = numbers.first().copied();
         // A 16-bit unsigned integer, or 0.
-        let word = first.filter(|n| (0.0..=65_535.0).contains(n)).unwrap_or_default() as u32;
+        let word = low_32(whole_u64(first.filter(|n| (0.0..=65_535.0).contains(n)).unwrap_or_default()));
         let image = &mut self.image;
         match tag {
             0x0008_0060 => self.modality = text(bytes),
             0x0008_103e => self.description = text(bytes),
             0x0020_000e => self.series_uid = text(bytes),
-            0x0020_0011 => self.series_number = first.map(|n| n as i64),
-            0x0020_0013 => self.instance = first.unwrap_or_default() as i64,
+            0x0020_0011 => self.series_number = first.map(whole),
+            0x0020_0013 => self.instance = whole(first.unwrap_or_default()),
             0x0028_0002 => image.samples = word,
             0x0028_0004 => image.photometric = text(bytes),
             0x0028_0006 => image.is_planar = word == 1,
             // An empty number of frames means one.
-            0x0028_0008 => self.frame_count = first.map_or(1, |n| n.max(0.0) as u64),
+            0x0028_0008 => self.frame_count = first.map_or(1, whole_u64),
             0x0028_0010 => image.rows = word,
             0x0028_0011 => image.columns = word,
             0x0028_0100 => image.allocated = word,
             0x0028_0101 => image.stored = word,
             0x0028_0102 => image.high = word,
             0x0028_0103 => image.is_signed = word == 1,
-            0x0028_0120 => self.padding = first.and_then(|n| self.padding_of(n as i64 as u16)),
+            0x0028_0120 => self.take_padding(first),
             0x0028_1054 | 0x0054_1001 | 0x3004_0002 => self.unit = text(bytes),
             0x3004_000c => self.offsets = numbers.to_vec(),
             _ => {}
         }
     }
 
-    /// The padding value of a word, with the sign of the pixels, whatever representation the file states. 0 is ignored:
+    /// Takes the padding value, with the sign of the pixels, in any representation that the file states. 0 is ignored:
     /// some scanners state it although their images have air of that value, so a patient would get holes.
-    fn padding_of(&self, word: u16) -> Option<f64> {
-        let padding = if self.image.is_signed { f64::from(word as i16) } else { f64::from(word) };
-        Some(padding).filter(|padding| *padding != 0.0)
+    fn take_padding(&mut self, number: Option<f64>) {
+        let Some(number) = number.filter(|n| !n.is_nan()) else { return };
+        let whole = whole(number);
+        let word = u16::try_from(whole).or_else(|_| i16::try_from(whole).map(i16::cast_unsigned));
+        let Ok(word) = word else {
+            self.wrong_padding = Some(number);
+            return;
+        };
+        let padding = if self.image.is_signed { f64::from(word.cast_signed()) } else { f64::from(word) };
+        self.padding = Some(padding).filter(|padding| *padding != 0.0);
     }
 }
 

@@ -1,12 +1,12 @@
 //! DICOM: a folder with the files of a series, or one file, with one or many frames.
 //!
-//! A series is the set of files with the same series UID. If a folder holds several, they are listed, and `--series`
+//! A series is the set of files with the same series UID. If a folder holds several, they are listed, and `series`
 //! chooses one. Slices are sorted by their position along the normal of the image, which is the z direction. The world
 //! space is the patient's: left-posterior-superior, in mm. Missing slices are refused; a tilted gantry gives a sheared
 //! grid.
 //! Rescale slope and intercept become scale and offset if they are equal for all slices; voxels stay as stored.
-//! Otherwise the values are computed slice by slice, as f32. The padding value is nodata, unless it is 0. `--frame`
-//! chooses one of several volumes at the same place (time points, echoes), `--channel` a colour.
+//! Otherwise the values are computed slice by slice, as f32. The padding value is nodata, unless it is 0. `frame`
+//! chooses one of several volumes at the same place (time points, echoes), `channel` a colour.
 //! Uncompressed pixels are read in place. Compressed ones (RLE, JPEG, JPEG 2000) are decoded once into a spool file,
 //! one frame at a time. Single bits, JPEG-LS, JPEG XL and video are refused by name.
 
@@ -23,14 +23,17 @@ use supervol_format::space::WorldSpace;
 use supervol_format::voxel_type::voxels_as_f64;
 use supervol_format::{Dims, VoxelBox, VoxelType};
 
+use crate::cast::single;
+use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::grid::dense::{GridFile, GridLayout, GridSource, Part, checked_bytes};
 use crate::grid::elements;
 use crate::grid::elements::{Channels, Elements, Meaning, Numbers};
 use crate::input::data_files::open_data;
 use crate::input::file::SourceFile;
-use crate::input::folder::{FolderOptions, Listing};
+use crate::input::folder::{FolderDepth, FolderOptions, Listing};
+use crate::input::selection::Choice;
 use crate::input::spool::Spool;
-use crate::{Axis, SourceError, SourceInfo, VolumeSource};
+use crate::{Axis, Message, SourceError, SourceInfo, VolumeSource};
 use data_set::{DOUBLE_PIXEL_DATA, FLOAT_PIXEL_DATA, PixelsAt};
 use frames::Frames;
 use header::{FRAMES_LIMIT, Header, Image};
@@ -44,8 +47,20 @@ const FRAME_COPIES: u64 = 6;
 #[derive(Debug)]
 pub struct DicomSource(GridSource);
 
+/// Row of the table of formats.
+pub const FORMAT: Format = Format {
+    name: "dicom",
+    title: "DICOM",
+    choices: &[Choice::Series, Choice::Array],
+    sniff: |start, _| is_dicom(&start.bytes) || start.is_named(&[".dcm", ".dicom", ".ima"]),
+    certainty: Certainty::Certain,
+    folder: Folder::ByFiles { title: "DICOM", sniff: |files| files.any_start(|start| is_dicom(&start.bytes)) },
+    open: |path, options| Ok(Box::new(DicomSource::open(path, &options.of_folders())?)),
+    found: |_| Found::DicomSlice,
+};
+
 /// Whether a file is DICOM, judged by its first bytes.
-pub(crate) fn is_dicom(head: &[u8]) -> bool {
+fn is_dicom(head: &[u8]) -> bool {
     head.get(128..132) == Some(b"DICM")
 }
 
@@ -65,7 +80,7 @@ impl DicomSource {
             if is_only {
                 return Err(error);
             }
-            notes.push(format!("{count} damaged files are left out, whatever series they belong to: {error}"));
+            notes.push(format!("{count} damaged files are left out, whatever series they belong to: {error}").into());
         }
         members.iter().try_for_each(|member| member.header.syntax.check(&member.path))?;
         let members = series::keep_alike(members, &mut notes);
@@ -122,10 +137,10 @@ type Damaged = Option<(SourceError, u64)>;
 fn members(
     path: &Path,
     options: &FolderOptions<'_>,
-    notes: &mut Vec<String>,
+    notes: &mut Vec<Message>,
 ) -> Result<(Vec<Member>, Damaged), SourceError> {
     let listing = match path.is_dir() {
-        true => Listing::of(path, true, options.outside)?,
+        true => Listing::of(path, FolderDepth::WithSubfolders, options.outside)?,
         false => Listing::one(path),
     };
     listing.note(notes);
@@ -159,7 +174,9 @@ fn members(
         return Err(SourceError::invalid(path, "DICOM", "at least one file with pixels", found));
     }
     if others + without_image > 0 {
-        notes.push(format!("{} files of the folder hold no DICOM image and are left out", others + without_image));
+        notes.push(
+            format!("{} files of the folder hold no DICOM image and are left out", others + without_image).into(),
+        );
     }
     Ok((members, damaged))
 }
@@ -207,7 +224,7 @@ impl<'a> Volume<'a> {
         members: &'a [Member],
         slices: &'a [Slice],
         options: &'a FolderOptions<'a>,
-        notes: &mut Vec<String>,
+        notes: &mut Vec<Message>,
     ) -> Result<Self, SourceError> {
         let pixels: Vec<PixelsAt> = members.iter().filter_map(|member| member.header.pixels).collect();
         let image = &members[0].header.image;
@@ -307,11 +324,12 @@ impl<'a> Volume<'a> {
     fn decode(&self) -> Result<File, SourceError> {
         let needed = self.image.frame_bytes().saturating_mul(FRAME_COPIES);
         if needed > self.options.memory_bytes {
-            let what = format!("{} frames of {} x {}", self.path.display(), self.image.columns, self.image.rows);
-            let allowed = self.options.memory_bytes;
-            return Err(SourceError::Options(format!(
-                "{what} take {needed} bytes each to decode; --memory allows {allowed}"
-            )));
+            let image = &self.image;
+            return Err(SourceError::Memory {
+                what: format!("decoding frames of {} x {} of {}", image.columns, image.rows, self.path.display()),
+                needed_bytes: needed,
+                allowed_bytes: self.options.memory_bytes,
+            });
         }
         let mut spool = Spool::create(self.options.spool)?;
         let mut opened: Option<(usize, Frames<'_>)> = None;
@@ -339,7 +357,7 @@ impl<'a> Volume<'a> {
         self.elements.convert(self.stored, numbers, &mut voxels);
         let (slope, intercept) = scaling(slice);
         let padding = self.members[slice.file].header.padding;
-        let value = |stored: f64| if Some(stored) == padding { f32::NAN } else { (stored * slope + intercept) as f32 };
+        let value = |stored: f64| if Some(stored) == padding { f32::NAN } else { single(stored * slope + intercept) };
         voxels_as_f64(self.stored, &voxels).into_iter().flat_map(|stored| value(stored).to_le_bytes()).collect()
     }
 }

@@ -8,8 +8,9 @@ use glam::{DMat3, DVec3};
 use supervol_format::Geometry;
 
 use super::header::{Header, Place, normal};
-use crate::SourceError;
+use crate::cast::index;
 use crate::input::selection::Selection;
+use crate::{Message, ReadOption, SourceError};
 
 /// Largest difference per component of two orientations that count as equal.
 const SAME_DIRECTION: f64 = 1e-3;
@@ -81,18 +82,20 @@ pub(super) fn choose_series(
         None => SourceError::unsupported(
             path,
             format!("{count} series, of which a volume is one"),
-            format!("choose one by its number or UID with --series:{list}"),
+            Message::from("choose one by its number or UID with ")
+                .option(ReadOption::Series)
+                .text(format_args!(":{list}")),
         ),
-        Some(wanted) => SourceError::Options(format!(
-            "--series {wanted}: {} of the {count} series of {} have this number or UID:{list}",
+        Some(wanted) => SourceError::options(Message::from(ReadOption::Series).text(format_args!(
+            " {wanted}: {} of the {count} series of {} have this number or UID:{list}",
             fitting.len(),
             path.display()
-        )),
+        ))),
     })
 }
 
 /// Keeps the largest group of files whose images agree in size, number format and orientation, and notes the others.
-pub(super) fn keep_alike(members: Vec<Member>, notes: &mut Vec<String>) -> Vec<Member> {
+pub(super) fn keep_alike(members: Vec<Member>, notes: &mut Vec<Message>) -> Vec<Member> {
     let is_alike = |a: &Header, b: &Header| {
         let turned = |(a, b): (&f64, &f64)| (a - b).abs() > SAME_DIRECTION;
         let same_way = match (a.frame(0).orientation, b.frame(0).orientation) {
@@ -112,7 +115,7 @@ pub(super) fn keep_alike(members: Vec<Member>, notes: &mut Vec<String>) -> Vec<M
     groups.sort_by_key(|group| std::cmp::Reverse(group.len()));
     let left_out: usize = groups.iter().skip(1).map(Vec::len).sum();
     if left_out > 0 {
-        notes.push(format!("{left_out} images of another size, type or orientation (localisers?) are left out"));
+        notes.push(format!("{left_out} images of another size, type or orientation (localisers?) are left out").into());
     }
     groups.into_iter().next().unwrap_or_default()
 }
@@ -122,7 +125,7 @@ pub(super) fn slices(
     path: &Path,
     members: &[Member],
     selection: &Selection,
-    notes: &mut Vec<String>,
+    notes: &mut Vec<Message>,
 ) -> Result<Vec<Slice>, SourceError> {
     let mut all = Vec::new();
     for (file, Member { header, .. }) in members.iter().enumerate() {
@@ -135,7 +138,7 @@ pub(super) fn slices(
     let placed = all.iter().filter(|slice| slice.place.position.is_some()).count();
     if placed != all.len() || members[0].header.frame(0).orientation.is_none() {
         if placed > 0 && all.len() > 1 {
-            notes.push(format!("{} of {} slices have no position", all.len() - placed, all.len()));
+            notes.push(format!("{} of {} slices have no position", all.len() - placed, all.len()).into());
         }
         if all.len() > 1 {
             notes.push("no position of each slice: they follow one another by their numbers".into());
@@ -154,7 +157,7 @@ fn one_volume(
     path: &Path,
     all: Vec<Slice>,
     selection: &Selection,
-    notes: &mut Vec<String>,
+    notes: &mut Vec<Message>,
 ) -> Result<Vec<Slice>, SourceError> {
     let mut places: Vec<Vec<Slice>> = Vec::new();
     for slice in all {
@@ -184,11 +187,11 @@ fn one_volume(
         });
     }
     // The index is below the count, so it fits the address space.
-    Ok(places.into_iter().map(|place| place[wanted as usize]).collect())
+    Ok(places.into_iter().map(|place| place[index(wanted)]).collect())
 }
 
 /// Geometry of the volume: x along columns, y along rows, z from slice to slice, sheared if the gantry was tilted.
-pub(super) fn geometry(path: &Path, slices: &[Slice], notes: &mut Vec<String>) -> Result<Geometry, SourceError> {
+pub(super) fn geometry(path: &Path, slices: &[Slice], notes: &mut Vec<Message>) -> Result<Geometry, SourceError> {
     let first = &slices[0].place;
     let [spacing_y, spacing_x] = first.pixel_spacing.unwrap_or_else(|| {
         notes.push("the files give no pixel spacing: replaced by 1".into());
@@ -207,24 +210,26 @@ pub(super) fn geometry(path: &Path, slices: &[Slice], notes: &mut Vec<String>) -
         (z, spacing_z) = (step.normalize_or_zero(), step.length());
         let tilt = z.dot(normal).clamp(-1.0, 1.0).acos().to_degrees();
         if tilt > 0.05 {
-            notes.push(format!("slices are tilted by {tilt:.2} degrees against their normal (gantry tilt): kept so"));
+            notes.push(
+                format!("slices are tilted by {tilt:.2} degrees against their normal (gantry tilt): kept so").into(),
+            );
         }
     } else if first.between.or(first.thickness).is_none() {
         notes.push("the distance of slices is unknown: replaced by 1".into());
     } else if slices.len() > 1 {
         let what = if first.between.is_some() { "stated distance" } else { "stated thickness" };
-        notes.push(format!("slices are {spacing_z} mm apart by their {what}"));
+        notes.push(format!("slices are {spacing_z} mm apart by their {what}").into());
     }
     let direction = DMat3::from_cols(x, y, z).transpose().to_cols_array().map(|v| v + 0.0);
     let origin = first.position.unwrap_or([0.0; 3]).map(|v| v + 0.0);
     let geometry = Geometry { spacing: [spacing_x, spacing_y, spacing_z], origin, direction };
     let Some(defect) = geometry.defect() else { return Ok(geometry) };
-    notes.push(format!("{defect}: replaced by the world's axes"));
+    notes.push(format!("{defect}: replaced by the world's axes").into());
     Ok(Geometry { direction: Geometry::IDENTITY.direction, ..geometry })
 }
 
 /// Refuses a stack with a missing slice, or one so uneven that slices would be drawn at wrong places.
-fn check_even(path: &Path, slices: &[Slice], step: DVec3, notes: &mut Vec<String>) -> Result<(), SourceError> {
+fn check_even(path: &Path, slices: &[Slice], step: DVec3, notes: &mut Vec<Message>) -> Result<(), SourceError> {
     let mut gaps: Vec<f64> = slices.windows(2).map(|pair| pair[1].along - pair[0].along).collect();
     let ordered = gaps.clone();
     gaps.sort_by(f64::total_cmp);
@@ -255,7 +260,9 @@ fn check_even(path: &Path, slices: &[Slice], step: DVec3, notes: &mut Vec<String
         return Err(SourceError::invalid(path, "positions of slices", expected, found));
     }
     if share > UNEVEN_NOTED {
-        notes.push(format!("slices are not quite evenly spaced: at most {worst:.3} mm from where they are shown"));
+        notes.push(
+            format!("slices are not quite evenly spaced: at most {worst:.3} mm from where they are shown").into(),
+        );
     }
     Ok(())
 }

@@ -1,7 +1,7 @@
 //! HDF5: a dataset of a file (`FILE.h5:/PATH`), or the only one. Also BigDataViewer, Imaris, NetCDF 4 and MINC 2, which
 //! are HDF5.
 //!
-//! The last three axes of a dataset are z, y, x; further axes are `--frame` and `--channel`. Chunks are decoded one by
+//! The last three axes of a dataset are z, y, x; further axes are `frame` and `channel`. Chunks are decoded one by
 //! one (deflate, shuffle, Fletcher, szip, LZ4, LZF, n-bit, scale-offset; other filters are refused). Contiguous
 //! datasets are read in runs at the offsets in their headers.
 //! Spacings come from the attributes `element_size_um` (Fiji, ilastik) and `resolutions` (BigDataViewer). BigDataViewer
@@ -31,6 +31,8 @@ use supervol_format::{ByteSource, Dims, VoxelType};
 
 use super::zarr::ome::{ArrayAxis, Role, geometry_of};
 use super::zarr::placement::place;
+use crate::cast::index;
+use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::grid::chunked::{
     AXES_LIMIT, ArrayShape, ChunkGrid, ChunkMemory, ChunkedSource, Chunks, number_in_c_order, widened,
 };
@@ -39,11 +41,24 @@ use crate::grid::elements::{Channels, Elements, Frames, Number};
 use crate::input::data_files::open_data;
 use crate::input::file::SourceFile;
 use crate::input::folder::FolderOptions;
+use crate::input::selection::Choice;
 use crate::input::text::shortened;
-use crate::{Axis, Endian, SourceError, SourceInfo};
+use crate::{Axis, Endian, Message, ReadOption, SourceError, SourceInfo};
 
 /// First bytes of a file. A user block may precede them, of 512 bytes times a power of two.
-pub(crate) const MAGIC: &[u8] = b"\x89HDF\r\n\x1a\n";
+const MAGIC: &[u8] = b"\x89HDF\r\n\x1a\n";
+
+/// Row of the table of formats.
+pub const FORMAT: Format = Format {
+    name: "hdf5",
+    title: "HDF5",
+    choices: &[Choice::Array],
+    sniff: |start, _| start.begins_with(MAGIC) || start.is_named(&[".h5", ".hdf5", ".ims"]),
+    certainty: Certainty::Certain,
+    folder: Folder::Never,
+    open: |path, options| Ok(Box::new(self::open(path, &options.of_folders())?)),
+    found: |_| Found::Volume,
+};
 /// Filter number of LZF.
 const LZF: u16 = 32_000;
 /// Layout class of datasets that refer to other datasets.
@@ -81,7 +96,7 @@ pub fn open(path: &Path, options: &FolderOptions<'_>) -> Result<ChunkedSource, S
     let file = Hdf5File::from_storage_with_options(Arc::new(storage), limits).map_err(wrong)?;
     let name = choose(path, &file, options.selection.array.as_deref())?;
     let dataset = file.dataset(&name).map_err(wrong)?;
-    source(path, (&file, bytes), (&name, dataset), options, source_file)
+    source(OpenedFile { path, file, bytes, source_file }, &name, dataset, options)
 }
 
 /// The crate's filters, and LZF with at most `limit_bytes` decoded bytes.
@@ -170,7 +185,7 @@ fn choose(path: &Path, file: &Hdf5File, wanted: Option<&str>) -> Result<String, 
     match (wanted.filter(|_| !is_whole), &found[..]) {
         (Some(wanted), _) => {
             let wanted = shortened(wanted);
-            Err(SourceError::Options(format!("{}: no dataset `{wanted}`; there are: {list}", path.display())))
+            Err(SourceError::options(format!("{}: no dataset `{wanted}`; there are: {list}", path.display())))
         }
         (None, [one]) => Ok(one.name.clone()),
         (None, []) => {
@@ -251,13 +266,22 @@ fn refusal_of_16_bits(path: &Path, name: &str) -> SourceError {
     SourceError::unsupported(path, what, advice)
 }
 
-fn source(
-    path: &Path,
-    (file, file_bytes): (&Hdf5File, File),
-    (name, dataset): (&str, Dataset),
-    options: &FolderOptions<'_>,
+/// An open HDF5 file.
+struct OpenedFile<'a> {
+    path: &'a Path,
+    file: Hdf5File,
+    /// The same file, for datasets that are read in place.
+    bytes: File,
     source_file: SourceFile,
+}
+
+fn source(
+    opened: OpenedFile<'_>,
+    name: &str,
+    dataset: Dataset,
+    options: &FolderOptions<'_>,
 ) -> Result<ChunkedSource, SourceError> {
+    let OpenedFile { path, file, bytes: file_bytes, source_file } = opened;
     if is_of_16_bits(dataset.dtype()) {
         return Err(refusal_of_16_bits(path, name));
     }
@@ -267,20 +291,20 @@ fn source(
     };
     let stored = number.stored();
     let mut array = array_shape(path, &dataset, stored)?;
-    let contiguous = contiguous_at(file, &dataset, array.whole_bytes(stored.bytes())).map_err(|e| of_hdf5(path, e))?;
+    let contiguous = contiguous_at(&file, &dataset, array.whole_bytes(stored.bytes())).map_err(|e| of_hdf5(path, e))?;
     if contiguous.is_some() {
         array.endian = byte_order(dataset.dtype());
     }
     let mut notes = Vec::new();
-    let axes = axes_of(file, name, &dataset, &mut notes);
+    let axes = axes_of(&file, name, &dataset, &mut notes);
     let placement = place(path, (&array.shape, &axes, &[]), options.selection, &mut notes)?;
     let dims = Dims(placement.axes.map(|axis| axis.map_or(1, |axis| array.shape[axis])));
     checked_bytes(path, dims, stored)?;
     let bytes = array.chunk_bytes(stored.bytes()).unwrap_or(usize::MAX);
     let memory = ChunkMemory::plan(bytes as u64, options.memory_bytes).map_err(|needed| {
         let what = format!("its chunks {:?} are of {}", array.chunk, Mib(bytes as u64));
-        let advice = format!("allow {} with --memory, or write smaller chunks with h5repack", Mib(needed));
-        SourceError::unsupported(path, what, advice)
+        let advice = Message::from(format!("allow {} with ", Mib(needed))).option(ReadOption::MemoryBytes);
+        SourceError::unsupported(path, what, advice.text(", or write smaller chunks with h5repack"))
     })?;
     let mut info = SourceInfo::plain("hdf5", dims, stored);
     let of = placement.axes.map(|axis| axis.map(|axis| &axes[axis]));
@@ -358,7 +382,7 @@ fn byte_order(datatype: &Datatype) -> Endian {
 }
 
 /// The axes of a dataset, with the spacings that its attributes state.
-fn axes_of(file: &Hdf5File, name: &str, dataset: &Dataset, notes: &mut Vec<String>) -> Vec<ArrayAxis> {
+fn axes_of(file: &Hdf5File, name: &str, dataset: &Dataset, notes: &mut Vec<Message>) -> Vec<ArrayAxis> {
     let rank = dataset.shape().len();
     let mut axes = vec![ArrayAxis::named(""); rank];
     // Time and channel precede the three spatial axes; vector components follow them.
@@ -382,9 +406,8 @@ fn axes_of(file: &Hdf5File, name: &str, dataset: &Dataset, notes: &mut Vec<Strin
     }
     if let Some(factors) = level_of_viewer(file, name).filter(|factors| is_positive(factors)) {
         set(&factors, "");
-        notes.push(
-            "BigDataViewer keeps the size of voxels in its XML file: open that, or give it with --spacing".into(),
-        );
+        let what = Message::from("BigDataViewer keeps the size of voxels in its XML file: open that, or give it with ");
+        notes.push(what.option(ReadOption::Spacing));
     }
     axes
 }
@@ -434,7 +457,7 @@ impl Chunks for DatasetChunks {
         let ends: Vec<u64> = (0..shape.len()).map(|i| (starts[i] + chunk[i]).min(shape[i])).collect();
         let element = self.number.stored().bytes();
         let sizes: Vec<u64> = starts.iter().zip(&ends).map(|(start, end)| end - start).collect();
-        let wanted = sizes.iter().product::<u64>() as usize * element;
+        let wanted = index(sizes.iter().product::<u64>()) * element;
         let data = match &self.contiguous {
             Some((file, first)) => {
                 // A chunk is one run: on all axes behind the one that it divides it spans the whole array.

@@ -20,20 +20,38 @@ use glam::{DMat3, DVec3};
 use supervol_format::space::WorldSpace;
 use supervol_format::{ByteSource, Geometry, VoxelBox, VoxelType};
 
-use crate::grid::dense::shape::{ChosenAxes, SplitAxes, split_axes};
+use crate::formats::format::{Certainty, Folder, Format, Found};
+use crate::grid::dense::shape::{ChosenAxes, FastestAxis, SplitAxes, split_axes};
 use crate::grid::dense::{GridFile, GridLayout, GridSource, checked_bytes};
 use crate::grid::elements::{Channels, Elements, Frames, Meaning, Number};
+use crate::grid::header_data::{DataLayout, HeaderData};
 pub use crate::input::data_files::Outside;
-use crate::input::data_files::{DataLayout, find_all, note_excess, open_data, open_grid};
+use crate::input::data_files::{find_all, note_excess, open_data};
 use crate::input::file::SourceFile;
 use crate::input::selection::Selection;
-use crate::input::spool::{Excess, GzipShare, Spool, SpoolFolder, Words};
+use crate::input::spool::{Excess, GzipShare, Spool, SpoolFolder, TextNumbers, Words};
 use crate::input::text::shortened;
-use crate::{Axis, Endian, SourceError, SourceInfo, VolumeSource};
+use crate::{Axis, Endian, Message, SourceError, SourceInfo, VolumeSource};
 use header::{DataFiles, Header};
 
 /// First byte of a gzip stream; a zlib stream begins with another byte.
 const GZIP_START: u8 = 0x1f;
+
+/// Row of the table of formats.
+pub const FORMAT: Format = Format {
+    name: "metaimage",
+    title: "MetaImage",
+    choices: &[],
+    sniff: |start, _| {
+        start.begins_with(b"ObjectType") || start.begins_with(b"NDims") || start.is_named(&[".mha", ".mhd"])
+    },
+    certainty: Certainty::Certain,
+    folder: Folder::Never,
+    open: |path, options| {
+        Ok(Box::new(MetaImageSource::open_with(path, &options.spool, options.outside, &options.selection)?))
+    },
+    found: |_| Found::Volume,
+};
 
 /// A MetaImage volume.
 #[derive(Debug)]
@@ -64,7 +82,7 @@ impl MetaImageSource {
         let sizes = header.sizes(path)?;
         let number = number(path, header.required(path, "ElementType")?)?;
         // A fourth axis is time.
-        let split = split_axes(&sizes, &vec![true; sizes.len()], false).map_err(|axes| {
+        let split = split_axes(&sizes, &vec![true; sizes.len()], FastestAxis::AsStated).map_err(|axes| {
             let axis = axes.first().copied().unwrap_or_default();
             let what = format!("a volume has three axes, but there is also axis {axis} of {} values", sizes[axis]);
             SourceError::unsupported(
@@ -142,14 +160,14 @@ fn number(path: &Path, name: &str) -> Result<Number, SourceError> {
 }
 
 /// Scale and offset of the values; 1 and 0 if the file's are unusable.
-fn scaling(path: &Path, header: &Header, notes: &mut Vec<String>) -> Result<(f64, f64), SourceError> {
+fn scaling(path: &Path, header: &Header, notes: &mut Vec<Message>) -> Result<(f64, f64), SourceError> {
     let one = |name: &str| header.numbers(path, &[name], 1).map(|numbers| numbers.map(|n| n[0]));
     let scale = one("ElementToIntensityFunctionSlope")?.unwrap_or(1.0);
     let offset = one("ElementToIntensityFunctionOffset")?.unwrap_or(0.0);
     if scale.is_finite() && scale != 0.0 && offset.is_finite() {
         return Ok((scale, offset));
     }
-    notes.push(format!("values by slope {scale} and offset {offset} are impossible: kept as stored"));
+    notes.push(format!("values by slope {scale} and offset {offset} are impossible: kept as stored").into());
     Ok((1.0, 0.0))
 }
 
@@ -159,7 +177,7 @@ fn geometry(
     header: &Header,
     chosen: &ChosenAxes,
     axes: usize,
-    notes: &mut Vec<String>,
+    notes: &mut Vec<Message>,
 ) -> Result<Geometry, SourceError> {
     let spacings = header.numbers(path, &["ElementSpacing", "ElementSize"], axes)?;
     let offsets = header.numbers(path, &["Offset", "Position", "Origin"], axes)?;
@@ -171,7 +189,7 @@ fn geometry(
         if stated.is_finite() && stated > 0.0 {
             *spacing = stated;
         } else {
-            notes.push(format!("spacing {stated} of axis {i} is impossible: replaced by 1"));
+            notes.push(format!("spacing {stated} of axis {i} is impossible: replaced by 1").into());
         }
     }
     // Axes that the file does not have keep the world's direction.
@@ -187,7 +205,7 @@ fn geometry(
     let origin = std::array::from_fn(|i| of_axis(&offsets, i).unwrap_or(0.0));
     let geometry = Geometry { spacing, origin, direction };
     let Some(defect) = geometry.defect() else { return Ok(geometry) };
-    notes.push(format!("{defect}: replaced by the world's axes"));
+    notes.push(format!("{defect}: replaced by the world's axes").into());
     Ok(Geometry { spacing, ..Geometry::IDENTITY })
 }
 
@@ -236,13 +254,13 @@ impl Data<'_> {
         layout: GridLayout,
         axes: usize,
         spool: &SpoolFolder,
-        notes: &mut Vec<String>,
+        notes: &mut Vec<Message>,
     ) -> Result<(GridFile, Vec<SourceFile>), SourceError> {
-        let files = match self.header.data_files(self.path, axes)? {
+        let (files, start) = match self.header.data_files(self.path, axes)? {
             DataFiles::Local => (vec![self.path.to_path_buf()], self.header.end),
             DataFiles::Named(names) => (find_all(self.path, &names, self.outside)?, 0),
         };
-        open_grid((self.path, "ElementDataFile"), files, layout, self, (spool, notes))
+        HeaderData { header: self.path, key: "ElementDataFile", files, start, layout }.open(self, spool, notes)
     }
 }
 
@@ -253,7 +271,7 @@ impl DataLayout for Data<'_> {
 
     /// Offset of the voxels in a raw data file: behind the header, at `HeaderSize`, or such that they end with the
     /// file.
-    fn offset(&self, path: &Path, start: u64, share_bytes: u64, notes: &mut Vec<String>) -> Result<u64, SourceError> {
+    fn offset(&self, path: &Path, start: u64, share_bytes: u64, notes: &mut Vec<Message>) -> Result<u64, SourceError> {
         let length = open_data(path)?.len().map_err(|e| SourceError::io(path, e))?;
         let stated = self.header.whole_number(self.path, "HeaderSize")?;
         let offset = match u64::try_from(stated) {
@@ -303,7 +321,8 @@ impl DataLayout for Data<'_> {
                 return Err(SourceError::invalid(path, "text data", format!("{voxels} numbers"), found));
             }
             let words = if path == self.path { Words::Shown } else { Words::Hidden };
-            spool.append_text(path, reader, self.voxel_type, voxels, (words, Excess::Refused))?;
+            let numbers = TextNumbers { voxel_type: self.voxel_type, voxels, words, excess: Excess::Refused };
+            spool.append_text(path, reader, numbers)?;
         }
         spool.finish()
     }

@@ -8,9 +8,11 @@ use glam::{DMat3, DQuat, DVec3};
 use supervol_format::Geometry;
 
 use super::header::Header;
+use crate::Message;
+use crate::cast::signed;
 
 /// The geometry, and notes for the user.
-pub(super) fn placement(header: &Header) -> (Geometry, Vec<String>) {
+pub(super) fn placement(header: &Header) -> (Geometry, Vec<Message>) {
     let mut notes = Vec::new();
     if header.sform_code > 0 {
         let origin = header.affine_rows.map(|row| row[3]);
@@ -21,7 +23,7 @@ pub(super) fn placement(header: &Header) -> (Geometry, Vec<String>) {
                 notes.push(world_note("sform", header.sform_code));
                 return (geometry, notes);
             }
-            Err(defect) => notes.push(format!("the sform is not used: {defect}")),
+            Err(defect) => notes.push(format!("the sform is not used: {defect}").into()),
         }
     }
     let spacing = spacings(header, &mut notes);
@@ -32,14 +34,14 @@ pub(super) fn placement(header: &Header) -> (Geometry, Vec<String>) {
                 notes.push(world_note("qform", header.qform_code));
                 return (geometry, notes);
             }
-            Err(defect) => notes.push(format!("the qform is not used: {defect}")),
+            Err(defect) => notes.push(format!("the qform is not used: {defect}").into()),
         }
     }
     notes.push("the header gives no orientation: the axes are the world's and the first voxel is the origin".into());
     (Geometry { spacing, ..Geometry::IDENTITY }, notes)
 }
 
-fn world_note(form: &str, code: i32) -> String {
+fn world_note(form: &str, code: i32) -> Message {
     let space = match code {
         1 => "scanner",
         2 => "aligned to another file",
@@ -48,20 +50,20 @@ fn world_note(form: &str, code: i32) -> String {
         5 => "a template",
         _ => "an unknown code",
     };
-    format!("world coordinates are right-anterior-superior by the {form} ({space})")
+    format!("world coordinates are right-anterior-superior by the {form} ({space})").into()
 }
 
 /// Positive spacings along the three axes.
-fn spacings(header: &Header, notes: &mut Vec<String>) -> [f64; 3] {
+fn spacings(header: &Header, notes: &mut Vec<Message>) -> [f64; 3] {
     std::array::from_fn(|axis| {
         let stated = header.pixdim[axis + 1].abs();
         // Axes that the file does not have need no spacing.
-        let needed = (axis as i64) < header.dim[0];
+        let needed = signed(axis as u64) < header.dim[0];
         if stated.is_finite() && stated > 0.0 {
             return stated;
         }
         if needed {
-            notes.push(format!("spacing {stated} of axis {axis} is impossible: replaced by 1"));
+            notes.push(format!("spacing {stated} of axis {axis} is impossible: replaced by 1").into());
         }
         1.0
     })

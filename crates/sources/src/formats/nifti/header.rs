@@ -62,8 +62,8 @@ impl Header {
         };
         let (little, big) = (i32::from_le_bytes(size_field), i32::from_be_bytes(size_field));
         let (endian, size) = match (little, big) {
-            (348 | 540, _) => (Endian::Little, little as usize),
-            (_, 348 | 540) => (Endian::Big, big as usize),
+            (348 | 540, _) => (Endian::Little, little.unsigned_abs() as usize),
+            (_, 348 | 540) => (Endian::Big, big.unsigned_abs() as usize),
             _ => {
                 let found = format!("{little}");
                 return Err(SourceError::invalid(

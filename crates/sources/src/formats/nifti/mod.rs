@@ -4,7 +4,7 @@
 //! x is fastest in the file. Uncompressed voxels are read in place. Gzip is decoded once into a spool file
 //! ([`crate::input::spool`]); it is recognized by the first bytes, not by the file name. `scl_slope` and `scl_inter`
 //! become scale and offset; voxels stay as stored.
-//! A series (4-D and more) gives its first volume, or that of `--frame`. Colours give their luminance, or one channel.
+//! A series (4-D and more) gives its first volume, or that of `frame`. Colours give their luminance, or one channel.
 //! 64-bit integers are kept in the smallest type that holds all of them. Complex voxels are refused. ANALYZE does not
 //! state which sides of a patient its axes point to, so its world space is unknown, with a note.
 
@@ -19,13 +19,33 @@ use flate2::bufread::MultiGzDecoder;
 use supervol_format::space::WorldSpace;
 use supervol_format::{ByteSource, Dims, VoxelBox, VoxelType};
 
+use crate::cast::whole_u64;
+use crate::formats::format::{Certainty, Folder, Format, Found};
+use crate::formats::unsupported::ENVI_START;
 use crate::grid::dense::{GridFile, GridLayout, GridSource, checked_bytes};
 use crate::grid::elements::{Channels, Elements, Frames, Meaning, Number};
 use crate::input::file::SourceFile;
-use crate::input::selection::Selection;
+use crate::input::selection::{Selection, first_of};
 use crate::input::spool::{Excess, GzipShare, Spool, SpoolFolder, damaged};
-use crate::{Axis, SourceError, SourceInfo, VolumeSource};
+use crate::{Axis, Message, ReadOption, SourceError, SourceInfo, VolumeSource};
 use header::{Form, HEADER_BYTES, Header};
+
+/// Row of the table of formats.
+pub const FORMAT: Format = Format {
+    name: "nifti",
+    title: "NIfTI",
+    choices: &[],
+    sniff: |start, _| {
+        // A header begins with its own size in either byte order.
+        let sizes = [348i32, 540].map(|n| [n.to_le_bytes(), n.to_be_bytes()]);
+        let named = start.is_named(&[".nii", ".nii.gz", ".hdr", ".hdr.gz", ".img", ".img.gz"]);
+        sizes.as_flattened().iter().any(|size| start.begins_with(size)) || named && !start.begins_with(ENVI_START)
+    },
+    certainty: Certainty::Certain,
+    folder: Folder::Never,
+    open: |path, options| Ok(Box::new(NiftiSource::open_with(path, &options.spool, &options.selection)?)),
+    found: |_| Found::Volume,
+};
 
 /// A NIfTI volume.
 #[derive(Debug)]
@@ -60,7 +80,9 @@ impl NiftiSource {
         let (scale, offset) = scaling(&header, &mut notes);
         if u64::try_from(header.bits_per_voxel).ok() != Some(8 * number.stored().bytes() as u64 * count) {
             let (bits, code) = (header.bits_per_voxel, header.datatype);
-            notes.push(format!("the header says {bits} bits per voxel, but its datatype is {code}: the type counts"));
+            notes.push(
+                format!("the header says {bits} bits per voxel, but its datatype is {code}: the type counts").into(),
+            );
         }
 
         let data_path = if header.form == Form::SingleFile {
@@ -112,7 +134,7 @@ struct Shape {
     dims: Dims,
     volumes: u64,
     wanted: u64,
-    notes: Vec<String>,
+    notes: Vec<Message>,
 }
 
 impl Shape {
@@ -130,7 +152,7 @@ impl Shape {
         let dims = Dims([size(1)?, size(2)?, size(3)?]);
         let mut notes = Vec::new();
         if axes < 3 {
-            notes.push(format!("the file has {axes} of three axes: read as {dims} voxels"));
+            notes.push(format!("the file has {axes} of three axes: read as {dims} voxels").into());
         }
         let (mut volumes, mut what): (u64, String) = (1, String::new());
         for axis in 4..=7 {
@@ -148,7 +170,7 @@ impl Shape {
         }
         let wanted = selection.frame_of(path, volumes)?;
         if volumes > 1 && selection.frame.is_none() {
-            notes.push(format!("{what}; the first is used; --frame 0 to {} takes another", volumes - 1));
+            notes.push(first_of(&what, ReadOption::Frame, volumes));
         }
         Ok(Self { dims, volumes, wanted, notes })
     }
@@ -213,13 +235,13 @@ fn length_unit(units: i32) -> &'static str {
 }
 
 /// Scale and offset; a slope of 0 means that there are none.
-fn scaling(header: &Header, notes: &mut Vec<String>) -> (f64, f64) {
+fn scaling(header: &Header, notes: &mut Vec<Message>) -> (f64, f64) {
     let Header { slope, inter, .. } = *header;
     if slope == 0.0 {
         return (1.0, 0.0);
     }
     if !slope.is_finite() || !inter.is_finite() {
-        notes.push(format!("slope {slope} and intercept {inter} are impossible: values are taken as stored"));
+        notes.push(format!("slope {slope} and intercept {inter} are impossible: values are taken as stored").into());
         return (1.0, 0.0);
     }
     (slope, inter)
@@ -269,7 +291,7 @@ impl Data<'_> {
             return Ok(least);
         }
         let whole = stated.is_finite() && stated.fract() == 0.0 && (0.0..9.0e15).contains(&stated);
-        if !whole || (stated as u64) < least {
+        if !whole || whole_u64(stated) < least {
             let expected = format!("a whole number of bytes, at least {least}");
             return Err(SourceError::invalid(
                 self.path,
@@ -278,7 +300,7 @@ impl Data<'_> {
                 stated.to_string(),
             ));
         }
-        Ok(stated as u64)
+        Ok(whole_u64(stated))
     }
 }
 

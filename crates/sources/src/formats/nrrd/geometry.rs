@@ -15,14 +15,14 @@ use supervol_format::space::WorldSpace;
 use super::header::Header;
 use crate::grid::dense::shape::ChosenAxes;
 use crate::input::text::shortened;
-use crate::{Axis, SourceError};
+use crate::{Axis, Message, SourceError};
 
 /// Geometry and axes, and notes for the user.
 pub(super) struct Placement {
     pub(super) geometry: Geometry,
     pub(super) space: WorldSpace,
     pub(super) axes: [Axis; 3],
-    pub(super) notes: Vec<String>,
+    pub(super) notes: Vec<Message>,
 }
 
 /// Reads all geometry fields; `chosen` are the header's axes that became x, y, z.
@@ -48,7 +48,7 @@ pub(super) fn placement(
     };
     geometry.origin = origin(path, header, chosen, axes, &geometry, &mut notes)?;
     if let Some(defect) = geometry.defect() {
-        notes.push(format!("{defect}: replaced by spacing 1 along the world's axes"));
+        notes.push(format!("{defect}: replaced by spacing 1 along the world's axes").into());
         geometry = Geometry::IDENTITY;
     }
     let axes = axes_of(header, chosen, &geometry);
@@ -61,7 +61,7 @@ pub(super) fn placement(
 
 /// World space of the field `space` (NRRD format definition, section 5.3), with or without a time axis. The second
 /// value is the coordinate that is reversed if the space is left-handed.
-fn world_space(field: Option<&str>, notes: &mut Vec<String>) -> (WorldSpace, Option<usize>) {
+fn world_space(field: Option<&str>, notes: &mut Vec<Message>) -> (WorldSpace, Option<usize>) {
     let Some(name) = field else { return (WorldSpace::Unknown, None) };
     let lower = name.to_lowercase();
     let (space, turned) = match lower.trim_end_matches("-time") {
@@ -73,7 +73,7 @@ fn world_space(field: Option<&str>, notes: &mut Vec<String>) -> (WorldSpace, Opt
     };
     let how = turned
         .map_or(String::new(), |row| format!(", {} turned round to make a right-handed space", ["x", "y", "z"][row]));
-    notes.push(format!("world coordinates are the header's own: {}{how}", shortened(name)));
+    notes.push(format!("world coordinates are the header's own: {}{how}", shortened(name)).into());
     (space, turned)
 }
 
@@ -145,7 +145,7 @@ fn per_axis_spacing(
     header: &Header,
     chosen: &ChosenAxes,
     axes: usize,
-    notes: &mut Vec<String>,
+    notes: &mut Vec<Message>,
 ) -> Result<([f64; 3], [f64; 3]), SourceError> {
     let spacings = header.per_axis(path, "spacings", axes)?;
     let mins = header.per_axis(path, "axismins", axes)?;
@@ -158,7 +158,7 @@ fn per_axis_spacing(
         let stated = spacings.as_ref().map(|s| s[axis]).filter(|s| !s.is_nan());
         let Some(value) = stated.or_else(by_limits).filter(|s| !s.is_nan()) else { continue };
         if value == 0.0 || !value.is_finite() {
-            notes.push(format!("spacing {value} of axis {axis} is impossible: replaced by 1"));
+            notes.push(format!("spacing {value} of axis {axis} is impossible: replaced by 1").into());
             continue;
         }
         (spacing[i], signs[i]) = (value.abs(), value.signum());
@@ -174,11 +174,13 @@ fn is_cell_centred(header: &Header, axis: usize) -> bool {
 
 /// Spacing and direction from direction vectors. Axes without one get the spacing `fallback` and a perpendicular
 /// direction.
-fn from_vectors(vectors: [Option<DVec3>; 3], fallback: [f64; 3], notes: &mut Vec<String>) -> Geometry {
+fn from_vectors(vectors: [Option<DVec3>; 3], fallback: [f64; 3], notes: &mut Vec<Message>) -> Geometry {
     let lengths: [f64; 3] = std::array::from_fn(|i| vectors[i].map_or(fallback[i], DVec3::length));
     let units: [Option<DVec3>; 3] = std::array::from_fn(|i| vectors[i].and_then(DVec3::try_normalize));
-    let aligned = |notes: &mut Vec<String>| {
-        notes.push(format!("space directions {vectors:?} span no volume: the grid is placed along the world's axes"));
+    let aligned = |notes: &mut Vec<Message>| {
+        notes.push(
+            format!("space directions {vectors:?} span no volume: the grid is placed along the world's axes").into(),
+        );
         let spacing = lengths.map(|length| if length.is_finite() && length > 0.0 { length } else { 1.0 });
         Geometry { spacing, ..Geometry::IDENTITY }
     };
@@ -232,14 +234,14 @@ fn origin(
     chosen: &ChosenAxes,
     axes: usize,
     geometry: &Geometry,
-    notes: &mut Vec<String>,
+    notes: &mut Vec<Message>,
 ) -> Result<[f64; 3], SourceError> {
     if let Some(text) = header.field("spaceorigin") {
         let wrong = || SourceError::invalid(path, "space origin", "`(x,y,z)`", format!("`{}`", shortened(text)));
         let vector = next_vector(text).flatten().filter(|(_, behind)| behind.trim().is_empty()).ok_or_else(wrong)?;
         let point = vector.0.as_deref().and_then(to_three).filter(|p| p.is_finite());
         if point.is_none() {
-            notes.push(format!("space origin {} is no point in space: replaced by 0", shortened(text)));
+            notes.push(format!("space origin {} is no point in space: replaced by 0", shortened(text)).into());
         }
         return Ok(point.unwrap_or(DVec3::ZERO).to_array());
     }

@@ -15,16 +15,18 @@ use std::path::{Path, PathBuf};
 
 use supervol_format::{ByteSource, VoxelBox, VoxelType};
 
-use crate::grid::dense::shape::{SplitAxes, split_axes};
+use crate::formats::format::{Certainty, Folder, Format, Found};
+use crate::grid::dense::shape::{FastestAxis, SplitAxes, split_axes};
 use crate::grid::dense::{GridFile, GridLayout, GridSource, checked_bytes};
 use crate::grid::elements::{Channels, Elements, Frames, Meaning, Number};
+use crate::grid::header_data::{DataLayout, HeaderData};
 pub use crate::input::data_files::Outside;
-use crate::input::data_files::{DataLayout, find_all, note_excess, open_data, open_grid};
+use crate::input::data_files::{find_all, note_excess, open_data};
 use crate::input::file::SourceFile;
 use crate::input::selection::Selection;
-use crate::input::spool::{Excess, GzipShare, Spool, SpoolFolder, Words};
+use crate::input::spool::{Excess, GzipShare, Spool, SpoolFolder, TextNumbers, Words};
 use crate::input::text::shortened;
-use crate::{Endian, SourceError, SourceInfo, VolumeSource};
+use crate::{Endian, Message, SourceError, SourceInfo, VolumeSource};
 use header::{DataFiles, Encoding, Header};
 
 /// Largest number of bytes that `line skip` may skip.
@@ -62,6 +64,20 @@ const FIELDS_READ: [&str; 22] = [
     "units",
     "sampleunits",
 ];
+
+/// Row of the table of formats.
+pub const FORMAT: Format = Format {
+    name: "nrrd",
+    title: "NRRD",
+    choices: &[],
+    sniff: |start, _| start.begins_with(b"NRRD") || start.is_named(&[".nrrd", ".nhdr"]),
+    certainty: Certainty::Certain,
+    folder: Folder::Never,
+    open: |path, options| {
+        Ok(Box::new(NrrdSource::open_with(path, &options.spool, options.outside, &options.selection)?))
+    },
+    found: |_| Found::Volume,
+};
 
 /// A NRRD volume.
 #[derive(Debug)]
@@ -189,8 +205,8 @@ fn axes_of(
             _ => false,
         })
         .collect();
-    let wants_channel = selection.channel.is_some() && sizes.len() > 3;
-    let split = split_axes(sizes, &spatial, wants_channel).map_err(|in_the_way| {
+    let fastest = if sizes.len() > 3 { FastestAxis::of(selection) } else { FastestAxis::AsStated };
+    let split = split_axes(sizes, &spatial, fastest).map_err(|in_the_way| {
         let describe = |axis: &usize| match kind(*axis) {
             "" => format!("axis {axis} of {} values", sizes[*axis]),
             kind => format!("axis {axis} of {} values (kind {kind})", sizes[*axis]),
@@ -217,18 +233,18 @@ fn nth_direction(text: &str, axis: usize) -> Option<&str> {
 }
 
 /// Notes on fields that a user might expect to matter.
-fn field_notes(header: &Header) -> Vec<String> {
+fn field_notes(header: &Header) -> Vec<Message> {
     let is_unknown = |name: &&str| !FIELDS_READ.contains(name) && !FIELDS_WITHOUT_EFFECT.contains(name);
     let unknown = || header.names().filter(is_unknown);
-    let note = |name: &str| format!("field `{}` is unknown and ignored", shortened(name));
-    let mut notes: Vec<String> = unknown().take(UNKNOWN_FIELDS_NOTED).map(note).collect();
+    let note = |name: &str| Message::from(format!("field `{}` is unknown and ignored", shortened(name)));
+    let mut notes: Vec<Message> = unknown().take(UNKNOWN_FIELDS_NOTED).map(note).collect();
     let more = unknown().count().saturating_sub(UNKNOWN_FIELDS_NOTED);
     if more > 0 {
-        notes.push(format!("{more} more fields are unknown and ignored"));
+        notes.push(format!("{more} more fields are unknown and ignored").into());
     }
     if let (Some(low), Some(high)) = (header.field("oldmin"), header.field("oldmax")) {
         let (low, high) = (shortened(low), shortened(high));
-        notes.push(format!("the values were quantised from {low} to {high}; they are kept as stored"));
+        notes.push(format!("the values were quantised from {low} to {high}; they are kept as stored").into());
     }
     notes
 }
@@ -263,13 +279,13 @@ impl Data<'_> {
         layout: GridLayout,
         axes: usize,
         spool: &SpoolFolder,
-        notes: &mut Vec<String>,
+        notes: &mut Vec<Message>,
     ) -> Result<(GridFile, Vec<SourceFile>), SourceError> {
-        let files = match self.header.data_files(self.path, axes)? {
+        let (files, start) = match self.header.data_files(self.path, axes)? {
             DataFiles::Attached => (vec![self.path.to_path_buf()], self.header.end),
             DataFiles::Named(names) => (find_all(self.path, &names, self.outside)?, 0),
         };
-        open_grid((self.path, "data file"), files, layout, self, (spool, notes))
+        HeaderData { header: self.path, key: "data file", files, start, layout }.open(self, spool, notes)
     }
 
     /// `byte skip`, if only a number of bytes is allowed.
@@ -306,7 +322,7 @@ impl DataLayout for Data<'_> {
     }
 
     /// Offset of the voxels in a raw data file, behind the lines and bytes to skip.
-    fn offset(&self, path: &Path, start: u64, share_bytes: u64, notes: &mut Vec<String>) -> Result<u64, SourceError> {
+    fn offset(&self, path: &Path, start: u64, share_bytes: u64, notes: &mut Vec<Message>) -> Result<u64, SourceError> {
         let file = open_data(path)?;
         let length = file.len().map_err(|e| SourceError::io(path, e))?;
         let byte_skip = self.header.whole_number(self.path, "byteskip")?;
@@ -362,7 +378,8 @@ impl DataLayout for Data<'_> {
             let skip = i64::try_from(skip).map_err(|_| SourceError::invalid(path, "byte skip", "less", "2^63"))?;
             reader.seek_relative(skip).map_err(|e| SourceError::io(path, e))?;
             let words = if path == self.path { Words::Shown } else { Words::Hidden };
-            spool.append_text(path, reader, self.voxel_type, voxels, (words, Excess::Refused))?;
+            let numbers = TextNumbers { voxel_type: self.voxel_type, voxels, words, excess: Excess::Refused };
+            spool.append_text(path, reader, numbers)?;
         }
         spool.finish()
     }

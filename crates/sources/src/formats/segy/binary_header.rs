@@ -3,8 +3,8 @@
 //! Revision 1 and 2 fields are only believed where the revision word claims them: older files keep anything there,
 //! blanks included. Everything read here is a claim; [`super::layout`] holds it against the size of the file.
 
-use super::SegyOptions;
 use super::fields::Fields;
+use super::options::SegyOptions;
 use super::samples::SampleFormat;
 use crate::Endian;
 

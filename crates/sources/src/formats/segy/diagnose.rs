@@ -1,22 +1,23 @@
-//! What a file is whose traces do not form a grid, and what a person can do about it.
+//! Reason and advice for a file whose traces do not form a grid.
 //!
-//! Only runs when the file is going to be refused: reads the trace headers once more and looks at the words in which
-//! inline and crossline numbers are found in practice. It suggests, it never chooses: a wrong guess would show a wrong
-//! picture without a word.
+//! This module runs only for files that are refused. It reads the trace headers once more, and examines the words that
+//! hold inline and crossline numbers in practice. It only makes suggestions: a wrong guess would give a wrong picture
+//! without a warning.
 
 use std::collections::HashSet;
-use std::fmt::Write;
+use std::fmt::{Display, Write};
 
-use super::SegyOptions;
 use super::binary_header::TRACE_HEADER_BYTES;
 use super::fields::Fields;
 use super::grid::NoGrid;
 use super::input::Input;
 use super::layout::Layout;
+use super::options::SegyOptions;
 use super::scan::{LineSummary, add_line, for_each_header};
-use crate::SourceError;
+use crate::cast::index;
+use crate::{Message, ReadOption, SourceError};
 
-/// Traces that are looked at; bounds the sets kept here to a few megabytes.
+/// Largest number of traces that are examined; bounds the sets here to a few megabytes.
 const MAX_TRACES_JUDGED: u64 = 1 << 18;
 
 /// Four-byte words of the trace header that identify traces, and their names in the standard.
@@ -39,7 +40,7 @@ const WORDS: [(usize, &str); 12] = [
 const PAIRS: [(usize, usize); 9] =
     [(189, 193), (9, 21), (9, 13), (5, 21), (17, 21), (17, 13), (17, 25), (181, 185), (21, 13)];
 
-/// What the headers show.
+/// Statistics of the trace headers.
 struct Evidence {
     traces: u64,
     words: Vec<Option<LineSummary>>,
@@ -50,7 +51,7 @@ struct Evidence {
     asked: [(i32, i32); 2],
 }
 
-/// The refusal of a file without a grid.
+/// Error for a file without a grid.
 pub(super) fn refuse(input: Input<'_>, layout: &Layout, options: &SegyOptions, defect: &NoGrid) -> SourceError {
     let evidence = match gather(input, layout, options) {
         Ok(evidence) => evidence,
@@ -74,8 +75,9 @@ pub(super) fn refuse(input: Input<'_>, layout: &Layout, options: &SegyOptions, d
                 let (count, last) = (offsets.len(), offsets[offsets.len() - 1]);
                 let what =
                     format!("pre-stack gather: {count} offsets (byte {byte}), {} to {last}; {place}", offsets[0]);
-                let advice = format!("choose one with --offset {}, or their mean with --offset stack", offsets[0]);
-                return input.unsupported(what, advice);
+                let advice = Message::from("choose one with ").option(ReadOption::Offsets);
+                let advice = advice.text(format_args!(" {}, or their mean with ", offsets[0]));
+                return input.unsupported(what, advice.option(ReadOption::Offsets).text(" stack"));
             }
             let all = format!("2D line or shot gather, or line numbers elsewhere: all {} traces", layout.traces);
             if one_place { format!("{all} are in one place; {place}") } else { place }
@@ -88,7 +90,7 @@ pub(super) fn refuse(input: Input<'_>, layout: &Layout, options: &SegyOptions, d
 /// Whether two traces have different source-receiver offsets.
 fn differ_in_offset(input: Input<'_>, (layout, options): (&Layout, &SegyOptions), traces: [u64; 2]) -> bool {
     let [first, second] = traces.map(|trace| {
-        let mut header = [0; TRACE_HEADER_BYTES as usize];
+        let mut header = [0; index(TRACE_HEADER_BYTES)];
         let read = input.read(layout.header_offset(trace), &mut header);
         read.map(|()| Fields::trace_header(&header, layout.endian).i32(options.offset_byte.into())).ok()
     });
@@ -139,8 +141,8 @@ fn varying_words(evidence: &Evidence) -> String {
     text
 }
 
-/// What to do: the pairs under which the file is a full grid, or the options in general.
-fn advice(evidence: &Evidence, layout: &Layout, options: &SegyOptions) -> String {
+/// Advice: the pair of places under which the file is a full grid, or the options in general.
+fn advice(evidence: &Evidence, layout: &Layout, options: &SegyOptions) -> Message {
     let word = |byte: usize| {
         let index = WORDS.iter().position(|(b, _)| *b == byte)?;
         evidence.words[index]
@@ -148,7 +150,11 @@ fn advice(evidence: &Evidence, layout: &Layout, options: &SegyOptions) -> String
     let count = |line: LineSummary| {
         (i64::from(line.extent.max.0) - i64::from(line.extent.min.0)).unsigned_abs() / line.gcd.max(1) + 1
     };
-    let mut best: Option<(bool, String)> = None;
+    let bytes = |inline: &dyn Display, crossline: &dyn Display| {
+        let inline = Message::from(ReadOption::InlineByte).text(format_args!(" {inline} "));
+        inline.option(ReadOption::CrosslineByte).text(format_args!(" {crossline}"))
+    };
+    let mut best: Option<(bool, Message)> = None;
     for (positions, (il, xl)) in evidence.positions.iter().zip(PAIRS) {
         let (Some(inline), Some(crossline)) = (word(il), word(xl)) else { continue };
         let asked = (usize::from(options.inline_byte), usize::from(options.crossline_byte)) == (il, xl);
@@ -159,17 +165,17 @@ fn advice(evidence: &Evidence, layout: &Layout, options: &SegyOptions) -> String
         }
         let section = count(inline) == 1 || count(crossline) == 1;
         let shape = if section { "as one section" } else { "as a full grid" };
-        let text = format!(
-            "--il-byte {il} --xl-byte {xl} would read it {shape} of {} x {} traces",
-            count(inline),
-            count(crossline)
-        );
+        let size = format_args!("{} x {} traces", count(inline), count(crossline)).to_string();
+        let text = bytes(&il, &xl).text(format_args!(" would read it {shape} of {size}"));
         if best.as_ref().is_none_or(|(was_section, _)| *was_section && !section) {
             best = Some((section, text));
         }
     }
     best.map_or_else(
-        || "if inline and crossline numbers stand in other header bytes, say --il-byte A --xl-byte B".into(),
+        || {
+            let start = Message::from("if inline and crossline numbers stand in other header bytes, say ");
+            start.message(bytes(&"A", &"B"))
+        },
         |(_, text)| text,
     )
 }

@@ -9,10 +9,11 @@
 
 use supervol_format::Dims;
 
-use super::SegyOptions;
 use super::input::Input;
 use super::layout::{Layout, MAX_TRACES};
+use super::options::SegyOptions;
 use super::scan::{LineSummary, Run, Scan, TraceKind, run_bytes};
+use crate::cast::{index, low_32, signed};
 use crate::{LineNumbers, SourceError};
 
 /// Most cells of a grid: 4 GiB of trace numbers, if it has holes.
@@ -103,7 +104,7 @@ impl Grid {
         if needed > options.memory_bytes {
             return Err(GridDefect::Refused(options.too_little_memory(needed)));
         }
-        let mut table = vec![MISSING; (inline.count * crossline.count) as usize];
+        let mut table = vec![MISSING; index(inline.count * crossline.count)];
         let dead = fill(&mut table, &scan.runs, inline, crossline).map_err(GridDefect::NoGrid)?;
         let missing = inline.count * crossline.count - (positioned - scan.other_offsets);
         Ok(Self { inline, crossline, missing, dead, index: TraceIndex::Table(table) })
@@ -122,11 +123,11 @@ impl Grid {
     pub(super) fn trace(&self, x: u64, y: u64) -> Option<u64> {
         match &self.index {
             TraceIndex::Regular { first, per_x, per_y } => {
-                let trace = first + x as i64 * per_x + y as i64 * per_y;
-                Some(trace as u64)
+                let trace = first + signed(x) * per_x + signed(y) * per_y;
+                u64::try_from(trace).ok()
             }
             TraceIndex::Table(table) => {
-                let trace = table[(y * self.crossline.count + x) as usize];
+                let trace = table[index(y * self.crossline.count + x)];
                 (trace < DEAD).then_some(u64::from(trace))
             }
         }
@@ -142,7 +143,7 @@ fn numbers(line: LineSummary) -> LineNumbers {
     let (min, max) = (i64::from(line.extent.min.0), i64::from(line.extent.max.0));
     let step = line.gcd.max(1);
     // Differences of i32 numbers fit u32, and so does their divisor.
-    LineNumbers { first: min, step: step as i64, count: (max - min) as u64 / step + 1 }
+    LineNumbers { first: min, step: signed(step), count: (max - min).unsigned_abs() / step + 1 }
 }
 
 /// Refuses grids that are too large or too empty to be meant.
@@ -196,7 +197,7 @@ fn regular_index(runs: &[Run], inline: LineNumbers, crossline: LineNumbers) -> O
             && run.step == first.step
             && run.step[1 - along] == 0
             && position(run, along) == position(first, along)
-            && position(run, 1 - along) == position(first, 1 - along) + number as i64 * line_step
+            && position(run, 1 - along) == position(first, 1 - along) + signed(number as u64) * line_step
     };
     if !runs.iter().enumerate().all(same) {
         return None;
@@ -213,7 +214,7 @@ fn regular_index(runs: &[Run], inline: LineNumbers, crossline: LineNumbers) -> O
     // Numbers that descend in the file count traces backwards.
     let descends = [first.start[0], first.start[1]].map(i64::from);
     let per = [0, 1].map(|axis| if descends[axis] == lines[axis].first { stride[axis] } else { -stride[axis] });
-    let start: i64 = (0..2).filter(|&a| per[a] < 0).map(|a| stride[a] * (lines[a].count as i64 - 1)).sum();
+    let start: i64 = (0..2).filter(|&a| per[a] < 0).map(|a| stride[a] * (signed(lines[a].count) - 1)).sum();
     Some(TraceIndex::Regular { first: start, per_x: per[1], per_y: per[0] })
 }
 
@@ -227,15 +228,15 @@ fn fill(table: &mut [u32], runs: &[Run], inline: LineNumbers, crossline: LineNum
         for _ in 0..run.count {
             if run.kind.is_on_grid() {
                 let [y, x] = [(position[0], inline), (position[1], crossline)]
-                    .map(|(number, line)| ((i64::from(number) - line.first) / line.step) as u64);
-                let cell = &mut table[(y * crossline.count + x) as usize];
+                    .map(|(number, line)| ((i64::from(number) - line.first) / line.step).unsigned_abs());
+                let cell = &mut table[index(y * crossline.count + x)];
                 if *cell != MISSING {
                     let earlier = if *cell == DEAD { find(runs, position) } else { u64::from(*cell) };
                     let [inline, crossline] = position.map(i64::from);
                     return Err(NoGrid::Duplicate { traces: [earlier, trace], inline, crossline });
                 }
                 dead += u64::from(run.kind == TraceKind::Dead);
-                *cell = if run.kind == TraceKind::Dead { DEAD } else { trace as u32 };
+                *cell = if run.kind == TraceKind::Dead { DEAD } else { low_32(trace) };
             }
             trace += 1;
             position = [0, 1].map(|a| position[a].wrapping_add(run.step[a]));
@@ -262,6 +263,8 @@ fn find(runs: &[Run], wanted: [i32; 2]) -> u64 {
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::cast_possible_truncation, reason = "tests use small numbers")]
+
     use super::*;
 
     fn line(first: i64, step: i64, count: u64) -> LineNumbers {

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use supervol_format::ByteSource;
 
-use crate::SourceError;
+use crate::{Message, SourceError};
 
 /// A file and what it is called.
 #[derive(Clone, Copy)]
@@ -28,14 +28,14 @@ impl Input<'_> {
     pub(super) fn invalid(
         &self,
         location: impl Into<String>,
-        expected: impl Into<String>,
+        expected: impl Into<Message>,
         found: impl Into<String>,
     ) -> SourceError {
         SourceError::invalid(self.path, location, expected, found)
     }
 
     /// [`SourceError::Unsupported`] for this file.
-    pub(super) fn unsupported(&self, what: impl Into<String>, advice: impl Into<String>) -> SourceError {
+    pub(super) fn unsupported(&self, what: impl Into<String>, advice: impl Into<Message>) -> SourceError {
         SourceError::unsupported(self.path, what, advice)
     }
 }

@@ -1,7 +1,7 @@
-//! Several files as one: the headers of the first, and behind them the traces of all of them, in natural order of their names.
+//! Several files as one: the headers of the first file, then the traces of all files in natural order of their names.
 //!
-//! Surveys are often kept as one file per inline. The files must agree in byte order, sample format, samples and header lengths;
-//! which trace stands where is found out as in one file. Few are open at once ([`OpenFiles`]).
+//! Surveys are often stored as one file per inline. The files must agree in byte order, sample format, samples and
+//! header lengths. Traces are assigned to grid cells as in a single file. Few files are open at once ([`OpenFiles`]).
 
 use std::fs::File;
 use std::io;
@@ -10,22 +10,24 @@ use std::path::{Path, PathBuf};
 use supervol_format::ByteSource;
 
 use super::binary_header::FILE_HEADER_BYTES;
+use super::file_header::read_file_header;
 use super::input::Input;
 use super::layout::Layout;
-use super::{SegyOptions, read_file_header};
+use super::options::SegyOptions;
+use crate::cast::index;
 use crate::input::open_files::OpenFiles;
 use crate::{Endian, SourceError};
 
-/// Part of a file: its traces.
+/// The traces of one file.
 #[derive(Debug)]
 struct Part {
     path: PathBuf,
-    /// First byte of its traces in the file, and in all of it.
+    /// Offset of the traces in the file, and in the joined files, in bytes.
     start: u64,
     position: u64,
 }
 
-/// See the module.
+/// Several files as one, see the module.
 #[derive(Debug)]
 pub(super) struct Joined {
     headers: Vec<u8>,
@@ -35,7 +37,7 @@ pub(super) struct Joined {
 }
 
 impl Joined {
-    /// Joins files, of which there is at least one; each is looked at here.
+    /// Joins at least one file; reads the headers of each.
     pub(super) fn new(paths: &[PathBuf], options: &SegyOptions) -> Result<Self, SourceError> {
         let mut joined = Self { headers: Vec::new(), parts: Vec::new(), bytes: 0, open: OpenFiles::default() };
         let mut first: Option<Layout> = None;
@@ -48,7 +50,7 @@ impl Joined {
                 None => {
                     joined.headers = vec![0; usize::try_from(layout.first_trace).unwrap_or(usize::MAX)];
                     input.read(0, &mut joined.headers)?;
-                    joined.headers[FILE_HEADER_BYTES as usize - 400..]
+                    joined.headers[index(FILE_HEADER_BYTES) - 400..]
                         .iter_mut()
                         .take(400)
                         .enumerate()
@@ -67,7 +69,8 @@ impl Joined {
     }
 }
 
-/// Clears what the binary header of revision 2 says of one file alone: its traces, where they begin, what follows them.
+/// Clears the fields of a revision 2 binary header that hold for one file only: number and offset of its traces, and
+/// the records behind them.
 fn only_one((at, byte): (usize, &mut u8)) {
     if (312..332).contains(&at) {
         *byte = 0;
@@ -105,12 +108,12 @@ impl ByteSource for Joined {
             if at >= self.bytes {
                 return Err(io::ErrorKind::UnexpectedEof.into());
             }
-            let index = self.parts.partition_point(|part| part.position <= at) - 1;
-            let part = &self.parts[index];
-            let end = self.parts.get(index + 1).map_or(self.bytes, |next| next.position);
-            let count = (end - at).min(rest.len() as u64) as usize;
+            let number = self.parts.partition_point(|part| part.position <= at) - 1;
+            let part = &self.parts[number];
+            let end = self.parts.get(number + 1).map_or(self.bytes, |next| next.position);
+            let count = index((end - at).min(rest.len() as u64));
             let (now, later) = rest.split_at_mut(count);
-            self.open.get(index, &part.path)?.read_exact_at(part.start + (at - part.position), now)?;
+            self.open.get(number, &part.path)?.read_exact_at(part.start + (at - part.position), now)?;
             (at, rest) = (at + count as u64, later);
         }
         Ok(())

@@ -9,13 +9,14 @@
 //! their part of the file exactly, so that no later read can run past the end, and sizes derived from the layout are
 //! bounded by the size of the file.
 
-use super::SegyOptions;
 use super::binary_header::{BinaryHeader, FILE_HEADER_BYTES, TRACE_HEADER_BYTES};
 use super::fields::Fields;
 use super::input::Input;
-use super::samples::SampleFormat;
+use super::options::SegyOptions;
+use super::samples::{SampleFormat, say_format};
 use super::text_header::{TEXT_BYTES, is_end_stanza};
-use crate::{Endian, SourceError};
+use crate::cast::index;
+use crate::{Endian, Message, SourceError};
 
 /// Extended text headers that a search for the end stanza looks at.
 const MAX_TEXT_RECORDS: u64 = 4096;
@@ -59,7 +60,7 @@ impl Layout {
         input: Input<'_>,
         header: &BinaryHeader,
         options: &SegyOptions,
-        notes: &mut Vec<String>,
+        notes: &mut Vec<Message>,
     ) -> Result<Self, SourceError> {
         let file_bytes = input.len()?;
         let format = sample_format(input, header, options, notes)?;
@@ -73,7 +74,7 @@ impl Layout {
                     "bytes 3505-3506 claim {} extended text headers in a revision 0 file, but the file's size has no \
                      room for them: ignored",
                     header.extended_text_headers
-                ));
+                ).into());
                 first_trace = FILE_HEADER_BYTES;
             }
         }
@@ -143,19 +144,22 @@ fn sample_format(
     input: Input<'_>,
     header: &BinaryHeader,
     options: &SegyOptions,
-    notes: &mut Vec<String>,
+    notes: &mut Vec<Message>,
 ) -> Result<SampleFormat, SourceError> {
     let code = options.format.unwrap_or(header.format_code);
     if code != header.format_code {
-        notes.push(format!(
-            "the header says sample format {} (bytes 3225-3226); the samples were read as format {code}, as asked",
-            header.format_code
-        ));
+        notes.push(
+            format!(
+                "the header says sample format {} (bytes 3225-3226); the samples were read as format {code}, as asked",
+                header.format_code
+            )
+            .into(),
+        );
     }
     SampleFormat::from_code(code).ok_or_else(|| {
         input.invalid(
             format!("bytes 3225-3226, sample format ({}, {})", header.endian, header.endian_reason),
-            "1 to 12, 15 or 16 (if you know the format, say --format N)",
+            say_format("1 to 12, 15 or 16 (if you know the format, say ", "N)"),
             code.to_string(),
         )
     })
@@ -209,14 +213,14 @@ fn samples_per_trace(
     header: &BinaryHeader,
     first_trace: u64,
     file_bytes: u64,
-    notes: &mut Vec<String>,
+    notes: &mut Vec<Message>,
 ) -> Result<u64, SourceError> {
     if header.samples > 0 {
         return Ok(u64::from(header.samples));
     }
     let mut samples = 0;
     if first_trace + TRACE_HEADER_BYTES <= file_bytes {
-        let mut trace_header = [0; TRACE_HEADER_BYTES as usize];
+        let mut trace_header = [0; index(TRACE_HEADER_BYTES)];
         input.read(first_trace, &mut trace_header)?;
         samples = u64::from(Fields::trace_header(&trace_header, header.endian).u16(115));
     }
@@ -230,7 +234,7 @@ fn samples_per_trace(
     notes.push(format!(
         "the binary header says 0 samples per trace (bytes 3221-3222); the trace headers' {samples} (bytes 115-116) \
          was used"
-    ));
+    ).into());
     Ok(samples)
 }
 

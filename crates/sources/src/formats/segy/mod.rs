@@ -1,27 +1,27 @@
 //! SEG-Y: post-stack 3D seismic volumes, revisions 0, 1 and 2.
 //!
-//! Grid: x = crossline, y = inline, z = sample, z down; the grid ascends in inline and crossline number, and sample k
-//! is k sample intervals below the first. Traces the file does not have, and traces marked dead, are absent: NaN in
-//! float volumes, a value no sample has in integer volumes (`nodata`). A live trace of zeros stays zeros.
+//! Grid: x = crossline, y = inline, z = sample, z down. The grid ascends in inline and crossline number; sample k is k
+//! sample intervals below the first. Missing traces and traces marked dead are absent: NaN in float volumes, an unused
+//! value in integer volumes (`nodata`). A live trace of zeros stays zeros.
 //!
 //! The path of a file through this folder:
-//! 1. `text_header`, `binary_header`: what the file says about itself, and in which byte order (`fields`);
-//! 2. `layout`: those claims held against the size of the file;
-//! 3. `sniff`: samples held against the declared format;
+//! 1. `file_header`: `text_header` and `binary_header`, with the byte order (`fields`);
+//! 2. `layout`: compares the headers with the size of the file;
+//! 3. `sniff`: compares the samples with the declared format;
 //! 4. `scan`, `grid`: one pass over the trace headers, then the trace of each grid cell;
-//! 5. `diagnose`: if there is no grid, why, and what to do;
-//! 6. `survey`: place in the world; `nodata`: how holes are stored;
-//! 7. `read`, `samples`: boxes of voxels.
+//! 5. `diagnose`: reason and advice if the traces form no grid;
+//! 6. `survey`, `position_fit`: placement in the world; `nodata`: value of missing voxels;
+//! 7. `read`, `samples`: boxes of voxels; `source` ties all of these together.
 //!
-//! A header that lies is refused with the reason, or overridden by an option; nothing is guessed silently, and what
-//! was assumed stands in [`SourceInfo::notes`].
+//! A wrong header is refused with the reason, or overridden by an option. Every assumption is a note
+//! ([`SourceInfo::notes`]).
 //!
-//! Memory: 24 bytes per run of traces while opening (a line in order is one run), three times as many while the list
-//! grows, then nothing per trace for complete grids, or 4 bytes per grid cell for grids with holes or without order; all of
-//! it bounded by the size of the file and by [`SegyOptions::memory_bytes`].
+//! Memory while opening: 24 bytes per run of traces (a line in order is one run), three times as many while the list
+//! grows. Memory of the open source: none per trace for complete grids, 4 bytes per grid cell for grids with holes or
+//! without order. The size of the file and [`SegyOptions::memory_bytes`] bound both.
 //!
-//! Several files are one survey where a folder is given (`joined`). Of a file that has not been stacked, one offset or the mean over
-//! all of them is read where that is asked for (`stack`).
+//! A folder of several files is one survey (`joined`). Of a pre-stack file, one offset is read, or the mean over all
+//! offsets (`stack`).
 //!
 //! Not read: 2D lines without line numbers, traces of varying length, format 4, and the contents of
 //! trace header extensions and extended text headers.
@@ -29,15 +29,19 @@
 mod binary_header;
 mod diagnose;
 mod fields;
+mod file_header;
 mod grid;
 mod input;
 mod joined;
 mod layout;
 mod nodata;
+pub mod options;
+mod position_fit;
 mod read;
 mod samples;
 mod scan;
 mod sniff;
+mod source;
 mod stack;
 mod survey;
 mod text_header;
@@ -45,134 +49,53 @@ mod text_header;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
-use supervol_format::{ByteSource, Dims, Geometry, VoxelBox};
+use supervol_format::ByteSource;
 
-use self::binary_header::{BinaryHeader, FILE_HEADER_BYTES};
-use self::grid::{Grid, GridDefect};
-use self::input::Input;
-use self::layout::Layout;
-use self::nodata::Absent;
-use self::read::{Neighbours, Reader};
-use self::samples::SampleFormat;
-use self::scan::Scan;
+pub use self::options::{Offsets, SegyOptions};
+pub use self::source::SegySource;
 pub use self::text_header::{TEXT_BYTES, encode as encode_text};
+use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::input::file::SourceFile;
-use crate::{AccessOrder, Axis, Endian, SourceError, SourceInfo, Survey, VolumeSource};
+use crate::input::folder::{FolderDepth, Listing};
+use crate::input::start::{is_named, lower_name};
+use crate::{SourceError, SourceInfo, VolumeSource};
 
-/// Last byte of a trace header at which a four-byte word can begin.
-const LAST_WORD_BYTE: u16 = 237;
+/// Name endings of SEG-Y files.
+const ENDINGS: &[&str] = &[".sgy", ".segy", ".seg-y", ".seg"];
 
-/// What a person may say about a file, where its headers do not or lie.
-#[derive(Debug, Clone, PartialEq)]
-pub struct SegyOptions {
-    /// Byte of the trace header, from 1, at which the four-byte inline number begins; 189 by the standard.
-    pub inline_byte: u16,
-    /// The same for the crossline number; 193 by the standard.
-    pub crossline_byte: u16,
-    /// Sample format code that overrides bytes 3225-3226, and is believed without judging the samples.
-    pub format: Option<u16>,
-    /// Byte order, where detection from the headers fails.
-    pub endian: Option<Endian>,
-    /// Samples of each trace, whatever the headers say.
-    pub samples: Option<u32>,
-    /// Sample interval, in ms or in units of depth, whatever the headers say.
-    pub interval: Option<f64>,
-    /// Byte of the trace header, from 1, at which the four-byte offset from source to receiver begins; 37 by the standard.
-    pub offset_byte: u16,
-    /// Which traces of those with different offsets, where there are several at one place.
-    pub offsets: Offsets,
-    /// Most bytes of memory for the table of traces; a file that needs more is refused.
-    pub memory_bytes: u64,
+/// First bytes of SEG-Y text headers: C 1 and C01, in EBCDIC and in ASCII.
+const TEXT_HEADERS: [&[u8]; 4] = [b"C 1", b"C01", b"\xc3\x40\xf1", b"\xc3\xf0\xf1"];
+
+/// Row of the table of formats.
+pub const FORMAT: Format = Format {
+    name: "segy",
+    title: "SEG-Y",
+    choices: &[],
+    // The text header begins with the letter C: in EBCDIC (0xC3), or in ASCII.
+    sniff: |start, _| start.is_named(ENDINGS) || start.begins_with(b"\xc3") || start.begins_with(b"C"),
+    certainty: Certainty::Likely,
+    folder: Folder::ByFiles { title: "SEG-Y", sniff: |files| Ok(files.0.iter().any(|file| is_named_segy(file))) },
+    open: |path, options| {
+        options.selection.refuse_all(path)?;
+        if !path.is_dir() {
+            return open(&[path.into()], None, &options.segy);
+        }
+        let mut lines = Listing::of(path, FolderDepth::WithSubfolders, options.outside)?.files;
+        lines.retain(|file| is_named_segy(file));
+        open(&lines, Some(path), &options.segy)
+    },
+    // Any text may begin with a C.
+    found: |start| match start.is_named(ENDINGS) || TEXT_HEADERS.iter().any(|text| start.begins_with(text)) {
+        true => Found::Volume,
+        false => Found::Other,
+    },
+};
+
+fn is_named_segy(path: &Path) -> bool {
+    is_named(&lower_name(path), ENDINGS)
 }
 
-/// Traces of a file that has not been stacked.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Offsets {
-    /// There must be one trace at each place.
-    #[default]
-    Single,
-    /// Those with this offset.
-    One(i32),
-    /// The mean over all of them.
-    Stack,
-}
-
-impl Default for SegyOptions {
-    fn default() -> Self {
-        Self {
-            inline_byte: 189,
-            crossline_byte: 193,
-            format: None,
-            endian: None,
-            samples: None,
-            interval: None,
-            offset_byte: 37,
-            offsets: Offsets::Single,
-            memory_bytes: u64::MAX,
-        }
-    }
-}
-
-impl SegyOptions {
-    /// Where numbers of traces stand, and whatever overrules the file.
-    fn describe(&self) -> Vec<(&'static str, String)> {
-        let offset = match self.offsets {
-            Offsets::Single => None,
-            Offsets::One(number) => Some(number.to_string()),
-            Offsets::Stack => Some("stack".into()),
-        };
-        let overruled = [
-            ("format", self.format.map(|code| code.to_string())),
-            ("endian", self.endian.map(|endian| endian.name().into())),
-            ("samples", self.samples.map(|samples| samples.to_string())),
-            ("interval", self.interval.map(|interval| interval.to_string())),
-            ("offset_byte", offset.is_some().then(|| self.offset_byte.to_string())),
-            ("offset", offset),
-        ];
-        let places = [("il_byte", self.inline_byte.to_string()), ("xl_byte", self.crossline_byte.to_string())];
-        places.into_iter().chain(overruled.into_iter().filter_map(|(name, said)| Some((name, said?)))).collect()
-    }
-
-    /// What is said where the table of traces takes more than is allowed.
-    fn too_little_memory(&self, needed_bytes: u64) -> SourceError {
-        let mib = |bytes: u64| bytes.div_ceil(1 << 20);
-        SourceError::Options(format!(
-            "{} MiB of memory suffice for the table of traces, which follow no order; --memory allows {} MiB",
-            mib(needed_bytes),
-            mib(self.memory_bytes)
-        ))
-    }
-
-    /// Refuses options that no file can satisfy.
-    fn check(&self) -> Result<(), SourceError> {
-        let bytes =
-            [("--il-byte", self.inline_byte), ("--xl-byte", self.crossline_byte), ("--offset-byte", self.offset_byte)];
-        for (name, byte) in bytes {
-            if !(1..=LAST_WORD_BYTE).contains(&byte) {
-                let message = format!("{name} {byte}: expected a byte of the trace header from 1 to {LAST_WORD_BYTE}");
-                return Err(SourceError::Options(message));
-            }
-        }
-        if self.inline_byte == self.crossline_byte {
-            let message = format!("--il-byte and --xl-byte are both {}: expected two places", self.inline_byte);
-            return Err(SourceError::Options(message));
-        }
-        if self.samples == Some(0) {
-            return Err(SourceError::Options("--samples 0: expected at least 1".into()));
-        }
-        if let Some(interval) = self.interval.filter(|i| !(i.is_finite() && *i > 0.0)) {
-            return Err(SourceError::Options(format!("--interval {interval}: expected a number above 0")));
-        }
-        match self.format {
-            Some(code) if SampleFormat::from_code(code).is_none() => {
-                Err(SourceError::Options(format!("--format {code}: expected 1 to 12, 15 or 16")))
-            }
-            _ => Ok(()),
-        }
-    }
-}
-
-/// A file, or a folder of files that are one survey, in natural order of their names; opened as the options say.
+/// Opens a file, or the files of a folder as one survey, in natural order of their names.
 ///
 /// # Errors
 /// As [`SegySource::open`]; also if files do not agree.
@@ -183,7 +106,7 @@ pub fn open(
 ) -> Result<Box<dyn VolumeSource>, SourceError> {
     options.check()?;
     let [first, ..] = paths else {
-        return Err(SourceError::Options("SEG-Y: expected at least one file, found none".into()));
+        return Err(SourceError::options("SEG-Y: expected at least one file, found none"));
     };
     let files = paths.iter().map(|path| SourceFile::of(path)).collect::<Result<Vec<_>, _>>()?;
     let bytes: Box<dyn ByteSource> = match paths {
@@ -192,13 +115,13 @@ pub fn open(
     };
     let complete = |info: &mut SourceInfo| {
         if paths.len() > 1 {
-            info.notes.push(format!("{} files are read as one survey", paths.len()));
+            info.notes.push(format!("{} files are read as one survey", paths.len()).into());
         }
         info.memory_bytes += files.len() as u64 * 512;
         info.files = files;
         info.folder = folder.map(Into::into);
     };
-    // Messages name what was asked for.
+    // Messages name the opened file or folder.
     let path = folder.unwrap_or(first);
     if options.offsets == Offsets::Stack {
         let mut stack = stack::Stack::from_bytes(bytes, path, options)?;
@@ -208,197 +131,4 @@ pub fn open(
     let mut source = SegySource::from_bytes(bytes, path, options)?;
     complete(&mut source.info);
     Ok(Box::new(source))
-}
-
-/// A SEG-Y file as a volume.
-pub struct SegySource {
-    path: PathBuf,
-    bytes: Box<dyn ByteSource>,
-    layout: Layout,
-    grid: Grid,
-    absent: Absent,
-    neighbours: Neighbours,
-    info: SourceInfo,
-}
-
-impl SegySource {
-    /// Opens a file: reads its headers, and the header of every trace.
-    ///
-    /// Integer files whose grid has holes are read through once more, for a value that can stand for absence.
-    ///
-    /// # Errors
-    /// If the file cannot be read, is not a post-stack 3D SEG-Y file, or contradicts itself.
-    pub fn open(path: &Path, options: &SegyOptions) -> Result<Self, SourceError> {
-        let source_file = SourceFile::of(path)?;
-        let file = File::open(path).map_err(|e| SourceError::io(path, e))?;
-        let mut source = Self::from_bytes(Box::new(file), path, options)?;
-        source.info.files = vec![source_file];
-        Ok(source)
-    }
-
-    /// The same, from any source of bytes; `path` is only used in messages.
-    ///
-    /// # Errors
-    /// As [`Self::open`].
-    pub fn from_bytes(bytes: Box<dyn ByteSource>, path: &Path, options: &SegyOptions) -> Result<Self, SourceError> {
-        options.check()?;
-        let input = Input { path, bytes: bytes.as_ref() };
-        let (text, header) = read_file_header(input, options)?;
-        let mut notes = Vec::new();
-        let layout = Layout::resolve(input, &header, options, &mut notes)?;
-        if options.format.is_none() || layout.format == SampleFormat::FixedPointWithGain {
-            sniff::check_format(input, &layout)?;
-        }
-        let scan = Scan::run(input, &layout, &header, options)?;
-        let grid = Grid::build(input, &scan, &layout, options).map_err(|defect| match defect {
-            GridDefect::Refused(error) => error,
-            GridDefect::NoGrid(why) => diagnose::refuse(input, &layout, options, &why),
-        })?;
-        let holes = grid.missing + grid.dead > 0;
-        let absent = if holes {
-            nodata::choose(input, &layout)?
-        } else {
-            Absent { voxel_type: layout.format.voxel_type(), value: f64::NAN }
-        };
-        note_traces(&layout, &scan, &grid, (absent, options.samples.is_some()), &mut notes);
-        let neighbours =
-            if scan.steps_along[1] > scan.steps_along[0] { Neighbours::AlongY } else { Neighbours::AlongX };
-        let mut info = describe(input, (&layout, &header), (&scan, &grid), options, text, notes)?;
-        info.voxel_type = absent.voxel_type;
-        info.memory_bytes = grid.memory_bytes();
-        info.reading = options.describe();
-        info.nodata = (!absent.value.is_nan()).then_some(absent.value);
-        info.access_order = AccessOrder(if neighbours == Neighbours::AlongX { [1, 0, 2] } else { [0, 1, 2] });
-        Ok(Self { path: path.into(), bytes, layout, grid, absent, neighbours, info })
-    }
-}
-
-impl VolumeSource for SegySource {
-    fn info(&self) -> &SourceInfo {
-        &self.info
-    }
-
-    fn read_box(&self, voxels: VoxelBox, out: &mut [u8]) -> Result<(), SourceError> {
-        let reader = Reader {
-            input: Input { path: &self.path, bytes: self.bytes.as_ref() },
-            layout: &self.layout,
-            grid: &self.grid,
-            absent: self.absent,
-            neighbours: self.neighbours,
-        };
-        reader.read_box(self.info.dims, voxels, out)
-    }
-}
-
-/// Reads text and binary header.
-fn read_file_header(input: Input<'_>, options: &SegyOptions) -> Result<(String, BinaryHeader), SourceError> {
-    let file_bytes = input.len()?;
-    if file_bytes < FILE_HEADER_BYTES {
-        let expected = format!("at least the {FILE_HEADER_BYTES} bytes of the file headers");
-        return Err(input.invalid("file size", expected, format!("{file_bytes} bytes")));
-    }
-    let mut headers = [0; FILE_HEADER_BYTES as usize];
-    input.read(0, &mut headers)?;
-    let (text, binary) = headers.split_at(TEXT_BYTES);
-    if matches!(&text[4..7], b"SY1" | b"SY2") {
-        let advice = "cut off its first 128 bytes";
-        return Err(input.unsupported("the file begins with a tape label (SEG storage unit label)", advice));
-    }
-    let binary = binary.first_chunk().expect("400 bytes follow the text header");
-    let header = BinaryHeader::read(binary, file_bytes, options)
-        .map_err(|what| input.unsupported(what, "say --endian big or --endian little"))?;
-    Ok((text_header::decode(text, text_header::detect(text)), header))
-}
-
-/// Notes what a person should know about the traces.
-fn note_traces(layout: &Layout, scan: &Scan, grid: &Grid, (absent, given): (Absent, bool), notes: &mut Vec<String>) {
-    let stored = if absent.value.is_nan() { "NaN".to_owned() } else { format!("{}", absent.value) };
-    if grid.missing > 0 {
-        notes.push(format!("{} places of the grid have no trace; their voxels are absent ({stored})", grid.missing));
-    }
-    if grid.dead > 0 {
-        notes.push(format!("{} traces are marked dead; their voxels are absent ({stored})", grid.dead));
-    }
-    if scan.other_offsets > 0 {
-        notes.push(format!("{} traces of other offsets were left out", scan.other_offsets));
-    }
-    if scan.padding > 0 {
-        notes.push(format!("{} dead traces without line numbers were left out", scan.padding));
-    }
-    if absent.voxel_type != layout.format.voxel_type() {
-        notes.push(format!(
-            "every {} value occurs in the file; voxels were widened to {} to have one for absence",
-            layout.format.voxel_type(),
-            absent.voxel_type
-        ));
-    }
-    if let Some(samples) = scan.overruled_samples {
-        let why = if given { "given by hand" } else { "of the binary header, which declares a fixed trace length," };
-        let read = layout.samples;
-        notes.push(format!("trace headers say {samples} samples (bytes 115-116); the {read} {why} were read"));
-    }
-    if let Some(delay) = scan.delay_ms
-        && delay.min.0 != delay.max.0
-    {
-        notes.push(format!(
-            "delays differ between traces, from {} ms (trace {}) to {} ms (trace {}); traces were not shifted, and the \
-             first sample is taken to lie at the smallest",
-            delay.min.0,
-            delay.min.1 + 1,
-            delay.max.0,
-            delay.max.1 + 1
-        ));
-    }
-}
-
-/// Grid, world and survey, once traces and grid are known.
-fn describe(
-    input: Input<'_>,
-    (layout, header): (&Layout, &BinaryHeader),
-    (scan, grid): (&Scan, &Grid),
-    options: &SegyOptions,
-    text_header: String,
-    mut notes: Vec<String>,
-) -> Result<SourceInfo, SourceError> {
-    let placement = survey::place(input, (layout, header), scan, grid, &mut notes)?;
-    let interval = survey::sample_interval(header, scan, options.interval, &mut notes);
-    let depth = text_header::says_depth_domain(&text_header);
-    let (z_name, z_unit) = match (interval, depth, header.feet) {
-        (None, _, _) => ("sample", ""),
-        (_, false, _) => ("time", "ms"),
-        (_, true, false) => ("depth", "m"),
-        (_, true, true) => ("depth", "ft"),
-    };
-    if z_name == "time" && text_header::may_mean_depth(&text_header) {
-        notes.push(
-            "the third axis is taken for time; the text header speaks of depth, too: --domain depth says that".into(),
-        );
-    }
-    // Without an interval the z axis counts samples, and a delay in ms has no place on it.
-    let first_sample = interval.and(scan.delay_ms).map_or(0.0, |delay| delay.min.0);
-    let spacing_z = interval.unwrap_or(1.0);
-    let dims = Dims([grid.crossline.count, grid.inline.count, layout.samples]);
-    let axis = |name: &str, unit: &str| Axis { name: name.into(), unit: unit.into() };
-    let mut info = SourceInfo::plain("segy", dims, layout.format.voxel_type());
-    info.geometry = Geometry {
-        spacing: [placement.spacing[0], placement.spacing[1], spacing_z],
-        origin: [0.0, 0.0, first_sample],
-        direction: survey::direction(placement.corners),
-    };
-    info.axes = [axis("crossline", placement.units[0]), axis("inline", placement.units[1]), axis(z_name, z_unit)];
-    info.survey = Some(Survey {
-        inline: grid.inline,
-        crossline: grid.crossline,
-        corners: placement.corners,
-        sample_interval: spacing_z,
-        first_sample,
-        missing_traces: grid.missing,
-        dead_traces: grid.dead,
-        text_header,
-    });
-    info.notes = notes;
-    if let Some(defect) = info.geometry.defect() {
-        return Err(input.invalid("geometry from coordinates and sample interval", "finite lengths", defect));
-    }
-    Ok(info)
 }

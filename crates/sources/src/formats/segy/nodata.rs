@@ -12,6 +12,7 @@ use super::input::Input;
 use super::layout::Layout;
 use super::samples::SampleFormat;
 use crate::SourceError;
+use crate::cast::index;
 
 /// Values tried for 32-bit types, from the end of the range inward.
 const CANDIDATES: u32 = 64;
@@ -56,7 +57,7 @@ pub(super) fn choose(input: Input<'_>, layout: &Layout) -> Result<Absent, Source
             absent(voxel_type, if signed { least + f64::from(free) } else { greatest - f64::from(free) })
         }
         (_, small) => {
-            let bits = 8 * small.bytes() as u32;
+            let bits = 8 * small.bytes();
             let signed = matches!(small, VoxelType::I8 | VoxelType::I16);
             let mut used = vec![false; 1 << bits];
             let sign = if signed { 1 << (bits - 1) } else { 0 };
@@ -80,13 +81,13 @@ fn for_each_code(input: Input<'_>, layout: &Layout, mut visit: impl FnMut(u32)) 
     let sample_bytes = layout.format.bytes();
     let voxel_type = layout.format.voxel_type();
     let batch = layout.samples.min(READ_BYTES / sample_bytes as u64);
-    let mut raw = vec![0; batch as usize * sample_bytes];
+    let mut raw = vec![0; index(batch) * sample_bytes];
     let mut voxels = vec![0; raw.len()];
     for trace in 0..layout.traces {
         let mut sample = 0;
         while sample < layout.samples {
             let count = batch.min(layout.samples - sample);
-            let size = count as usize * sample_bytes;
+            let size = index(count) * sample_bytes;
             let (raw, voxels) = (&mut raw[..size], &mut voxels[..size]);
             let offset = layout.sample_offset(trace, sample);
             input.read(offset, raw)?;

@@ -6,14 +6,16 @@
 
 use std::ops::Range;
 
-use supervol_format::{Dims, VoxelBox, VoxelType};
+use supervol_format::voxel_type::Voxel;
+use supervol_format::{Dims, VoxelBox, with_voxel};
 
 use super::grid::Grid;
 use super::input::Input;
 use super::layout::Layout;
 use super::nodata::Absent;
-use super::samples::decode;
+use super::samples::{decode, say_format};
 use crate::SourceError;
+use crate::cast::index;
 
 /// Bytes of samples in one tile, and of one read.
 const TILE_BYTES: usize = 1 << 20;
@@ -147,10 +149,10 @@ impl Reader<'_> {
         voxels: &mut [u8],
     ) -> Result<(), SourceError> {
         let layout = self.layout;
-        let count = (samples.end - samples.start) as usize;
+        let count = index(samples.end - samples.start);
         let (raw_bytes, voxel_bytes) = (count * layout.format.bytes(), count * self.absent.voxel_type.bytes());
         let (first, last) = (group[0].0, group[group.len() - 1].0);
-        let span = ((last - first) * layout.trace_bytes()) as usize + raw_bytes;
+        let span = index((last - first) * layout.trace_bytes()) + raw_bytes;
         if raw.len() < span {
             raw.resize(span, 0);
         }
@@ -158,7 +160,7 @@ impl Reader<'_> {
         let offset = layout.sample_offset(first, samples.start);
         self.input.read(offset, raw)?;
         for &(trace, cell) in group {
-            let from = ((trace - first) * layout.trace_bytes()) as usize;
+            let from = index((trace - first) * layout.trace_bytes());
             let out = &mut voxels[cell * voxel_bytes..][..voxel_bytes];
             decode(layout.format, layout.endian, self.absent.voxel_type, &raw[from..from + raw_bytes], out).map_err(
                 |bad| {
@@ -166,9 +168,9 @@ impl Reader<'_> {
                     let place = layout.sample_offset(trace, sample);
                     self.input.invalid(
                         format!("trace {}, sample {} (byte {place})", trace + 1, sample + 1),
-                        format!(
-                            "a number that {} can hold (if the format is wrong, say --format N)",
-                            self.absent.voxel_type
+                        say_format(
+                            &format!("a number that {} can hold (if the format is wrong, say ", self.absent.voxel_type),
+                            "N)",
                         ),
                         bad.reason,
                     )
@@ -180,17 +182,13 @@ impl Reader<'_> {
 
     /// Fills voxels with the absent value.
     fn fill_absent(&self, voxels: &mut [u8]) {
-        let value = self.absent.value;
-        match self.absent.voxel_type {
-            VoxelType::U8 => voxels.fill(value as u8),
-            VoxelType::I8 => voxels.fill((value as i8).cast_unsigned()),
-            VoxelType::U16 => voxels.as_chunks_mut().0.fill((value as u16).to_le_bytes()),
-            VoxelType::I16 => voxels.as_chunks_mut().0.fill((value as i16).to_le_bytes()),
-            VoxelType::U32 => voxels.as_chunks_mut().0.fill((value as u32).to_le_bytes()),
-            VoxelType::I32 => voxels.as_chunks_mut().0.fill((value as i32).to_le_bytes()),
-            VoxelType::F32 => voxels.as_chunks_mut().0.fill((value as f32).to_le_bytes()),
-            VoxelType::F64 => voxels.as_chunks_mut().0.fill(value.to_le_bytes()),
-        }
+        let Absent { voxel_type, value } = self.absent;
+        with_voxel!(voxel_type, V => {
+            const BYTES: usize = size_of::<V>();
+            let mut voxel = [0; BYTES];
+            V::from_f64(value).write_le(&mut voxel);
+            voxels.as_chunks_mut::<BYTES>().0.fill(voxel);
+        });
     }
 }
 

@@ -7,7 +7,8 @@
 
 use supervol_format::VoxelType;
 
-use crate::Endian;
+use crate::cast::{single, whole_i128};
+use crate::{Endian, Message, ReadOption};
 
 /// What one sample is in the file: the data sample format code, bytes 3225-3226.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -26,6 +27,11 @@ pub(super) enum SampleFormat {
     U64,
     U24,
     U8,
+}
+
+/// Message of a text, the option of the sample format, and a value of it.
+pub(super) fn say_format(start: &str, value: &str) -> Message {
+    Message::from(start).option(ReadOption::SampleFormat).text(format_args!(" {value}"))
 }
 
 impl SampleFormat {
@@ -95,7 +101,7 @@ pub(super) fn f32_from_ibm(word: u32) -> f32 {
     let exponent = u64::from((word >> 24) & 0x7F);
     // Biased exponent of 2^(4 (E - 64) - 24): between 743 and 1251, so always a normal f64.
     let power = f64::from_bits((4 * exponent + 743) << 52);
-    let magnitude = (f64::from(word & 0x00FF_FFFF) * power) as f32;
+    let magnitude = single(f64::from(word & 0x00FF_FFFF) * power);
     f32::from_bits(magnitude.to_bits() | (word & 0x8000_0000))
 }
 
@@ -183,7 +189,7 @@ fn check_64_bit(raw: &[u8], endian: Endian, value: impl Fn([u8; 8]) -> i128) -> 
             sample.reverse();
         }
         let exact = value(sample);
-        if exact as f64 as i128 != exact {
+        if whole_i128(exact as f64) != exact {
             return Err(BadSample { index, reason: format!("{exact}, which f64 cannot hold exactly") });
         }
     }

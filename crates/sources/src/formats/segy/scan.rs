@@ -11,9 +11,10 @@ use super::binary_header::{BinaryHeader, TRACE_HEADER_BYTES};
 use super::fields::{Fields, scaled};
 use super::input::Input;
 use super::layout::Layout;
-use super::survey::PositionFit;
-use super::{Offsets, SegyOptions};
-use crate::SourceError;
+use super::options::{Offsets, SegyOptions};
+use super::position_fit::PositionFit;
+use crate::cast::index;
+use crate::{Message, ReadOption, SourceError};
 
 /// Traces longer than this are visited header by header; shorter ones are read through.
 const READ_THROUGH_BYTES: u64 = 16 * 1024;
@@ -157,7 +158,8 @@ impl Scan {
         }
         let (byte, [least, most]) = (options.offset_byte, [found.min.0, found.max.0]);
         let there = if least == most { format!("all have {least}") } else { format!("they have {least} to {most}") };
-        let advice = "choose another --offset, or say with --offset-byte where offsets stand";
+        let advice = Message::from("choose another ").option(ReadOption::Offsets).text(", or say with ");
+        let advice = advice.option(ReadOption::OffsetByte).text(" where offsets stand");
         Err(input.unsupported(format!("no trace has offset {wanted} (byte {byte}): {there}"), advice))
     }
 
@@ -300,14 +302,14 @@ pub(super) fn for_each_header(
     let batch_traces = if trace_bytes <= READ_THROUGH_BYTES { BATCH_BYTES / trace_bytes } else { 1 };
     let largest = layout.traces.min(batch_traces);
     // A batch ends after its last header, so that nothing past it is read.
-    let batch_bytes = |traces: u64| ((traces - 1) * trace_bytes + TRACE_HEADER_BYTES) as usize;
+    let batch_bytes = |traces: u64| index((traces - 1) * trace_bytes + TRACE_HEADER_BYTES);
     let mut buffer = vec![0; batch_bytes(largest)];
     let mut trace = 0;
     while trace < layout.traces {
         let traces = largest.min(layout.traces - trace);
         let batch = &mut buffer[..batch_bytes(traces)];
         input.read(layout.header_offset(trace), batch)?;
-        for header in batch.chunks(trace_bytes as usize) {
+        for header in batch.chunks(index(trace_bytes)) {
             let header = header.first_chunk().expect("each chunk of a batch begins with a whole header");
             visit(trace, Fields::trace_header(header, layout.endian))?;
             trace += 1;

@@ -6,14 +6,14 @@
 //! zero. In IEEE numbers it is the last exponent bit and the first three fraction bits: zero in about one of 16.
 //!
 //! The judgement is only used to refuse a file whose header contradicts it, and only where it is very sure; an
-//! explicit `--format` is never judged. The traces looked at are spread evenly and always the same.
+//! explicit `format` is never judged. The traces looked at are spread evenly and always the same.
 
 use std::collections::HashSet;
 
 use super::input::Input;
 use super::layout::Layout;
-use super::samples::SampleFormat;
-use crate::{Endian, SourceError};
+use super::samples::{SampleFormat, say_format};
+use crate::{Endian, Message, SourceError};
 
 /// Traces looked at.
 const TRACES: u64 = 64;
@@ -94,30 +94,30 @@ pub(super) fn check_format(input: Input<'_>, layout: &Layout) -> Result<(), Sour
             format!(
                 "the header says IBM float (format 1 in bytes 3225-3226), but the samples are IEEE floats: {shares}"
             ),
-            "say --format 5 to read them as IEEE, or --format 1 to insist",
+            say_format("say ", "5").text(" to read them as IEEE, or ").message(say_format("", "1")).text(" to insist"),
         )),
         SampleFormat::F32 if words.surely_ibm() => Err(input.unsupported(
             format!(
                 "the header says IEEE float (format 5 in bytes 3225-3226), but the samples are IBM floats: {shares}"
             ),
-            "say --format 1 to read them as IBM, or --format 5 to insist",
+            say_format("say ", "1").text(" to read them as IBM, or ").message(say_format("", "5")).text(" to insist"),
         )),
         SampleFormat::FixedPointWithGain => Err(refuse_format_4(input, &words)),
         _ => Ok(()),
     }
 }
 
-/// The refusal of format 4, with what the samples look like instead.
+/// Error for format 4, with the format that the samples resemble.
 fn refuse_format_4(input: Input<'_>, words: &Words) -> SourceError {
     let what = "sample format 4 (fixed point with gain, bytes 3225-3226), which is obsolete and not read";
     let (looks, advice) = if words.total > 0 && words.zero_byte == words.total {
-        ("the samples look like it", "convert the file to format 5")
+        ("the samples look like it", Message::from("convert the file to format 5"))
     } else if words.total > 0 && words.zero_nibble == 0 && words.wild_ibm == 0 {
-        ("but the samples look like IBM floats", "if they are, say --format 1")
+        ("but the samples look like IBM floats", say_format("if they are, say ", "1"))
     } else if words.wild_ieee == 0 && words.total > 0 {
-        ("but the samples look like IEEE floats", "if they are, say --format 5")
+        ("but the samples look like IEEE floats", say_format("if they are, say ", "5"))
     } else {
-        ("the samples look like neither IBM nor IEEE floats", "if you know the format, say --format N")
+        ("the samples look like neither IBM nor IEEE floats", say_format("if you know the format, say ", "N"))
     };
     input.unsupported(format!("{what}; {looks}"), advice)
 }
@@ -141,6 +141,8 @@ fn sample_words(input: Input<'_>, layout: &Layout) -> Result<Words, SourceError>
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "tests use small numbers")]
+
     use super::*;
 
     fn words(values: impl Iterator<Item = u32>) -> Words {

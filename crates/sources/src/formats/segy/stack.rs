@@ -1,7 +1,7 @@
-//! Pre-stack files: the offsets that they hold, and the mean over all of them.
+//! Pre-stack files: the offsets of a file, and the mean over all offsets.
 //!
-//! Each offset is a volume of its own on the grid of all traces; where it has no live trace, its voxels are absent. The mean is
-//! taken over those that are there, as f32 (of 32-bit integers and doubles as f64); voxels with none are NaN.
+//! Each offset is a volume on the grid of all traces. Its voxels are absent where it has no live trace. The mean is
+//! over the present voxels, as f32, or as f64 for 32-bit integers and doubles. A voxel that is absent in all is NaN.
 
 use std::collections::BTreeSet;
 use std::io;
@@ -13,13 +13,15 @@ use supervol_format::voxel_type::{Absence, Voxel, voxels_as_f64};
 use supervol_format::{ByteSource, VoxelBox, VoxelType, with_voxel};
 
 use super::fields::Fields;
+use super::file_header::read_file_header;
 use super::input::Input;
 use super::layout::Layout;
+use super::options::{Offsets, SegyOptions};
 use super::scan::for_each_header;
-use super::{Offsets, SegyOptions, SegySource, read_file_header};
-use crate::{SourceError, SourceInfo, VolumeSource};
+use super::source::SegySource;
+use crate::{Message, ReadOption, SourceError, SourceInfo, VolumeSource};
 
-/// Most offsets that are averaged: each has a table of traces.
+/// Largest number of offsets that are averaged: each has a table of traces.
 const OFFSETS_LIMIT: usize = 256;
 /// Voxels that are averaged at once.
 const PART_VOXELS: u64 = 1 << 18;
@@ -66,14 +68,14 @@ impl Stack {
         info.nodata = None;
         info.memory_bytes = offsets.iter().map(|o| o.info().memory_bytes).sum::<u64>() + 16 * PART_VOXELS;
         info.reading = options.describe();
-        // What was noticed of one offset says nothing of the others.
-        info.notes.retain(|note| !note.contains("no trace") && !note.contains("other offsets"));
-        info.notes.push(format!(
-            "the mean of {} offsets, {} to {}",
-            numbers.len(),
-            numbers[0],
-            numbers[numbers.len() - 1]
-        ));
+        // These notes hold for one offset only.
+        info.notes.retain(|note| {
+            let note = note.to_string();
+            !note.contains("no trace") && !note.contains("other offsets")
+        });
+        info.notes.push(
+            format!("the mean of {} offsets, {} to {}", numbers.len(), numbers[0], numbers[numbers.len() - 1]).into(),
+        );
         Ok(Self { offsets, info })
     }
 }
@@ -89,7 +91,8 @@ fn offsets(input: Input<'_>, options: &SegyOptions) -> Result<Vec<i32>, SourceEr
             return Ok(());
         }
         let what = format!("more than {OFFSETS_LIMIT} offsets (bytes {0} on)", options.offset_byte);
-        Err(input.unsupported(what, "stack the file first, or choose one with --offset N"))
+        let advice = Message::from("stack the file first, or choose one with ").option(ReadOption::Offsets);
+        Err(input.unsupported(what, advice.text(" N")))
     })?;
     Ok(found.into_iter().collect())
 }

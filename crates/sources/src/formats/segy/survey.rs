@@ -1,126 +1,25 @@
-//! Where the grid lies in the world: CDP coordinates, spacing, sample axis.
+//! Placement of the grid in the world: CDP coordinates, spacing, sample axis.
 //!
-//! The world frame stays local: x along the crossline axis, z down, and y a quarter turn clockwise from x as the map shows
-//! it, so that the three are right-handed; origin at the first inline and crossline and at the delay of the first sample.
-//! Where inlines ascend against y, the grid's second axis points along -y: its frame is left-handed, as most surveys are.
-//! Map coordinates are large and turned against the grid; they are kept as the survey's corners, as metadata.
+//! The world frame is local and right-handed: x along the crossline axis, z down, and y a quarter turn clockwise from x
+//! on the map. Its origin is the first inline and crossline, at the delay of the first sample. If inlines ascend
+//! against y, the grid's second axis points along -y: its frame is left-handed, as in most surveys. Map coordinates are
+//! large and rotated against the grid. They are stored as metadata, as the survey's corners.
 
 use super::binary_header::{BinaryHeader, TRACE_HEADER_BYTES};
 use super::fields::{Fields, scaled};
 use super::grid::Grid;
 use super::input::Input;
 use super::layout::Layout;
+use super::position_fit::PositionFit;
 use super::scan::Scan;
-use crate::{LineNumbers, SourceError};
+use crate::cast::{index, signed};
+use crate::{LineNumbers, Message, SourceError};
 
 /// Estimates of a spacing from two opposite edges of the grid must agree this well, as a fraction.
 const SPACING_TOLERANCE: f64 = 0.05;
 
 /// A fitted corner may lie off by this fraction of the line spacing, judged by the residual of the fit.
 const RESIDUAL_TOLERANCE: f64 = 0.5;
-
-/// Sums of a least-squares fit of positions to line numbers: `point = a + b * inline + c * crossline`, by the normal
-/// equations of Gauss. One pass, constant memory; numbers are taken relative to the first trace's, which keeps the
-/// sums accurate for map coordinates of millions of metres. Points (0, 0) are left out: they are what headers without
-/// a position hold.
-#[derive(Debug, Default, Clone)]
-pub(super) struct PositionFit {
-    /// Line numbers and point of the first trace with a position.
-    origin: Option<([i64; 2], [f64; 2])>,
-    count: f64,
-    lines: [f64; 2],
-    /// Of inline with itself, inline with crossline, crossline with itself.
-    line_products: [f64; 3],
-    points: [f64; 2],
-    /// Of each component of the points with itself.
-    squares: [f64; 2],
-    /// `[point component][line axis]`.
-    mixed: [[f64; 2]; 2],
-    /// Largest absolute coordinate.
-    largest: f64,
-}
-
-/// Means and slopes of a fit, relative to its origin.
-struct Solution {
-    mean_lines: [f64; 2],
-    mean_point: [f64; 2],
-    /// `[point component][line axis]`.
-    slopes: [[f64; 2]; 2],
-    /// Root mean square distance of the points from the fit.
-    residual: f64,
-}
-
-impl PositionFit {
-    /// Adds one trace.
-    pub(super) fn add(&mut self, position: [i32; 2], point: [f64; 2]) {
-        if point == [0.0; 2] {
-            return;
-        }
-        let position = position.map(i64::from);
-        let (first, first_point) = *self.origin.get_or_insert((position, point));
-        self.largest = self.largest.max(point[0].abs()).max(point[1].abs());
-        let [i, j] = [0, 1].map(|a| (position[a] - first[a]) as f64);
-        self.count += 1.0;
-        self.lines[0] += i;
-        self.lines[1] += j;
-        self.line_products[0] += i * i;
-        self.line_products[1] += i * j;
-        self.line_products[2] += j * j;
-        for component in [0, 1] {
-            let p = point[component] - first_point[component];
-            self.points[component] += p;
-            self.squares[component] += p * p;
-            self.mixed[component][0] += p * i;
-            self.mixed[component][1] += p * j;
-        }
-    }
-
-    /// Whether any trace has a position.
-    fn any(&self) -> bool {
-        self.origin.is_some()
-    }
-
-    /// The fit, or `None` where the traces do not determine it.
-    fn solve(&self) -> Option<Solution> {
-        let n = self.count;
-        let mean_lines = self.lines.map(|s| s / n);
-        let mean_point = self.points.map(|s| s / n);
-        let ii = self.line_products[0] - n * mean_lines[0] * mean_lines[0];
-        let ij = self.line_products[1] - n * mean_lines[0] * mean_lines[1];
-        let jj = self.line_products[2] - n * mean_lines[1] * mean_lines[1];
-        let determinant = ii * jj - ij * ij;
-        let (mut slopes, mut error) = ([[0.0; 2]; 2], 0.0);
-        for component in [0, 1] {
-            let mean = mean_point[component];
-            let [pi, pj] = [0, 1].map(|a| self.mixed[component][a] - n * mean * mean_lines[a]);
-            let slope = match (ii > 0.0, jj > 0.0) {
-                (true, true) if determinant > 1e-9 * ii * jj => {
-                    [(pi * jj - pj * ij) / determinant, (pj * ii - pi * ij) / determinant]
-                }
-                (true, true) => return None,
-                (true, false) => [pi / ii, 0.0],
-                (false, true) => [0.0, pj / jj],
-                (false, false) => [0.0, 0.0],
-            };
-            error += self.squares[component] - n * mean * mean - slope[0] * pi - slope[1] * pj;
-            slopes[component] = slope;
-        }
-        Some(Solution { mean_lines, mean_point, slopes, residual: (error.max(0.0) / n).sqrt() })
-    }
-
-    /// The fitted position of a crossing and the fit's residual, or `None` where the traces do not determine it.
-    fn at(&self, inline: i64, crossline: i64) -> Option<([f64; 2], f64)> {
-        let (first, first_point) = self.origin?;
-        let fit = self.solve()?;
-        let offset = [inline - first[0], crossline - first[1]];
-        let from_mean = [0, 1].map(|a| offset[a] as f64 - fit.mean_lines[a]);
-        let point = [0, 1].map(|c| {
-            let [along_inline, along_crossline] = fit.slopes[c];
-            first_point[c] + fit.mean_point[c] + along_inline * from_mean[0] + along_crossline * from_mean[1]
-        });
-        Some((point, fit.residual))
-    }
-}
 
 /// Horizontal placement of the grid.
 #[derive(Debug, Clone, PartialEq)]
@@ -133,13 +32,13 @@ pub(super) struct Placement {
     pub(super) units: [&'static str; 2],
 }
 
-/// Finds corners and spacing, and notes whatever had to be assumed.
+/// Finds corners and spacing, and notes every assumption.
 pub(super) fn place(
     input: Input<'_>,
     (layout, header): (&Layout, &BinaryHeader),
     scan: &Scan,
     grid: &Grid,
-    notes: &mut Vec<String>,
+    notes: &mut Vec<Message>,
 ) -> Result<Placement, SourceError> {
     let none = Placement { corners: None, spacing: [1.0; 2], units: [""; 2] };
     let (fit, x_byte) = match (scan.cdp.any(), scan.source.any()) {
@@ -159,11 +58,11 @@ pub(super) fn place(
     if fitted > 0 {
         notes.push(format!(
             "{fitted} of the grid's 4 corners have no live trace; their coordinates were extrapolated from the others"
-        ));
+        ).into());
     }
     let placed = Placement { corners: Some(points), ..none };
     if let Some(reason) = not_lengths(scan, fit) {
-        notes.push(format!("{reason}; the spacing between lines is 1"));
+        notes.push(format!("{reason}; the spacing between lines is 1").into());
         return Ok(placed);
     }
     let spacing = spacing(points, grid.inline, grid.crossline)
@@ -177,8 +76,8 @@ pub(super) fn place(
     Ok(Placement { spacing, units, ..placed })
 }
 
-/// Directions of the grid's axes in the local world. Seen from above, with the first inline running to the right, inlines
-/// ascend upwards or downwards on the map: the corners say which. Without corners nothing contradicts downwards.
+/// Directions of the grid's axes in the local world. On a map with the first inline running to the right, inlines
+/// ascend upwards or downwards; the corners decide. Without corners, downwards is assumed.
 pub(super) fn direction(corners: Option<[[f64; 2]; 4]>) -> [f64; 9] {
     let ascend_upwards = corners.is_some_and(|points| {
         let [along_x, along_y] = [1, 2].map(|c| [0, 1].map(|k| points[c][k] - points[0][k]));
@@ -223,14 +122,14 @@ fn corners(
     let mut corners = Corners { points: [[0.0; 2]; 4], fitted: 0, residual: 0.0 };
     for (corner, (x, y)) in corners.points.iter_mut().zip([(0, 0), (last_x, 0), (0, last_y), (last_x, last_y)]) {
         if let Some(trace) = grid.trace(x, y) {
-            let mut buffer = [0; TRACE_HEADER_BYTES as usize];
+            let mut buffer = [0; index(TRACE_HEADER_BYTES)];
             input.read(layout.header_offset(trace), &mut buffer)?;
             let fields = Fields::trace_header(&buffer, layout.endian);
             let scalar = fields.i16(71);
             *corner = [x_byte, x_byte + 4].map(|byte| scaled(f64::from(fields.i32(byte)), scalar));
             continue;
         }
-        let number = |line: LineNumbers, index: u64| line.first + index as i64 * line.step;
+        let number = |line: LineNumbers, index: u64| line.first + signed(index) * line.step;
         let fitted = fit.at(number(grid.inline, y), number(grid.crossline, x));
         let Some((point, residual)) = fitted else { return Ok(None) };
         *corner = point;
@@ -268,7 +167,7 @@ pub(super) fn sample_interval(
     header: &BinaryHeader,
     scan: &Scan,
     given: Option<f64>,
-    notes: &mut Vec<String>,
+    notes: &mut Vec<Message>,
 ) -> Option<f64> {
     if given.is_some() {
         notes.push("the sample interval was given by hand and is not the file's".into());
@@ -279,31 +178,40 @@ pub(super) fn sample_interval(
         if let Some((min, max)) = claimed
             && (f64::from(min) != header.interval_us || f64::from(max) != header.interval_us)
         {
-            notes.push(format!(
-                "sample intervals of the trace headers (bytes 117-118) are {min} to {max}; the binary header's {} \
+            notes.push(
+                format!(
+                    "sample intervals of the trace headers (bytes 117-118) are {min} to {max}; the binary header's {} \
                  (bytes 3217-3218) was used",
-                header.interval_us
-            ));
+                    header.interval_us
+                )
+                .into(),
+            );
         }
         return Some(header.interval_us / 1000.0);
     }
     match claimed {
         Some((min, max)) if min > 0 && min == max => {
-            notes.push(format!(
-                "the sample interval {max} is the trace headers' (bytes 117-118); the binary header says {} \
+            notes.push(
+                format!(
+                    "the sample interval {max} is the trace headers' (bytes 117-118); the binary header says {} \
                  (bytes 3217-3218)",
-                header.interval_us
-            ));
+                    header.interval_us
+                )
+                .into(),
+            );
             Some(f64::from(max) / 1000.0)
         }
         _ => {
             let traces =
                 claimed.map_or("0".into(), |(a, b)| if a == b { a.to_string() } else { format!("{a} to {b}") });
-            notes.push(format!(
-                "the sample interval is unknown: {} in the binary header (bytes 3217-3218), {traces} in the trace \
+            notes.push(
+                format!(
+                    "the sample interval is unknown: {} in the binary header (bytes 3217-3218), {traces} in the trace \
                  headers (bytes 117-118); the z axis counts samples",
-                header.interval_us
-            ));
+                    header.interval_us
+                )
+                .into(),
+            );
             None
         }
     }

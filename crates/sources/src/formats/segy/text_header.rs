@@ -50,7 +50,7 @@ pub(super) fn detect(bytes: &[u8]) -> Encoding {
 pub fn encode(text: &str) -> Vec<u8> {
     let code = |c: char| {
         let latin = u8::try_from(u32::from(c)).ok().filter(|_| !c.is_control());
-        latin.and_then(|latin| CP037.iter().position(|known| *known == latin)).map_or(0x40, |at| at as u8)
+        latin.and_then(|latin| (0..=u8::MAX).find(|at| CP037[usize::from(*at)] == latin)).unwrap_or(0x40)
     };
     text.chars().map(code).collect()
 }

@@ -15,7 +15,8 @@ use supervol_format::{ByteSource, VoxelType};
 use tiff::decoder::Decoder;
 use tiff::tags::Tag;
 
-use super::{CHUNK_LIMIT_BYTES, Packing, Page, RATIO_LIMIT, refusal};
+use super::page::{CHUNK_LIMIT_BYTES, Packing, Page, RATIO_LIMIT, refusal};
+use crate::cast::index;
 use crate::grid::dense::swap_bytes;
 use crate::grid::elements::Number;
 use crate::{Endian, SourceError};
@@ -195,7 +196,7 @@ impl CodedChunks {
             let found = format!("{length} bytes at byte {offset}");
             return Err(SourceError::invalid(path, format!("compressed chunk {chunk}"), expected, found));
         }
-        let mut encoded = vec![0; length as usize];
+        let mut encoded = vec![0; index(length)];
         file.read_exact_at(offset, &mut encoded).map_err(|e| SourceError::io(path, e))?;
         Ok(encoded)
     }
@@ -292,12 +293,12 @@ impl Predictor {
 impl Page {
     /// Bytes of a pixel in a chunk.
     pub(super) fn piece_bytes(self) -> usize {
-        self.pixel_bytes() / self.planes() as usize
+        self.pixel_bytes() / index(self.planes())
     }
 
     /// Reverses predictor and byte order; returns whole rows of little-endian numbers.
     fn unpredicted(self, mut bytes: Vec<u8>, row_bytes: usize, (predictor, endian): (Predictor, Endian)) -> Decoded {
-        let (size, samples) = (self.stored().bytes(), (self.samples / self.planes()) as usize);
+        let (size, samples) = (self.stored().bytes(), index(self.samples / self.planes()));
         if row_bytes == 0 || bytes.is_empty() || !bytes.len().is_multiple_of(row_bytes) {
             return Err(format!("{} bytes, where rows have {row_bytes}", bytes.len()));
         }

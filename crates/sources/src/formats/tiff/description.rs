@@ -7,9 +7,10 @@ use std::path::Path;
 use quick_xml::XmlVersion;
 use quick_xml::events::{BytesStart, Event};
 
-use crate::SourceError;
-use crate::input::selection::Selection;
+use crate::cast::index;
+use crate::input::selection::{Selection, first_of};
 use crate::input::text::shortened;
+use crate::{Message, ReadOption, SourceError};
 
 /// Largest number of slices of a volume, and of pages of a file.
 pub(super) const PAGES_LIMIT: usize = 1 << 16;
@@ -26,7 +27,7 @@ pub(super) struct Description {
     /// Whether the page's resolution is in pixels per unit.
     pub(super) has_resolution: bool,
     /// Notes for the user.
-    pub(super) notes: Vec<String>,
+    pub(super) notes: Vec<Message>,
 }
 
 /// Sizes of a series besides x and y, and the number of pages between neighbours along each axis.
@@ -57,18 +58,18 @@ impl Series {
         path: &Path,
         samples: u64,
         selection: &Selection,
-        (names, notes): (&[String], &mut Vec<String>),
+        (names, notes): (&[String], &mut Vec<Message>),
     ) -> Result<Vec<usize>, SourceError> {
         let [slices, channels, times] = self.sizes;
         let mut first = 0;
         if samples == 1 {
-            first += selection.noted_channel(path, channels as u64, names, notes)? as usize * self.strides[1];
+            first += index(selection.noted_channel(path, channels as u64, names, notes)?) * self.strides[1];
         }
         if slices == 1 && times > 1 && channels == 1 && selection.frame.is_none() {
-            notes.push(format!("{times} time points of one slice: read as slices"));
+            notes.push(format!("{times} time points of one slice: read as slices").into());
             return Ok((0..times).map(|i| i * self.strides[2]).collect());
         }
-        first += selection.noted_frame(path, times as u64, "time points", notes)? as usize * self.strides[2];
+        first += index(selection.noted_frame(path, times as u64, "time points", notes)?) * self.strides[2];
         Ok((0..slices).map(|i| first + i * self.strides[0]).collect())
     }
 }
@@ -126,7 +127,7 @@ impl Description {
 
     fn of_ome(path: &Path, text: &str, samples: u64, selection: &Selection) -> Result<Self, SourceError> {
         let wrong = |found: String| SourceError::invalid(path, "OME-XML", "an element `Pixels` with its sizes", found);
-        let mut found = Ome { samples: samples as usize, wanted: wanted_series(path, selection)?, ..Ome::default() };
+        let mut found = Ome { samples: index(samples), wanted: wanted_series(path, selection)?, ..Ome::default() };
         let mut reader = quick_xml::Reader::from_str(text);
         loop {
             match reader.read_event() {
@@ -146,14 +147,14 @@ impl Description {
             return Err(SourceError::unsupported(path, what, advice));
         }
         if found.wanted > 0 && found.wanted >= found.images {
-            let there = format!("{} has {} series, counted from 0 on", path.display(), found.images);
-            return Err(SourceError::Options(format!("--series {}: {there}", found.wanted)));
+            let what =
+                format_args!(" {}: {} has {} series, counted from 0 on", found.wanted, path.display(), found.images);
+            return Err(SourceError::options(Message::from(ReadOption::Series).text(what)));
         }
         let series = found.series.ok_or_else(|| wrong("none".into()))?;
         let mut notes = Vec::new();
         if found.images > 1 && selection.series.is_none() {
-            let last = found.images - 1;
-            notes.push(format!("{} series; the first is used; --series 0 to {last} takes another", found.images));
+            notes.push(first_of(&format!("{} series", found.images), ReadOption::Series, found.images as u64));
         }
         let planes = series.slices(path, samples, selection, (&found.channels, &mut notes))?;
         let slices = planes.into_iter().map(|plane| found.page_of(plane)).collect::<Option<_>>();
@@ -267,7 +268,8 @@ fn wanted_series(path: &Path, selection: &Selection) -> Result<usize, SourceErro
     let number = text.parse().ok().filter(|n| *n < PAGES_LIMIT);
     number.ok_or_else(|| {
         let expected = "expected the number of a series of OME, from 0 on";
-        SourceError::Options(format!("--series {}: {expected}, for {}", shortened(text), path.display()))
+        let what = format_args!(" {}: {expected}, for {}", shortened(text), path.display());
+        SourceError::options(Message::from(ReadOption::Series).text(what))
     })
 }
 
@@ -334,7 +336,8 @@ mod tests {
         assert!(pages("XYZCT", files).expect_err("two files").to_string().contains("2 files"));
         let named = "<Channel ID=\"C:0\" Name=\"DAPI\"/><Channel ID=\"C:1\"><LightPath/></Channel>";
         let found = read(&xml(&format!("DimensionOrder=\"XYZCT\" {sizes}"), named)).expect("channels");
-        assert!(found.notes.contains(&"2 channels (DAPI); the first is used; --channel 0 to 1 takes another".into()));
+        let notes: Vec<String> = found.notes.iter().map(ToString::to_string).collect();
+        assert!(notes.contains(&"2 channels (DAPI); the first is used; `channel` 0 to 1 takes another".into()));
         let physical = "PhysicalSizeX=\"0.5\" PhysicalSizeY=\"0.5\" PhysicalSizeZ=\"2\" PhysicalSizeZUnit=\"µm\"";
         let found = read(&xml(&format!("{sizes} {physical}"), "")).expect("sizes");
         assert_eq!((found.spacing, found.unit.as_str()), ([Some(0.5), Some(0.5), Some(2.0)], "um"));

@@ -4,14 +4,15 @@
 //!
 //! Pages stored without compression and in one piece are read in place. So are the slices that ImageJ writes behind the
 //! only page of a stack of more than 4 GiB. All others are decoded once into a spool file ([`crate::input::spool`]),
-//! chunk by chunk. The first of several channels and times is used, with a note, unless `--channel` and `--frame`
-//! select others. The first of several OME series is used, or `--series N`. Colours give their luminance, or one
+//! chunk by chunk. The first of several channels and times is used, with a note, unless `channel` and `frame`
+//! select others. The first of several OME series is used, or `series`. Colours give their luminance, or one
 //! channel. Pages that are smaller copies are skipped. Palette indices are the voxels. Single bits become the voxels 0
 //! and 1; 64-bit integers the smallest type that holds all of them. White-is-zero pages are inverted, so that greater
 //! is brighter. The crate `tiff` decodes all but JPEG and zstd (`coded`). This module selects the pages of the volume.
 
 mod coded;
 mod description;
+mod page;
 
 use std::fs::File;
 use std::io::BufReader;
@@ -19,29 +20,48 @@ use std::path::Path;
 
 use description::{Description, PAGES_LIMIT};
 use supervol_format::{ByteSource, Dims, Geometry, VoxelBox, VoxelType};
+use tiff::ColorType;
 use tiff::decoder::ifd::Value;
 use tiff::decoder::{ChunkType, Decoder, DecodingResult, Limits};
 use tiff::tags::{CompressionMethod, SampleFormat, Tag};
-use tiff::{ColorType, TiffError, TiffFormatError};
 
+use crate::cast::index;
+use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::grid::dense::{GridFile, GridLayout, GridSource, Part, checked_bytes};
 use crate::grid::elements::{Channels, Elements, Frames, Meaning, Number};
 use crate::input::data_files::open_data;
 use crate::input::file::SourceFile;
-use crate::input::selection::Selection;
+use crate::input::selection::{Choice, Selection};
 use crate::input::spool::{Spool, SpoolFolder};
-use crate::{Axis, Endian, SourceError, SourceInfo, VolumeSource};
+use crate::{Axis, Endian, Message, SourceError, SourceInfo, VolumeSource};
 use coded::{CodedChunks, Compression};
+use page::{CHUNK_LIMIT_BYTES, Packing, refusal};
+pub(crate) use page::{Page, RATIO_LIMIT};
 
-/// Largest size in bytes of a decoded strip or tile, and of a band of tiles.
-const CHUNK_LIMIT_BYTES: usize = 256 << 20;
 /// Largest size of a field in bytes; it may be OME-XML of tens of thousands of planes.
 const FIELD_LIMIT_BYTES: usize = 32 << 20;
-/// Largest expansion of all codecs but zstd: deflate 1032 to 1, LZW and JPEG about 1365 to 1.
-pub(crate) const RATIO_LIMIT: u64 = 1400;
-
 /// Photometric interpretation of palette indices.
 const PALETTE: u64 = 3;
+
+/// First bytes of a TIFF and of a `BigTIFF`, in either byte order.
+const STARTS: [&[u8]; 4] = [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"];
+
+/// Whether a file is TIFF, by its first bytes.
+pub(crate) fn is_tiff(head: &[u8]) -> bool {
+    STARTS.iter().any(|start| head.starts_with(start))
+}
+
+/// Row of the table of formats.
+pub const FORMAT: Format = Format {
+    name: "tiff",
+    title: "TIFF",
+    choices: &[Choice::Series],
+    sniff: |start, _| is_tiff(&start.bytes),
+    certainty: Certainty::Certain,
+    folder: Folder::Never,
+    open: |path, options| Ok(Box::new(TiffSource::open(path, &options.spool, &options.selection)?)),
+    found: |_| Found::Volume,
+};
 
 /// A TIFF stack.
 #[derive(Debug)]
@@ -106,72 +126,6 @@ impl VolumeSource for TiffSource {
 
     fn read_box(&self, voxels: VoxelBox, out: &mut [u8]) -> Result<(), SourceError> {
         self.0.read_box(voxels, out)
-    }
-}
-
-/// Properties that all pages of a volume share.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Page {
-    /// Size in pixels along x and y.
-    pub(crate) size: [u64; 2],
-    /// Numbers per pixel.
-    pub(crate) samples: u64,
-    /// Type of the numbers.
-    pub(crate) number: Number,
-    /// Arrangement of the numbers in the chunks of the page.
-    packing: Packing,
-    /// Meaning of the numbers of one pixel.
-    pub(crate) meaning: Meaning,
-}
-
-/// Arrangement of the numbers of a page in its chunks.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Packing {
-    /// The numbers of a pixel are adjacent.
-    Together,
-    /// Each chunk holds one number of every pixel; all chunks of the first number precede those of the second.
-    InPlanes,
-    /// Single bits; each row begins at a byte boundary.
-    Bits,
-}
-
-impl std::fmt::Display for Page {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let [width, height] = self.size;
-        let number = match (self.number, self.packing) {
-            (Number::Voxel(_), Packing::Bits) => "bit",
-            (Number::Voxel(voxel_type), _) => voxel_type.name(),
-            (Number::Whole { signed: true }, _) => "int64",
-            (Number::Whole { signed: false }, _) => "uint64",
-            (Number::Half, _) => "half-precision float",
-        };
-        write!(f, "{width} x {height} pixels of {} {number}", self.samples)
-    }
-}
-
-impl Page {
-    pub(crate) fn bytes(self) -> u64 {
-        // The sizes have 32 bits, so their product has fewer than 128 bits, but possibly more than 64.
-        self.size[0].saturating_mul(self.size[1]).saturating_mul(self.pixel_bytes() as u64)
-    }
-
-    /// Grey or colour page with the numbers of a pixel adjacent.
-    pub(crate) fn plain(size: [u64; 2], samples: u64, number: Number) -> Self {
-        Self { size, samples, number, packing: Packing::Together, meaning: Meaning::Colours }
-    }
-
-    fn pixel_bytes(self) -> usize {
-        self.samples as usize * self.stored().bytes()
-    }
-
-    /// Number of planes of the page.
-    fn planes(self) -> u64 {
-        if self.packing == Packing::InPlanes { self.samples } else { 1 }
-    }
-
-    /// Voxel type of the numbers in a grid.
-    pub(crate) fn stored(self) -> VoxelType {
-        self.number.stored()
     }
 }
 
@@ -297,7 +251,7 @@ impl<'a> Pages<'a> {
     fn slices(
         &mut self,
         description: &Description,
-        notes: &mut Vec<String>,
+        notes: &mut Vec<Message>,
     ) -> Result<(Vec<usize>, Option<u64>), SourceError> {
         let wanted = description.slices.as_deref();
         if let Some(slices) = wanted.filter(|slices| slices.len() > 1)
@@ -323,7 +277,7 @@ impl<'a> Pages<'a> {
     }
 
     /// Numbers of all pages that are not smaller copies. Afterwards the first page is the current one.
-    pub(crate) fn whole_pages(&mut self, notes: &mut Vec<String>) -> Result<Vec<usize>, SourceError> {
+    pub(crate) fn whole_pages(&mut self, notes: &mut Vec<Message>) -> Result<Vec<usize>, SourceError> {
         let (mut whole, mut copies, mut number) = (Vec::new(), 0, 0);
         loop {
             let is_copy = self.tag(Tag::NewSubfileType)?.is_some_and(|kind| kind & 1 == 1) && number > 0;
@@ -339,7 +293,7 @@ impl<'a> Pages<'a> {
             self.decoder.next_image().map_err(|e| refusal(self.path, e))?;
         }
         if copies > 0 {
-            notes.push(format!("{copies} pages are smaller copies of others and left out"));
+            notes.push(format!("{copies} pages are smaller copies of others and left out").into());
         }
         self.seek(0)?;
         Ok(whole)
@@ -460,8 +414,8 @@ impl<'a> Pages<'a> {
         let is_tiled = self.decoder.get_chunk_type() == ChunkType::Tile;
         let across = if is_tiled { page.size[0].div_ceil(u64::from(chunk_width.max(1))) } else { 1 };
         let bands = page.size[1].div_ceil(u64::from(chunk_height.max(1)));
-        let row_bytes = page.size[0] as usize * page.pixel_bytes();
-        let band_bytes = row_bytes.saturating_mul(chunk_height.min(page.size[1] as u32) as usize);
+        let row_bytes = index(page.size[0]) * page.pixel_bytes();
+        let band_bytes = row_bytes.saturating_mul(index(u64::from(chunk_height).min(page.size[1])));
         if band_bytes > CHUNK_LIMIT_BYTES {
             let advice = "rewrite it with smaller strips or tiles, for example with `tiffcp -r 16 IN OUT`";
             let what = format!("strips or rows of tiles of {band_bytes} bytes; {CHUNK_LIMIT_BYTES} are read at once");
@@ -480,7 +434,7 @@ impl<'a> Pages<'a> {
                 let [of_first, chunk] = [of_first.map_err(|_| self.too_many())?, chunk.map_err(|_| self.too_many())?];
                 let piece = self.piece(page, of_first, chunk, coded.as_mut())?;
                 band.resize(band_bytes, 0);
-                let start = column as usize * chunk_width as usize;
+                let start = index(column) * chunk_width as usize;
                 let is_first = (plane, column) == (0, 0);
                 if !piece.put(page, (plane, start), &mut band) || !(is_first || rows == piece.size[1]) {
                     let found = format!("{} x {} pixels in {} bytes", piece.size[0], piece.size[1], piece.voxels.len());
@@ -509,7 +463,7 @@ impl<'a> Pages<'a> {
             Some(coded) => {
                 let [width, height] = whole(self.decoder.chunk_dimensions());
                 let is_tiled = self.decoder.get_chunk_type() == ChunkType::Tile;
-                let most = [width, if is_tiled { height } else { height.min(page.size[1] as usize) }];
+                let most = [width, if is_tiled { height } else { height.min(index(page.size[1])) }];
                 coded.decode(self.path, self.decoder.inner().get_ref(), chunk, most)?
             }
             None => {
@@ -543,11 +497,11 @@ impl Piece {
         let pixel_bytes = page.pixel_bytes();
         // A piece of a plane holds only that plane's numbers of a pixel.
         let piece_bytes = page.piece_bytes();
-        let row_bytes = page.size[0] as usize * pixel_bytes;
+        let row_bytes = index(page.size[0]) * pixel_bytes;
         let is_whole = Some(self.voxels.len())
             == decoded_width.checked_mul(decoded_height).and_then(|pixels| pixels.checked_mul(piece_bytes));
         let is_inside = width <= decoded_width && height <= decoded_height;
-        let fits = start + width <= page.size[0] as usize && row_bytes * height <= band.len();
+        let fits = start + width <= index(page.size[0]) && row_bytes * height <= band.len();
         if !(is_whole && is_inside && fits) || width == 0 {
             return false;
         }
@@ -557,7 +511,7 @@ impl Piece {
                 into.copy_from_slice(&from[..into.len()]);
                 continue;
             }
-            let at = plane as usize * piece_bytes;
+            let at = index(plane) * piece_bytes;
             for (pixel, number) in into.chunks_exact_mut(pixel_bytes).zip(from.chunks_exact(piece_bytes)) {
                 pixel[at..at + piece_bytes].copy_from_slice(number);
             }
@@ -586,24 +540,4 @@ fn little_endian(mut voxels: DecodingResult) -> Vec<u8> {
         bytes.chunks_exact_mut(size).for_each(<[u8]>::reverse);
     }
     bytes
-}
-
-/// Converts an error of the decoder.
-fn refusal(path: &Path, error: TiffError) -> SourceError {
-    match error {
-        TiffError::IoError(e) if e.kind() != std::io::ErrorKind::UnexpectedEof => SourceError::io(path, e),
-        TiffError::UnsupportedError(what) => {
-            let advice = "rewrite it first, for example with `tiffcp -c lzw IN OUT` or Fiji";
-            SourceError::unsupported(path, format!("this kind of TIFF is not read ({what})"), advice)
-        }
-        TiffError::FormatError(TiffFormatError::StripTileTagConflict) => {
-            let what = "a page has neither strips nor tiles, as those by JPEG of the old style (of before 1995)";
-            SourceError::unsupported(path, what, "rewrite it first, for example with `tiffcp -c lzw IN OUT`")
-        }
-        TiffError::LimitsExceeded => {
-            let advice = "rewrite it with smaller strips or tiles, for example with `tiffcp -r 16 IN OUT`";
-            SourceError::unsupported(path, "a strip, tile or field is larger than 256 MiB", advice)
-        }
-        other => SourceError::invalid(path, "TIFF", "what the format allows", other.to_string()),
-    }
 }

@@ -9,9 +9,10 @@ use base64::engine::general_purpose::STANDARD;
 use base64::read::DecoderReader;
 use supervol_format::ByteSource;
 
-use super::{Array, Blocks, Compressor, Encoding, number};
+use super::header::{Array, Blocks, Compressor, Encoding, number};
+use crate::cast::index;
 use crate::input::spool::{Excess, GzipShare, Spool};
-use crate::{Endian, SourceError};
+use crate::{Endian, Message, SourceError};
 
 /// Bytes that are decoded at once.
 const BUFFER_BYTES: usize = 1 << 16;
@@ -72,46 +73,59 @@ fn characters(bytes: u64) -> u64 {
     bytes.div_ceil(3).saturating_mul(4)
 }
 
-/// Decodes an array of `bytes` bytes.
-pub(super) fn decode(
-    path: &Path,
-    file: File,
-    (array, blocks, endian): (&Array, Blocks, Endian),
-    bytes: u64,
-    spool: &mut Spool,
-) -> Result<(), SourceError> {
-    let left = file.len().map_err(|e| SourceError::io(path, e))?.saturating_sub(array.offset);
-    let data = Data { path, left, endian, word_bytes: blocks.word_bytes, bytes };
-    match (array.encoding, blocks.compressor) {
-        (Encoding::Raw, compressor) => {
-            let mut file = file;
-            file.seek(SeekFrom::Start(array.offset)).map_err(|e| SourceError::io(path, e))?;
-            let mut reader = BufReader::with_capacity(BUFFER_BYTES, file);
-            let mut head = vec![0; blocks.word_bytes];
-            data.read(&mut reader, &mut head)?;
-            let mut rest = vec![0; data.table_bytes(&head)? - head.len()];
-            data.read(&mut reader, &mut rest)?;
-            data.expand(compressor, &data.table(&[head, rest].concat())?, reader, spool)
-        }
-        (_, Some(compressor)) => {
-            let mut text = Dense(UpTo::new(path, file, array.offset)?);
-            let head = data.base64(&mut text, characters(blocks.word_bytes as u64), Vec::new())?;
-            let table_bytes = data.table_bytes(&decoded(path, &head)?)?;
-            let all = characters(table_bytes as u64) - head.len() as u64;
-            let table = decoded(path, &data.base64(&mut text, all, head)?)?;
-            let sizes = data.table(table.get(..table_bytes).unwrap_or(&table))?;
-            let compressed = sizes.iter().fold(0u64, |sum, (size, _)| sum.saturating_add(*size));
-            let text = text.take(characters(compressed));
-            data.expand(Some(compressor), &sizes, DecoderReader::new(text, &STANDARD), spool)
-        }
-        (_, None) => {
-            let text = Dense(UpTo::new(path, file, array.offset)?);
-            let all = characters(bytes.saturating_add(blocks.word_bytes as u64));
-            let mut reader = DecoderReader::new(text.take(all), &STANDARD);
-            let mut head = vec![0; blocks.word_bytes];
-            data.read(&mut reader, &mut head)?;
-            data.check(number(&head, endian), left)?;
-            data.copy(reader, spool)
+/// An array of a file, encoded or in blocks.
+pub(super) struct EncodedArray<'a> {
+    /// Path of the file, for messages.
+    pub(super) path: &'a Path,
+    /// The file.
+    pub(super) file: File,
+    /// Encoding and offset of the array.
+    pub(super) array: &'a Array,
+    /// Block format.
+    pub(super) blocks: Blocks,
+    /// Byte order of the words that count bytes.
+    pub(super) endian: Endian,
+    /// Size of the decoded array in bytes.
+    pub(super) bytes: u64,
+}
+
+impl EncodedArray<'_> {
+    /// Decodes the array into `spool`.
+    pub(super) fn decode(self, spool: &mut Spool) -> Result<(), SourceError> {
+        let Self { path, file, array, blocks, endian, bytes } = self;
+        let left = file.len().map_err(|e| SourceError::io(path, e))?.saturating_sub(array.offset);
+        let data = Data { path, left, endian, word_bytes: blocks.word_bytes, bytes };
+        match (array.encoding, blocks.compressor) {
+            (Encoding::Raw, compressor) => {
+                let mut file = file;
+                file.seek(SeekFrom::Start(array.offset)).map_err(|e| SourceError::io(path, e))?;
+                let mut reader = BufReader::with_capacity(BUFFER_BYTES, file);
+                let mut head = vec![0; blocks.word_bytes];
+                data.read(&mut reader, &mut head)?;
+                let mut rest = vec![0; data.table_bytes(&head)? - head.len()];
+                data.read(&mut reader, &mut rest)?;
+                data.expand(compressor, &data.table(&[head, rest].concat())?, reader, spool)
+            }
+            (_, Some(compressor)) => {
+                let mut text = Dense(UpTo::new(path, file, array.offset)?);
+                let head = data.base64(&mut text, characters(blocks.word_bytes as u64), Vec::new())?;
+                let table_bytes = data.table_bytes(&decoded(path, &head)?)?;
+                let all = characters(table_bytes as u64) - head.len() as u64;
+                let table = decoded(path, &data.base64(&mut text, all, head)?)?;
+                let sizes = data.table(table.get(..table_bytes).unwrap_or(&table))?;
+                let compressed = sizes.iter().fold(0u64, |sum, (size, _)| sum.saturating_add(*size));
+                let text = text.take(characters(compressed));
+                data.expand(Some(compressor), &sizes, DecoderReader::new(text, &STANDARD), spool)
+            }
+            (_, None) => {
+                let text = Dense(UpTo::new(path, file, array.offset)?);
+                let all = characters(bytes.saturating_add(blocks.word_bytes as u64));
+                let mut reader = DecoderReader::new(text.take(all), &STANDARD);
+                let mut head = vec![0; blocks.word_bytes];
+                data.read(&mut reader, &mut head)?;
+                data.check(number(&head, endian), left)?;
+                data.copy(reader, spool)
+            }
         }
     }
 }
@@ -132,7 +146,7 @@ struct Data<'a> {
 }
 
 impl Data<'_> {
-    fn wrong(&self, expected: impl Into<String>, found: impl Into<String>) -> SourceError {
+    fn wrong(&self, expected: impl Into<Message>, found: impl Into<String>) -> SourceError {
         SourceError::invalid(self.path, "array", expected, found)
     }
 
@@ -215,7 +229,7 @@ impl Data<'_> {
             }
             compressed.clear();
             reader.by_ref().take(compressed_bytes).read_to_end(&mut compressed).map_err(|e| self.failed(e))?;
-            block.resize(bytes as usize, 0);
+            block.resize(index(bytes), 0);
             let decoded = lz4_flex::block::decompress_into(&compressed, &mut block);
             let wrong = |found| self.wrong(format!("{bytes} bytes of block {number} by LZ4"), found);
             match decoded {

@@ -5,7 +5,8 @@ use std::path::Path;
 
 use supervol_format::{Dims, Geometry, VoxelType};
 
-use super::{ARRAYS_LIMIT, Array, Encoding, Header, Number};
+use super::header::{ARRAYS_LIMIT, Array, Encoding, Header};
+use crate::grid::elements::Number;
 use crate::input::text::shortened;
 use crate::{Endian, SourceError};
 

@@ -2,13 +2,14 @@
 //! inline or appended, uncompressed or compressed by zlib or LZ4. Legacy files are binary or text.
 //!
 //! Raw arrays are read in place. All else is decoded once into a spool file ([`crate::input::spool`]), block by block.
-//! If there are several arrays, the active scalars are used, or the named array (`FILE.vti:/NAME`). `--channel` selects
+//! If there are several arrays, the active scalars are used, or the named array (`FILE.vti:/NAME`). `channel` selects
 //! one of several components. Cell data are voxels between the points. Origin, spacing and direction are the file's.
 //! 64-bit integers are kept in the smallest type that holds all of them. Several pieces, LZMA, meshes and grids with
 //! uneven distances are refused by name. Written by hand: `vtkio` reads whole files into memory and depends on
 //! unmaintained parsers.
 
 mod blocks;
+mod header;
 mod legacy;
 mod xml;
 
@@ -16,85 +17,42 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
-use supervol_format::{ByteSource, Dims, Geometry, VoxelBox, VoxelType};
+use supervol_format::{ByteSource, VoxelBox, VoxelType};
 
+use crate::cast::{low_8, low_32, whole_u64};
+use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::grid::dense::{GridFile, GridLayout, GridSource, checked_bytes};
 use crate::grid::elements::{Channels, Elements, Frames, Meaning, Number};
 use crate::input::data_files::open_data;
 use crate::input::file::SourceFile;
-use crate::input::selection::Selection;
-use crate::input::spool::{Excess, Spool, SpoolFolder, Words, parse_voxel};
-use crate::input::text::shortened;
+use crate::input::selection::{Choice, Selection};
+use crate::input::spool::{Excess, Spool, SpoolFolder, TextNumbers, Words, parse_voxel};
+use crate::input::start::FileStart;
 use crate::{Endian, SourceError, SourceInfo, VolumeSource};
-use blocks::{UpTo, decode};
+use blocks::{EncodedArray, UpTo};
+use header::{Array, Blocks, Encoding, Header, number};
 
-/// Largest number of arrays of a file.
-const ARRAYS_LIMIT: usize = 1024;
-/// Largest number of arrays that a message lists.
-const LISTED_LIMIT: usize = 20;
+/// First bytes of a legacy file.
+const LEGACY_START: &[u8] = b"# vtk DataFile";
+
+/// Row of the table of formats.
+pub const FORMAT: Format = Format {
+    name: "vtk",
+    title: "VTK",
+    choices: &[Choice::Array],
+    sniff: |start, _| {
+        let is_xml = start.text_begins_with(b"<?xml") || start.text_begins_with(b"<VTKFile");
+        start.begins_with(LEGACY_START) || start.is_named(&[".vti"]) || is_xml && start.holds(b"<VTKFile")
+    },
+    certainty: Certainty::Certain,
+    folder: Folder::Never,
+    open: |path, options| Ok(Box::new(VtkSource::open(path, &options.spool, &options.selection)?)),
+    found: |_| Found::Volume,
+};
 
 /// A VTK image.
 #[derive(Debug)]
 pub struct VtkSource(GridSource);
-
-/// Encoding of an array's bytes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Encoding {
-    /// Unencoded; in XML, behind a word with their number.
-    Raw,
-    /// Numbers as text.
-    Text,
-    /// Colours as text: fractions of 255.
-    Shares,
-    /// Base64 of the bytes that `Raw` would have.
-    Base64,
-}
-
-/// One array of a file.
-#[derive(Debug, Clone)]
-struct Array {
-    name: String,
-    number: Number,
-    components: u64,
-    /// Whether the array belongs to the cells, not to the points.
-    is_of_cells: bool,
-    /// Whether the array is the active one of the file.
-    is_active: bool,
-    /// Whether the components are colours.
-    is_colour: bool,
-    encoding: Encoding,
-    /// Offset of the array in bytes.
-    offset: u64,
-}
-
-/// Block format of the arrays of an XML file.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct Blocks {
-    /// Size in bytes of a word that counts bytes.
-    word_bytes: usize,
-    compressor: Option<Compressor>,
-}
-
-/// Compression of the blocks of an array.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Compressor {
-    Zlib,
-    Lz4,
-}
-
-/// Contents of a header.
-#[derive(Debug)]
-struct Header {
-    /// Number of points along the axes.
-    points: [u64; 3],
-    /// Index of the first point.
-    first: [i64; 3],
-    geometry: Geometry,
-    endian: Endian,
-    arrays: Vec<Array>,
-    /// `None` for a legacy file, whose arrays have no headers.
-    blocks: Option<Blocks>,
-}
 
 impl VtkSource {
     /// Opens a VTK image; encoded arrays are decoded into `spool`.
@@ -103,7 +61,7 @@ impl VtkSource {
     /// If the file cannot be read, breaks the format's rules, or does not hold a supported volume.
     pub fn open(path: &Path, spool: &SpoolFolder, selection: &Selection) -> Result<Self, SourceError> {
         let source_file = SourceFile::of(path)?;
-        let is_legacy = crate::open::head(path)?.starts_with(b"# vtk DataFile");
+        let is_legacy = FileStart::of(path)?.begins_with(LEGACY_START);
         let reader = BufReader::new(open_data(path)?);
         let header = if is_legacy { legacy::read(path, reader)? } else { xml::read(path, reader)? };
         let mut notes = Vec::new();
@@ -146,40 +104,6 @@ impl VolumeSource for VtkSource {
 }
 
 impl Header {
-    /// The named array, else the active one, else the first; arrays of points before those of cells.
-    fn choose(&self, path: &Path, selection: &Selection, notes: &mut Vec<String>) -> Result<&Array, SourceError> {
-        let names: Vec<&str> = self.arrays.iter().take(LISTED_LIMIT).map(|array| array.name.as_str()).collect();
-        let list = names.join(", ");
-        if let Some(wanted) = &selection.array {
-            return self.arrays.iter().find(|array| array.name == *wanted).ok_or_else(|| {
-                SourceError::Options(format!("{}: no array `{}`; there are: {list}", path.display(), shortened(wanted)))
-            });
-        }
-        let best = self.arrays.iter().min_by_key(|array| (!array.is_active, array.is_of_cells));
-        let best = best.ok_or_else(|| SourceError::invalid(path, "arrays", "at least one", "none"))?;
-        if self.arrays.len() > 1 {
-            let (count, name) = (self.arrays.len(), &best.name);
-            notes.push(format!("{count} arrays ({list}); `{name}` is used; FILE:/NAME takes another"));
-        }
-        Ok(best)
-    }
-
-    /// Number of voxels along the axes: points, or the cells between them.
-    fn dims(&self, array: &Array) -> Dims {
-        Dims(self.points.map(|points| if array.is_of_cells { (points - 1).max(1) } else { points }))
-    }
-
-    /// Geometry with the origin at the first voxel.
-    fn placed(&self, path: &Path, array: &Array) -> Result<Geometry, SourceError> {
-        if let Some(defect) = self.geometry.defect() {
-            return Err(SourceError::invalid(path, "place", "origin, spacing and direction of a grid", defect));
-        }
-        let half = |axis: usize| if array.is_of_cells && self.points[axis] > 1 { 0.5 } else { 0.0 };
-        let index: [f64; 3] = std::array::from_fn(|axis| self.first[axis] as f64 + half(axis));
-        let origin = self.geometry.world_from_index().transform_point3(index.into()).to_array();
-        Ok(Geometry { origin, ..self.geometry })
-    }
-
     fn grid(
         &self,
         path: &Path,
@@ -214,14 +138,16 @@ impl Header {
             let text = UpTo::new(path, file, array.offset)?;
             // In a legacy file other arrays may follow directly.
             let excess = if self.blocks.is_some() { Excess::Refused } else { Excess::Expected };
-            let how = (Words::Shown, excess);
+            let voxel_type = layout.voxel_type;
+            let numbers = TextNumbers { voxel_type, voxels: numbers, words: Words::Shown, excess };
             let read = if array.encoding == Encoding::Shares { share } else { parse_voxel };
-            decoded.append_words(path, BufReader::new(text), (layout.voxel_type, read), numbers, how)?;
+            decoded.append_words(path, BufReader::new(text), numbers, read)?;
             let layout = GridLayout { endian: Endian::Little, ..layout };
             return GridFile::single(path, decoded.finish()?, 0, layout);
         }
         let blocks = self.blocks.unwrap_or(Blocks { word_bytes: 4, compressor: None });
-        decode(path, file, (array, blocks, self.endian), bytes, &mut decoded)?;
+        let encoded = EncodedArray { path, file, array, blocks, endian: self.endian, bytes };
+        encoded.decode(&mut decoded)?;
         GridFile::single(path, decoded.finish()?, 0, layout)
     }
 }
@@ -230,7 +156,7 @@ impl Header {
 fn share(word: &str, _: VoxelType, out: &mut [u8]) -> bool {
     let share = word.parse::<f64>().ok().filter(|share| (0.0..=1.0).contains(share));
     // The rounded result is at most 255.
-    share.map(|share| out[0] = (share * f64::from(u8::MAX)).round() as u8).is_some()
+    share.map(|share| out[0] = low_8(low_32(whole_u64((share * f64::from(u8::MAX)).round())))).is_some()
 }
 
 /// Reads a word of `bytes` bytes at offset `at` of a file.
@@ -241,14 +167,4 @@ fn word(path: &Path, file: &File, at: u64, bytes: usize, endian: Endian) -> Resu
         _ => SourceError::io(path, e),
     })?;
     Ok(number(&word[..bytes], endian))
-}
-
-/// A word of four or eight bytes.
-fn number(bytes: &[u8], endian: Endian) -> u64 {
-    let mut word = [0; 8];
-    word[..bytes.len()].copy_from_slice(bytes);
-    if endian == Endian::Big {
-        word[..bytes.len()].reverse();
-    }
-    u64::from_le_bytes(word)
 }

@@ -8,7 +8,9 @@ use quick_xml::XmlVersion;
 use quick_xml::events::BytesStart;
 use supervol_format::{Dims, Geometry, VoxelType};
 
-use super::{ARRAYS_LIMIT, Array, Blocks, Compressor, Encoding, Header, Number};
+use super::header::{ARRAYS_LIMIT, Array, Blocks, Compressor, Encoding, Header};
+use crate::cast::signed;
+use crate::grid::elements::Number;
 use crate::input::text::shortened;
 use crate::{Endian, SourceError};
 
@@ -256,7 +258,7 @@ impl Reading {
         self.pieces += 1;
         let extent: [i64; 6] = tag.numbers(path, "Extent")?;
         let whole =
-            |i: usize| self.header.first[i / 2] + if i % 2 == 1 { self.header.points[i / 2] as i64 - 1 } else { 0 };
+            |i: usize| self.header.first[i / 2] + if i % 2 == 1 { signed(self.header.points[i / 2]) - 1 } else { 0 };
         if self.pieces > 1 || (0..6).any(|i| extent[i] != whole(i)) {
             let advice = "write it as one piece first, for example with ParaView (Save Data, .vti)";
             return Err(SourceError::unsupported(path, "the image is in several pieces", advice));

@@ -16,6 +16,7 @@ use zip::{CompressionMethod, ZipArchive};
 
 use super::super::npz::of_zip;
 use crate::SourceError;
+use crate::cast::index;
 use crate::input::data_files::open_data;
 use crate::input::spool::{DEFLATE_RATIO_LIMIT, Spool, SpoolFolder};
 use crate::input::text::shortened;
@@ -105,12 +106,12 @@ impl Archive {
             let found = format!("{} bytes", entry.length.max(entry.stored));
             return Err(SourceError::invalid(path, "entry of the archive", expected, found));
         }
-        let mut stored = vec![0; entry.stored as usize];
+        let mut stored = vec![0; index(entry.stored)];
         self.read_at(path, entry, 0, &mut stored)?;
         if !entry.is_deflated {
             return Ok(stored);
         }
-        let mut inflated = Vec::with_capacity(entry.length as usize);
+        let mut inflated = Vec::with_capacity(index(entry.length));
         let wrong = |found: String| {
             SourceError::invalid(path, "entry of the archive", format!("{} inflated bytes", entry.length), found)
         };
@@ -173,7 +174,7 @@ struct Part<'a> {
 
 impl Read for Part<'_> {
     fn read(&mut self, out: &mut [u8]) -> std::io::Result<usize> {
-        let count = (self.end - self.at).min(out.len() as u64) as usize;
+        let count = index((self.end - self.at).min(out.len() as u64));
         self.archive.file.read_exact_at(self.at, &mut out[..count])?;
         self.at += count as u64;
         Ok(count)

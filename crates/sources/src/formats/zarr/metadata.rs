@@ -11,6 +11,7 @@ use supervol_format::{VoxelType, with_voxel};
 
 use super::codecs::Codec;
 use super::ome::Attributes;
+use crate::cast::index;
 use crate::grid::chunked::{AXES_LIMIT, ArrayShape};
 use crate::grid::elements::Number;
 use crate::input::text::shortened;
@@ -244,7 +245,7 @@ impl Array {
         let order: Vec<usize> = match &options["order"] {
             Value::String(order) if order == "C" => (0..rank).collect(),
             Value::String(order) if order == "F" => (0..rank).rev().collect(),
-            other => sizes(at, "transpose", other)?.into_iter().map(|axis| axis as usize).collect(),
+            other => sizes(at, "transpose", other)?.into_iter().map(index).collect(),
         };
         let mut sorted = order.clone();
         sorted.sort_unstable();
@@ -381,7 +382,7 @@ fn codec_of_version_3(at: At<'_>, name: &str, options: &Value) -> Result<Codec, 
 
 fn element_bytes(at: At<'_>, value: &Value) -> Result<usize, SourceError> {
     let bytes = value.as_u64().filter(|n| (1..=256).contains(n));
-    bytes.map(|n| n as usize).ok_or_else(|| at.invalid("shuffle", "elements of 1 to 256 bytes", value))
+    bytes.map(index).ok_or_else(|| at.invalid("shuffle", "elements of 1 to 256 bytes", value))
 }
 
 /// Little-endian bytes of the fill value; 0 if there is none.
@@ -391,7 +392,7 @@ fn fill_of(at: At<'_>, value: &Value, number: Number) -> Result<[u8; 8], SourceE
     if let Number::Whole { .. } = number {
         let whole = match value {
             Value::Null => Some(0),
-            Value::Number(n) => n.as_u64().or_else(|| n.as_i64().map(|n| n as u64)),
+            Value::Number(n) => n.as_u64().or_else(|| n.as_i64().map(i64::cast_unsigned)),
             _ => None,
         };
         return whole.map(u64::to_le_bytes).ok_or_else(wrong);

@@ -1,8 +1,8 @@
 //! Zarr (versions 2 and 3), OME-Zarr and N5: folders of chunks, or ZIP files of such folders, read chunk by chunk.
 //!
 //! A folder is an array or a group. An OME-Zarr image or an N5 pyramid gives its finest level, or that of
-//! `--source-level N`. Other groups give their only array, or the named one (`FOLDER:/PATH`). Axes other than x, y and
-//! z are `--frame` (time) and `--channel`. Missing chunks have the fill value. Codecs: gzip, zlib, zstd, Blosc (without
+//! `level`. Other groups give their only array, or the named one (`FOLDER:/PATH`). Axes other than x, y and
+//! z are `frame` (time) and `channel`. Missing chunks have the fill value. Codecs: gzip, zlib, zstd, Blosc (without
 //! Snappy), LZ4, CRC-32C, byte shuffle, transposition, shards; others are refused by name. Written by hand: `zarrs`
 //! adds 58 packages, and inflates a chunk without a limit (decision 020). Crates do the decompression. Chunk sizes are
 //! checked against the memory before reading, no chunk is decoded beyond its size, and no file outside the folder is
@@ -17,23 +17,25 @@ pub(crate) mod ome;
 pub(crate) mod placement;
 mod store;
 
-use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
+use supervol_files::folder_of;
 use supervol_format::Dims;
 use supervol_format::readable::Mib;
 use supervol_format::recent::Recent;
 
+use crate::cast::{self, index};
+use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::grid::chunked::{ChunkGrid, ChunkMemory, ChunkedSource, Chunks, widened};
 use crate::grid::dense::{GridLayout, checked_bytes};
 use crate::grid::elements::{Channels, Elements, Frames};
 use crate::input::file::SourceFile;
 use crate::input::folder::FolderOptions;
-use crate::input::selection::Selection;
+use crate::input::selection::{Choice, Selection};
 use crate::input::spool::SpoolFolder;
 use crate::input::text::shortened;
-use crate::{Axis, Endian, SourceError, SourceInfo};
+use crate::{Axis, Endian, Message, ReadOption, SourceError, SourceInfo};
 use archive::Member;
 use metadata::{Array, Index, Version2, Version3};
 use ome::{ArrayAxis, Attributes};
@@ -49,20 +51,41 @@ const LISTED_LIMIT: usize = 20;
 const TABLES_KEPT: usize = 8;
 const TABLE_LIMIT: u64 = 1 << 18;
 
-/// Whether a folder is Zarr or N5.
-pub fn is_zarr(folder: &Path) -> bool {
-    descriptions().any(|name| folder.join(name).is_file())
-}
+/// Parts of a Zarr or N5 that may be chosen.
+const CHOICES: &[Choice] = &[Choice::Level, Choice::Series, Choice::Array];
+
+/// Row of the table of formats, for folders. A file that describes a folder is refused with the folder's name.
+pub const FORMAT: Format = Format {
+    name: "zarr",
+    title: "Zarr, N5 (folders)",
+    choices: CHOICES,
+    sniff: |start, _| start.path.file_name().is_some_and(|name| descriptions().any(|known| name == known)),
+    certainty: Certainty::Certain,
+    folder: Folder::ByStructure(|folder| descriptions().any(|name| folder.join(name).is_file())),
+    open: |path, options| {
+        if path.is_dir() {
+            return Ok(Box::new(self::open(path, &options.of_folders())?));
+        }
+        let advice = format!("give the folder: {}", folder_of(path).display());
+        Err(SourceError::unsupported(path, "this describes the Zarr or N5 that it lies in", advice))
+    },
+    found: |_| Found::Other,
+};
+
+/// Row of the table of formats, for ZIP files of what such a folder holds.
+pub const ARCHIVE: Format = Format {
+    title: "",
+    sniff: |start, _| start.begins_with(b"PK\x03\x04") && is_zarr_archive(start.path),
+    folder: Folder::Never,
+    open: |path, options| Ok(Box::new(self::open(path, &options.of_folders())?)),
+    found: |_| Found::Volume,
+    ..FORMAT
+};
 
 /// Whether a ZIP file holds Zarr or N5; false if it cannot be read.
-pub(crate) fn is_zarr_archive(path: &Path) -> bool {
+fn is_zarr_archive(path: &Path) -> bool {
     let is_of_zarr = |name: &str| name.rsplit('/').next().is_some_and(|file| descriptions().any(|known| known == file));
     archive::Archive::open(path, &SpoolFolder::system()).is_ok_and(|archive| archive.below("").any(is_of_zarr))
-}
-
-/// Whether a file of this name describes the Zarr or N5 that contains it.
-pub(crate) fn is_description(name: &OsStr) -> bool {
-    descriptions().any(|known| name == known)
 }
 
 fn descriptions() -> impl Iterator<Item = &'static str> {
@@ -82,7 +105,7 @@ pub(crate) fn factors_of_viewer(
         let numbers: Option<Vec<f64>> = value.as_array()?.iter().map(serde_json::Value::as_f64).collect();
         numbers?.try_into().ok().filter(|factors: &[f64; 3]| factors.iter().all(|factor| *factor >= 1.0))
     };
-    let listed = attributes(setup)?.and_then(|found| numbers(&found["downsamplingFactors"][level as usize]));
+    let listed = attributes(setup)?.and_then(|found| numbers(&found["downsamplingFactors"][index(level)]));
     if listed.is_some() {
         return Ok(listed);
     }
@@ -106,7 +129,7 @@ pub fn open(path: &Path, options: &FolderOptions<'_>) -> Result<ChunkedSource, S
 }
 
 /// The selected array.
-struct Found {
+struct Chosen {
     folder: PathBuf,
     array: Array,
     axes: Vec<ArrayAxis>,
@@ -144,7 +167,7 @@ fn node(store: &Store, folder: &Path) -> Result<Option<Node>, SourceError> {
 }
 
 /// Finds the selected array.
-fn find(store: &Store, folder: &Path, selection: &Selection, notes: &mut Vec<String>) -> Result<Found, SourceError> {
+fn find(store: &Store, folder: &Path, selection: &Selection, notes: &mut Vec<Message>) -> Result<Chosen, SourceError> {
     match node(store, folder)? {
         None => {
             let expected = "an array or a group of Zarr or N5";
@@ -163,10 +186,10 @@ fn find(store: &Store, folder: &Path, selection: &Selection, notes: &mut Vec<Str
             [] => one_below(store, folder, &attributes, selection),
             [image, others @ ..] => {
                 if !others.is_empty() {
-                    notes.push(format!("{} images in one group; the first is used", others.len() + 1));
+                    notes.push(format!("{} images in one group; the first is used", others.len() + 1).into());
                 }
                 let found = image_level(store, folder, image, selection, notes)?;
-                Ok(Found { channels: attributes.channels(), ..found })
+                Ok(Chosen { channels: attributes.channels(), ..found })
             }
         },
         Some(Node::N5(attributes)) => n5_level(store, folder, attributes, selection, notes),
@@ -174,11 +197,11 @@ fn find(store: &Store, folder: &Path, selection: &Selection, notes: &mut Vec<Str
 }
 
 /// An array about which only the names of its axes may be known.
-fn plain(folder: PathBuf, array: Array, names: Option<Vec<Option<String>>>) -> Found {
+fn plain(folder: PathBuf, array: Array, names: Option<Vec<Option<String>>>) -> Chosen {
     let rank = array.shape.shape.len();
     let names = names.filter(|names| names.len() == rank).unwrap_or_else(|| vec![None; rank]);
     let axes = names.into_iter().map(|name| ArrayAxis::named(&name.unwrap_or_default())).collect();
-    Found { folder, array, axes, channels: Vec::new(), format: "zarr" }
+    Chosen { folder, array, axes, channels: Vec::new(), format: "zarr" }
 }
 
 /// The only array below a group without image metadata.
@@ -187,7 +210,7 @@ fn one_below(
     folder: &Path,
     attributes: &Attributes,
     selection: &Selection,
-) -> Result<Found, SourceError> {
+) -> Result<Chosen, SourceError> {
     let names = store.nodes(folder, &ZARR_FILES);
     if let ([name], None) = (&names[..], attributes.collection())
         && let Some(Node::Array(array, dimensions)) = node(store, &folder.join(name))?
@@ -218,10 +241,10 @@ fn image_level(
     folder: &Path,
     image: &ome::Multiscale,
     selection: &Selection,
-    notes: &mut Vec<String>,
-) -> Result<Found, SourceError> {
+    notes: &mut Vec<Message>,
+) -> Result<Chosen, SourceError> {
     let level = level_of(folder, image.datasets.len(), selection, notes)?;
-    let Some(dataset) = image.datasets.get(level as usize) else {
+    let Some(dataset) = image.datasets.get(index(level)) else {
         return Err(SourceError::invalid(folder, "multiscales", "at least one dataset", "none"));
     };
     let below = folder.strip_prefix(&store.path).unwrap_or(folder).join(&dataset.path);
@@ -230,13 +253,14 @@ fn image_level(
         return Err(SourceError::invalid(&at, "dataset of the image", "an array", "none"));
     };
     let axes = image.axes(dataset, array.shape.shape.len(), notes);
-    Ok(Found { folder: at, array, axes, channels: Vec::new(), format: "ome-zarr" })
+    Ok(Chosen { folder: at, array, axes, channels: Vec::new(), format: "ome-zarr" })
 }
 
 /// The selected level of an image.
-fn level_of(folder: &Path, levels: usize, selection: &Selection, notes: &mut Vec<String>) -> Result<u64, SourceError> {
+fn level_of(folder: &Path, levels: usize, selection: &Selection, notes: &mut Vec<Message>) -> Result<u64, SourceError> {
     if levels > 1 && selection.level.is_none() {
-        notes.push(format!("{levels} levels; the finest is used; --source-level 0 to {} takes another", levels - 1));
+        let what = Message::from(format!("{levels} levels; the finest is used; ")).option(ReadOption::Level);
+        notes.push(what.text(format_args!(" 0 to {} takes another", levels - 1)));
     }
     selection.level_of(folder, levels as u64)
 }
@@ -247,11 +271,11 @@ fn n5_level(
     folder: &Path,
     attributes: n5::Attributes,
     selection: &Selection,
-    notes: &mut Vec<String>,
-) -> Result<Found, SourceError> {
+    notes: &mut Vec<Message>,
+) -> Result<Chosen, SourceError> {
     let found = |folder: PathBuf, own: &n5::Attributes, group: &n5::Attributes| {
         let array = own.array(&folder.join(N5_FILE))?;
-        Ok(Found { array, axes: own.axes(group), folder, channels: Vec::new(), format: "n5" })
+        Ok(Chosen { array, axes: own.axes(group), folder, channels: Vec::new(), format: "n5" })
     };
     if attributes.is_array() {
         selection.level_of(folder, 1)?;
@@ -271,16 +295,16 @@ fn n5_level(
 
 fn source(
     store: &Store,
-    found: Found,
+    found: Chosen,
     options: &FolderOptions<'_>,
-    mut notes: Vec<String>,
+    mut notes: Vec<Message>,
 ) -> Result<ChunkedSource, SourceError> {
     let path = found.folder.clone();
     let placement = {
         let shown = (&found.array.shape.shape[..], &found.axes[..], &found.channels[..]);
         place(&path, shown, options.selection, &mut notes)?
     };
-    let Found { array, axes, format, .. } = found;
+    let Chosen { array, axes, format, .. } = found;
     let dims = Dims(placement.axes.map(|axis| axis.map_or(1, |axis| array.shape.shape[axis])));
     let stored = array.number.stored();
     checked_bytes(&path, dims, stored)?;
@@ -290,7 +314,10 @@ fn source(
         let chunk = chunk_bytes.map_or_else(|| "more than can be addressed".into(), |n| Mib(n as u64).to_string());
         let advice = needed.map_or_else(
             || "write the array anew with smaller chunks".into(),
-            |needed| format!("allow {} with --memory, or write the array anew with smaller chunks", Mib(needed)),
+            |needed| {
+                let advice = Message::from(format!("allow {} with ", Mib(needed))).option(ReadOption::MemoryBytes);
+                advice.text(", or write the array anew with smaller chunks")
+            },
         );
         SourceError::unsupported(&path, format!("its chunks {:?} are of {chunk}", array.shape.chunk), advice)
     };
@@ -354,7 +381,7 @@ impl Chunks for ArrayChunks {
                 let path = self.folder.join(self.array.keys.name(&shard));
                 let inside = number.iter().zip(&sharding.count);
                 // Fits: the number of chunks has been checked.
-                let at = inside.fold(0, |at, (n, count)| at * count + n % count) as usize;
+                let at = index(inside.fold(0, |at, (n, count)| at * count + n % count));
                 let data = self.read_of_shard(&path, at, (&sharding.count, sharding.index))?;
                 (path, data)
             }
@@ -381,7 +408,7 @@ impl ArrayChunks {
             return Err(format!("a block of {sizes:?}, where chunks are of {:?}", shape.chunk));
         }
         let element = self.array.number.stored().bytes();
-        let wanted = sizes.iter().product::<u64>() as usize * element;
+        let wanted = index(sizes.iter().product::<u64>()) * element;
         if header > data.len() {
             return Err("shorter than its header".into());
         }
@@ -412,7 +439,7 @@ impl ArrayChunks {
             let expected = format!("at most {limit} bytes within the {length} of the shard");
             return Err(SourceError::invalid(path, "index of the shard", expected, format!("{bytes} from {start} on")));
         }
-        let mut data = vec![0; bytes as usize];
+        let mut data = vec![0; cast::index(bytes)];
         file.read_at(path, start, &mut data)?;
         Ok(Some(data))
     }
@@ -435,10 +462,10 @@ impl ArrayChunks {
         let bytes = 16 * chunks + if index.has_checksum { 4 } else { 0 };
         let wrong = |found: String| SourceError::invalid(path, "index of the shard", format!("{bytes} bytes"), found);
         let start = length.checked_sub(bytes).ok_or_else(|| wrong(format!("a file of {length}")))?;
-        let mut data = vec![0; bytes as usize];
+        let mut data = vec![0; cast::index(bytes)];
         file.read_at(path, if index.at_end { start } else { 0 }, &mut data)?;
         let stages: &[_] = if index.has_checksum { &[codecs::Codec::Crc32c] } else { &[] };
-        let data = codecs::decode(stages, data, 16 * chunks as usize).map_err(wrong)?;
+        let data = codecs::decode(stages, data, 16 * cast::index(chunks)).map_err(wrong)?;
         let numbers = data.as_chunks::<8>().0.as_chunks::<2>().0;
         let table = Arc::new(numbers.iter().map(|pair| pair.map(u64::from_le_bytes)).collect::<Vec<_>>());
         let mut tables = self.tables.lock().unwrap_or_else(PoisonError::into_inner);

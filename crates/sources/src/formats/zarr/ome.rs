@@ -5,6 +5,8 @@ use serde::Deserialize;
 use serde::de::IgnoredAny;
 use supervol_format::Geometry;
 
+use crate::Message;
+
 /// Attributes of a group or an array.
 #[derive(Debug, Default, Deserialize)]
 pub(crate) struct Attributes {
@@ -136,14 +138,14 @@ impl ArrayAxis {
 
 impl Multiscale {
     /// The axes of a level with `rank` axes; notes go to `notes`.
-    pub(crate) fn axes(&self, level: &Dataset, rank: usize, notes: &mut Vec<String>) -> Vec<ArrayAxis> {
+    pub(crate) fn axes(&self, level: &Dataset, rank: usize, notes: &mut Vec<Message>) -> Vec<ArrayAxis> {
         let stated = if self.axes.is_empty() { self.systems.last().map_or(&[][..], |s| &s.axes) } else { &self.axes };
         // Before version 0.3 images had these five axes.
         let usual =
             || ["t", "c", "z", "y", "x"][5 - rank.min(5)..].iter().map(|n| OmeAxis::Name((*n).into())).collect();
         let stated: Vec<OmeAxis> = if stated.is_empty() { usual() } else { stated.to_vec() };
         if stated.len() != rank {
-            notes.push(format!("{} axes are named, where the array has {rank}: not used", stated.len()));
+            notes.push(format!("{} axes are named, where the array has {rank}: not used", stated.len()).into());
             return vec![ArrayAxis::named(""); rank];
         }
         let mut axes: Vec<ArrayAxis> = stated.iter().map(OmeAxis::plain).collect();
@@ -172,7 +174,7 @@ impl OmeAxis {
 }
 
 impl Transform {
-    fn apply(&self, axes: &mut [ArrayAxis], notes: &mut Vec<String>) {
+    fn apply(&self, axes: &mut [ArrayAxis], notes: &mut Vec<Message>) {
         let numbers = |values: &Option<Vec<f64>>| values.clone().filter(|v| v.len() == axes.len());
         match (self.kind.as_str(), numbers(&self.scale), numbers(&self.translation)) {
             ("scale", Some(factors), _) => axes.iter_mut().zip(factors).for_each(|(axis, factor)| {
@@ -183,10 +185,10 @@ impl Transform {
             ("identity", ..) => {}
             ("sequence", ..) => self.transformations.iter().for_each(|t| t.apply(axes, notes)),
             (other, ..) => {
-                notes.push(format!(
-                    "the transform `{}` is not understood and not used",
-                    crate::input::text::shortened(other)
-                ));
+                notes.push(
+                    format!("the transform `{}` is not understood and not used", crate::input::text::shortened(other))
+                        .into(),
+                );
             }
         }
     }

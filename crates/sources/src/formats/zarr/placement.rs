@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use super::ome::{ArrayAxis, Role};
-use crate::SourceError;
 use crate::grid::chunked::Placement;
 use crate::input::selection::Selection;
+use crate::{Message, SourceError};
 
 /// Chooses the axes that are x, y, z, and the positions on the others. `names` are the file's names of the channels, as
 /// far as known.
@@ -13,7 +13,7 @@ pub(crate) fn place(
     path: &Path,
     (shape, axes, names): (&[u64], &[ArrayAxis], &[String]),
     selection: &Selection,
-    notes: &mut Vec<String>,
+    notes: &mut Vec<Message>,
 ) -> Result<Placement, SourceError> {
     let of = |role: Role| (0..shape.len()).filter(|i| axes[*i].role == role).collect::<Vec<_>>();
     let (mut space, mut times, mut channels) = (of(Role::Space), of(Role::Time), of(Role::Channel));

@@ -12,11 +12,11 @@ use serde::de::DeserializeOwned;
 use supervol_format::ByteSource;
 
 use super::archive::{Archive, Member};
-use crate::SourceError;
 use crate::input::data_files::{FILES_LIMIT, Outside};
 use crate::input::file::SourceFile;
 use crate::input::spool::SpoolFolder;
 use crate::input::text::shortened;
+use crate::{Message, ReadOption, SourceError};
 
 /// Longest metadata that is read, in bytes; a group may contain the metadata of all arrays below it.
 const METADATA_LIMIT_BYTES: u64 = 16 << 20;
@@ -110,7 +110,8 @@ impl Store {
 
     fn leads_out(&self, name: &str) -> SourceError {
         let what = format!("`{}` lies outside the folder", shortened(name));
-        SourceError::unsupported(&self.path, what, "give --allow-outside if you know where the folder comes from")
+        let advice = Message::from("give ").option(ReadOption::Outside);
+        SourceError::unsupported(&self.path, what, advice.text(" if you know where the folder comes from"))
     }
 
     /// A file of the store, to be read in parts; `None` if it does not exist.

@@ -10,56 +10,22 @@ pub mod shape;
 mod storage;
 
 use std::fs::File;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use supervol_format::{Dims, VoxelBox, VoxelType};
 
 use super::elements::{Elements, NumberGrid};
-use crate::{AccessOrder, Endian, SourceError, SourceInfo, VolumeSource};
+pub use super::layout::{GridLayout, SCRATCH_BYTES};
+use crate::cast::index;
+use crate::{Endian, SourceError, SourceInfo, VolumeSource};
+pub use storage::Part;
 use storage::Storage;
-
-/// Largest memory of a read in bytes, besides the caller's buffer.
-pub const SCRATCH_BYTES: usize = 1 << 20;
 
 /// Rows with smaller gaps than this are read as one span, gaps included: the system fetches whole pages anyway.
 const GAP_LIMIT_BYTES: u64 = 4096;
 
 /// Voxels along x that a transposing read collects before it writes, so that it writes whole cache lines.
 const TRANSPOSE_RUN_VOXELS: usize = 64;
-
-/// Arrangement of the voxels in the file.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct GridLayout {
-    /// Number of voxels along x, y, z.
-    pub dims: Dims,
-    /// Type of the voxels.
-    pub voxel_type: VoxelType,
-    /// Byte order of the voxels.
-    pub endian: Endian,
-    /// Order of the axes in the file, fastest first: `[0, 1, 2]` is x fastest, `[2, 1, 0]` z fastest.
-    pub fastest_first: [usize; 3],
-}
-
-impl GridLayout {
-    /// x fastest, then y, then z.
-    pub const X_FASTEST: [usize; 3] = [0, 1, 2];
-
-    /// The order of the axes for [`SourceInfo::access_order`], slowest first.
-    #[must_use]
-    pub fn access_order(&self) -> AccessOrder {
-        let [fast, middle, slow] = self.fastest_first;
-        AccessOrder([slow, middle, fast])
-    }
-}
-
-/// One of several files of a grid.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Part {
-    /// Path of the file.
-    pub path: PathBuf,
-    /// Offset of the file's share of the grid in bytes.
-    pub offset: u64,
-}
 
 /// A dense grid that can be read box by box.
 #[derive(Debug)]
@@ -161,12 +127,12 @@ impl GridFile {
         }
         // Rows with small gaps are read as one span, from the first voxel of the first row to the last voxel of the
         // last row.
-        let stride = stride_bytes as usize;
+        let stride = index(stride_bytes);
         let mut span = Vec::new();
-        for (group, group_out) in rows.chunks_mut(gathered as usize * row_bytes).enumerate() {
+        for (group, group_out) in rows.chunks_mut(index(gathered) * row_bytes).enumerate() {
             let row_count = group_out.len() / row_bytes;
             span.resize((row_count - 1) * stride + row_bytes, 0);
-            self.read_run(at_row(group * gathered as usize), &mut span)?;
+            self.read_run(at_row(group * index(gathered)), &mut span)?;
             for (from, to) in span.chunks(stride).zip(group_out.chunks_exact_mut(row_bytes)) {
                 to.copy_from_slice(&from[..row_bytes]);
             }

@@ -8,6 +8,9 @@ use std::fmt::Display;
 
 use supervol_format::Dims;
 
+use crate::Message;
+use crate::input::selection::Selection;
+
 /// The file's axes that became x, y and z.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ChosenAxes {
@@ -16,7 +19,7 @@ pub struct ChosenAxes {
     /// Number of voxels along x, y, z.
     pub dims: Dims,
     /// Notes for the user.
-    pub notes: Vec<String>,
+    pub notes: Vec<Message>,
 }
 
 /// Chooses three axes. `sizes` has the fastest axis first; `spatial` tells which axes may be spatial.
@@ -30,7 +33,7 @@ pub fn choose_axes(sizes: &[u64], spatial: &[bool]) -> Result<ChosenAxes, Vec<us
         for axis in (0..sizes.len()).rev() {
             if axes.len() > 3 && sizes[axis] == 1 && spatial[axis] == wanted_spatial {
                 axes.retain(|a| *a != axis);
-                notes.push(format!("axis {axis} has one voxel and is dropped"));
+                notes.push(format!("axis {axis} has one voxel and is dropped").into());
             }
         }
     }
@@ -41,7 +44,7 @@ pub fn choose_axes(sizes: &[u64], spatial: &[bool]) -> Result<ChosenAxes, Vec<us
     }
     let dims = Dims(std::array::from_fn(|i| axes.get(i).map_or(1, |a| sizes[*a])));
     if axes.len() < 3 {
-        notes.push(format!("the file has {}: read as {dims} voxels", count(axes.len(), "axis", "axes")));
+        notes.push(format!("the file has {}: read as {dims} voxels", count(axes.len(), "axis", "axes")).into());
     }
     Ok(ChosenAxes { axes, dims, notes })
 }
@@ -57,12 +60,29 @@ pub struct SplitAxes {
     pub chosen: ChosenAxes,
 }
 
-/// As [`choose_axes`], but the slowest axis may count volumes. The fastest may count channels, if it is not spatial or
-/// a channel is wanted.
+/// Meaning of the fastest axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FastestAxis {
+    /// Channels only if it is not spatial.
+    AsStated,
+    /// Channels, because the user selects one.
+    Channels,
+}
+
+impl FastestAxis {
+    /// The meaning for a selection: channels if a channel is selected.
+    #[must_use]
+    pub fn of(selection: &Selection) -> Self {
+        if selection.channel.is_some() { Self::Channels } else { Self::AsStated }
+    }
+}
+
+/// As [`choose_axes`], but the slowest axis may count volumes, and the fastest may count channels.
 ///
 /// # Errors
 /// As [`choose_axes`].
-pub fn split_axes(sizes: &[u64], spatial: &[bool], wants_channel: bool) -> Result<SplitAxes, Vec<usize>> {
+pub fn split_axes(sizes: &[u64], spatial: &[bool], fastest: FastestAxis) -> Result<SplitAxes, Vec<usize>> {
+    let wants_channel = fastest == FastestAxis::Channels;
     let in_the_way = match choose_axes(sizes, spatial) {
         Ok(chosen) if !wants_channel || sizes.len() < 3 => return Ok(SplitAxes { channels: 1, frames: 1, chosen }),
         Ok(_) => Vec::new(),
@@ -92,8 +112,9 @@ mod tests {
 
     #[test]
     fn channels_are_fastest_and_volumes_slowest() {
-        let split = |sizes: &[u64], spatial: &[bool], wants| {
-            split_axes(sizes, spatial, wants).map(|s| (s.channels, s.frames, s.chosen.dims.0, s.chosen.axes))
+        let split = |sizes: &[u64], spatial: &[bool], wants_channel: bool| {
+            let fastest = if wants_channel { FastestAxis::Channels } else { FastestAxis::AsStated };
+            split_axes(sizes, spatial, fastest).map(|s| (s.channels, s.frames, s.chosen.dims.0, s.chosen.axes))
         };
         assert_eq!(split(&[7, 5, 3], &[true; 3], false), Ok((1, 1, [7, 5, 3], vec![0, 1, 2])));
         assert_eq!(split(&[7, 5, 3, 2], &[true; 4], false), Ok((1, 2, [7, 5, 3], vec![0, 1, 2])));

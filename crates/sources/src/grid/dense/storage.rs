@@ -7,8 +7,18 @@ use std::path::{Path, PathBuf};
 
 use supervol_format::ByteSource;
 
-use super::{Part, SourceError};
+use crate::SourceError;
+use crate::cast::index;
 use crate::input::open_files::OpenFiles;
+
+/// One of several files of a grid.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Part {
+    /// Path of the file.
+    pub path: PathBuf,
+    /// Offset of the file's share of the grid in bytes.
+    pub offset: u64,
+}
 
 /// Files of a grid, see the module head.
 #[derive(Debug)]
@@ -47,12 +57,12 @@ impl Storage {
                 let (mut position, mut out) = (position, out);
                 while !out.is_empty() {
                     // The index fits `usize`: that many parts are in memory.
-                    let index = (position / part_bytes) as usize;
+                    let number = index(position / part_bytes);
                     let inside = position % part_bytes;
-                    let length = (part_bytes - inside).min(out.len() as u64) as usize;
+                    let length = index((part_bytes - inside).min(out.len() as u64));
                     let (now, later) = out.split_at_mut(length);
-                    let part = &parts[index];
-                    let file = open.get(index, &part.path).map_err(|e| SourceError::io(&part.path, e))?;
+                    let part = &parts[number];
+                    let file = open.get(number, &part.path).map_err(|e| SourceError::io(&part.path, e))?;
                     file.read_exact_at(part.offset + inside, now).map_err(|e| SourceError::io(&part.path, e))?;
                     (position, out) = (position + length as u64, later);
                 }

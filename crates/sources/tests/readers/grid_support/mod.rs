@@ -103,10 +103,9 @@ pub fn value_at(source: &dyn VolumeSource, at: [u64; 3]) -> f64 {
 /// Asserts that the error blames the data (not the machine), and that its message contains all the words.
 pub fn assert_refused<T>(result: Result<T, SourceError>, words: &[&str]) {
     let error = result.err().expect("must be refused");
-    assert!(
-        matches!(error, SourceError::Invalid { .. } | SourceError::Unsupported { .. } | SourceError::Options(_)),
-        "{error}"
-    );
+    let is_of_data =
+        matches!(error, SourceError::Invalid { .. } | SourceError::RawLength { .. } | SourceError::Unsupported { .. });
+    assert!(is_of_data || error.is_wrong_option(), "{error}");
     let message = error.to_string();
     for word in words {
         assert!(message.contains(word), "`{word}` is not in: {message}");

@@ -3,45 +3,34 @@
 //! Such a file does not describe itself, so its length must match the options to the byte. A wrong dim or type is the
 //! most common mistake and would give a picture of noise.
 
+pub(crate) mod options;
+
 use std::fs::File;
 use std::path::Path;
 
-use supervol_format::{ByteSource, Dims, Geometry, VoxelBox, VoxelType};
+use supervol_format::{ByteSource, Dims, VoxelBox, VoxelType};
 
+pub use self::options::RawOptions;
+use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::grid::dense::{GridFile, GridLayout, GridSource, checked_bytes};
 use crate::input::file::SourceFile;
-use crate::{Endian, SourceError, SourceInfo, VolumeSource};
+use crate::{Message, ReadOption, SourceError, SourceInfo, VolumeSource};
 
-/// Properties that a raw file does not state itself.
-#[derive(Debug, Clone, PartialEq)]
-pub struct RawOptions {
-    /// Number of voxels along x, y, z.
-    pub dims: Dims,
-    /// Type of the voxels.
-    pub voxel_type: VoxelType,
-    /// Byte order of the voxels.
-    pub endian: Endian,
-    /// Bytes before the first voxel.
-    pub header_bytes: u64,
-    /// Placement of the grid in the world.
-    pub geometry: Geometry,
-    /// Stored value that means "no data".
-    pub nodata: Option<f64>,
-}
-
-impl RawOptions {
-    /// Options that determine the voxel values. Containers store the geometry anyway.
-    fn describe(&self) -> Vec<(&'static str, String)> {
-        let [nx, ny, nz] = self.dims.0;
-        let said = [
-            ("dims", format!("{nx},{ny},{nz}")),
-            ("dtype", self.voxel_type.to_string()),
-            ("endian", self.endian.name().into()),
-            ("offset", self.header_bytes.to_string()),
-        ];
-        said.into_iter().chain(self.nodata.map(|value| ("nodata", value.to_string()))).collect()
-    }
-}
+/// Row of the table of formats: a file is raw if the options describe its voxels.
+pub const FORMAT: Format = Format {
+    name: "raw",
+    title: "",
+    choices: &[],
+    sniff: |_, options| options.raw.is_some(),
+    certainty: Certainty::Certain,
+    folder: Folder::Never,
+    open: |path, options| {
+        let raw = options.raw.as_ref().expect("files are raw only by their options");
+        options.selection.refuse_all(path)?;
+        Ok(Box::new(RawSource::open(path, raw)?))
+    },
+    found: |_| Found::Volume,
+};
 
 /// A raw file.
 #[derive(Debug)]
@@ -55,9 +44,9 @@ impl RawSource {
     /// imply.
     pub fn open(path: &Path, options: &RawOptions) -> Result<Self, SourceError> {
         let RawOptions { dims, voxel_type, header_bytes, .. } = *options;
-        let bytes = checked_bytes(path, dims, voxel_type).map_err(|e| SourceError::Options(e.to_string()))?;
+        let bytes = checked_bytes(path, dims, voxel_type).map_err(|e| SourceError::options(e.message()))?;
         if let Some(defect) = options.geometry.defect() {
-            return Err(SourceError::Options(format!("{}: {defect}", path.display())));
+            return Err(SourceError::options(format!("{}: {defect}", path.display())));
         }
         let source_file = SourceFile::of(path)?;
         let file = File::open(path).map_err(|e| SourceError::io(path, e))?;
@@ -89,28 +78,39 @@ impl VolumeSource for RawSource {
 /// Error that states the expected and the found length, and which offset, dims or type would fit.
 fn wrong_length(path: &Path, options: &RawOptions, bytes: u64, found: u64) -> SourceError {
     let RawOptions { dims, voxel_type, header_bytes, .. } = *options;
-    let total = u128::from(header_bytes) + u128::from(bytes);
-    let expected = format!("{total} bytes ({dims} voxels of {voxel_type} after {header_bytes} bytes of header)");
-    let mut advice = Vec::new();
+    let mut fitting = Vec::new();
     if found > bytes {
-        advice.push(format!("with these dims and a header in front, --offset {} fits", found - bytes));
+        let header = Message::from("with these dims and a header in front, ").option(ReadOption::HeaderBytes);
+        fitting.push(header.text(format_args!(" {} fits", found - bytes)));
     }
     let layer_bytes = dims.0[0] * dims.0[1] * voxel_type.bytes() as u64;
     let data_bytes = found.saturating_sub(header_bytes);
     let layers = data_bytes / layer_bytes;
     if layers > 0 && data_bytes.is_multiple_of(layer_bytes) {
-        advice.push(format!("--dims {},{},{layers} fits", dims.0[0], dims.0[1]));
+        let [nx, ny, _] = dims.0;
+        fitting.push(Message::from(ReadOption::Dims).text(format_args!(" {nx},{ny},{layers} fits")));
     }
-    if let Some(fitting) = fitting_types(dims, data_bytes) {
-        advice.push(fitting);
+    fitting.extend(fitting_types(dims, data_bytes));
+    let joined = fitting.into_iter().reduce(|first, next| first.text("; ").message(next));
+    let advice = joined.unwrap_or_else(|| {
+        let shape = Message::from("check ").option(ReadOption::Dims).text(", ").option(ReadOption::VoxelType);
+        shape.text(" and ").option(ReadOption::HeaderBytes)
+    });
+    SourceError::RawLength {
+        path: path.into(),
+        dims,
+        voxel_type,
+        header_bytes,
+        voxel_bytes: bytes,
+        found_bytes: found,
+        advice,
     }
-    let advice = if advice.is_empty() { "check --dims, --dtype and --offset".into() } else { advice.join("; ") };
-    SourceError::invalid(path, "length of the file", expected, format!("{found} bytes ({advice})"))
 }
 
 /// The types with which these dims would fill the file exactly.
-fn fitting_types(dims: Dims, data_bytes: u64) -> Option<String> {
+fn fitting_types(dims: Dims, data_bytes: u64) -> Option<Message> {
     let fits = |t: &VoxelType| dims.bytes(*t) == Some(data_bytes);
     let names: Vec<&str> = VoxelType::ALL.iter().filter(|t| fits(t)).map(|t| t.name()).collect();
-    (!names.is_empty()).then(|| format!("--dtype {} fits", names.join(" or ")))
+    let message = || Message::from(ReadOption::VoxelType).text(format_args!(" {} fits", names.join(" or ")));
+    (!names.is_empty()).then(message)
 }
