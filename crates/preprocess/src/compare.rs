@@ -17,9 +17,9 @@ use supervol_format::voxel_type::voxels_as_f64;
 use supervol_format::{BrickKey, Container, Lod, VoxelBox};
 use supervol_sources::VolumeSource;
 
-use crate::bricker::{key_of, tiles};
 use crate::error::BuildError;
-use crate::memory::{ALLOW_MORE, left_for_data, read_bytes};
+use crate::pipeline::plan::memory::{ALLOW_MORE, left_for_data, read_bytes};
+use crate::pipeline::plan::tiles::{key_of, tiles};
 
 /// Bricks held at once: a record, its decompressed bytes, and the voxels; a row as doubles is smaller.
 const BRICKS_AT_HAND: u64 = 3;

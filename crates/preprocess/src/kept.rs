@@ -24,7 +24,8 @@ use supervol_sources::{SourceError, VolumeSource};
 use xxhash_rust::xxh3::xxh3_64;
 
 use crate::error::BuildError;
-use crate::pipeline::{BuildOptions, build};
+use crate::pipeline::build;
+use crate::pipeline::options::BuildOptions;
 use crate::preview::Preview;
 use crate::provenance::identify_source_unless;
 use crate::report::Progress;

@@ -27,13 +27,13 @@ use supervol_format::container::validate::{check_brick, check_coverage};
 use supervol_format::level_reader::LevelReader;
 use supervol_format::{BrickKey, Container, Level, Lod, ValueRange, VoxelBox};
 
-use crate::bricker::cut_brick;
-use crate::downsample::{Reduce, VoxelBlock, downsample, finer_box};
 use crate::error::BuildError;
-use crate::error_bound::{brick_error, step_error};
-use crate::memory::{ALLOW_MORE, left_for_data};
-use crate::pipeline::quantizer_of;
-use crate::provenance::{reduce_of, steps_of};
+use crate::pipeline::encode::cut::cut_brick;
+use crate::pipeline::plan::memory::{ALLOW_MORE, left_for_data};
+use crate::pipeline::record::manifest::{reduce_of, steps_of};
+use crate::pipeline::reduce::downsample::{Reduce, VoxelBlock, downsample, finer_box};
+use crate::pipeline::reduce::error_bound::{brick_error, step_error};
+use crate::pipeline::reduce::quantizer_of;
 use crate::statistics::{Statistics, Values, finite};
 
 /// Width in voxels of the apron around a core.

@@ -20,7 +20,7 @@ use xxhash_rust::xxh3::{Xxh3Default, xxh3_64};
 
 use crate::error::BuildError;
 use crate::kept::Reading;
-use crate::pipeline::BuildOptions;
+use crate::pipeline::options::BuildOptions;
 use crate::provenance::take_file;
 use results::{Record, Status};
 

@@ -10,8 +10,8 @@ use supervol_format::container::header::Descriptor;
 use supervol_format::voxel_type::voxels_as_f64;
 use supervol_format::{ValueRange, VoxelBox};
 
-use crate::bricker::Tile;
 use crate::error::BuildError;
+use crate::pipeline::plan::tiles::Tile;
 
 /// Largest allowed error of a voxel.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

@@ -21,7 +21,6 @@ use supervol_format::readable::Mib;
 use supervol_format::{Level, Pyramid, VoxelType};
 
 use crate::error::BuildError;
-use crate::ordered::AHEAD_PER_THREAD;
 use crate::statistics::Statistics;
 
 /// Memory of the process besides the planned one: the program itself, stacks, progress, and memory held by the
@@ -36,6 +35,8 @@ const WAVELET_COPIES: u64 = 4;
 /// Copies of a tile's voxels in memory: while the tile is read, while the previous one is encoded, and the coarser
 /// voxels made of it.
 const TILES_IN_FLIGHT: f64 = 2.6;
+/// Bricks per thread that are begun before the first of them is written.
+pub(crate) const AHEAD_PER_THREAD: usize = 4;
 /// Memory of an encoded brick besides its record, in bytes.
 const ENCODED_BRICK_BYTES: u64 = 256;
 
