@@ -150,9 +150,7 @@ impl Cache {
     /// # Errors
     /// If there is no cache folder.
     pub fn below(folder: Option<&Path>, limit_bytes: u64) -> Result<Self, BuildError> {
-        let folder = folder.map(Path::to_path_buf).or_else(usual_folder).ok_or_else(|| {
-            BuildError::Options("no cache folder to build into: give one with --cache, or use `supervol build`".into())
-        })?;
+        let folder = folder.map(Path::to_path_buf).or_else(usual_folder).ok_or(BuildError::NoCacheFolder)?;
         Ok(Self { folder: folder.join(CONTAINERS), limit_bytes, has_previews: false })
     }
 
@@ -257,15 +255,6 @@ impl Cache {
         }
         Ok(())
     }
-}
-
-/// Advice for a source that cannot be built into a cache.
-#[must_use]
-pub fn advice(source: &Path) -> String {
-    format!(
-        "A file that does not say all about itself is opened on the command line: supervol view {} with options (supervol view --help)",
-        source.display()
-    )
 }
 
 fn list_of(container: &Path) -> PathBuf {

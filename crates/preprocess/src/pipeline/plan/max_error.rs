@@ -1,4 +1,4 @@
-//! The error that voxels may have in exchange for a smaller container (`--max-error`).
+//! The error that voxels may have in exchange for a smaller container ([`MaxError`]).
 //!
 //! Voxels are moved to multiples of a step ([`Quantizer`]) once, when they are read from the source; means of coarser
 //! levels are moved, too. So a voxel of level 0 is within the bound of the source's voxel, and a coarser one within the

@@ -2,14 +2,12 @@
 
 use std::time::Instant;
 
-use supervol_format::container::header::Descriptor;
-
 use super::Written;
 use super::manifest::bounded_notes;
 use crate::pipeline::options::Reduce;
 use crate::pipeline::plan::BuildPlan;
 use crate::pipeline::plan::max_error::MaxError;
-use crate::report::BuildReport;
+use crate::report::{BuildNote, BuildReport};
 
 /// Report of a finished build: sizes, times and notes.
 pub(crate) fn report_of(
@@ -20,8 +18,7 @@ pub(crate) fn report_of(
 ) -> BuildReport {
     let BuildPlan { descriptor, memory, .. } = plan;
     let Written { levels, container_bytes, restored } = written;
-    let mut notes = notes_of(plan, source_notes);
-    notes.extend(note_of_restored(restored, descriptor));
+    let notes = notes_of(plan, source_notes, restored);
     let source_bytes = descriptor.dims().bytes(descriptor.voxel_type).unwrap_or(u64::MAX);
     let wall = started.elapsed().as_secs_f64();
     BuildReport {
@@ -38,33 +35,24 @@ pub(crate) fn report_of(
     }
 }
 
-/// Note for a build that continued an interrupted one.
-fn note_of_restored(restored: u64, descriptor: &Descriptor) -> Option<String> {
-    let total = descriptor.pyramid.brick_count();
-    let note = || format!("went on with a build that was interrupted: {restored} of {total} bricks were there");
-    (restored > 0).then(note)
-}
-
-/// Notes of the source's reader and of the choices that the build made.
-fn notes_of(plan: &BuildPlan<'_>, source_notes: &[String]) -> Vec<String> {
+/// Notes of the source's reader, and choices of the build.
+fn notes_of(plan: &BuildPlan<'_>, source_notes: &[String], restored: u64) -> Vec<BuildNote> {
     let BuildPlan { options, descriptor, reduce, memory, .. } = plan;
-    let mut notes = bounded_notes(source_notes);
+    let mut notes: Vec<BuildNote> = bounded_notes(source_notes).into_iter().map(BuildNote::Reader).collect();
     if options.reduce.is_none() && *reduce == Reduce::Majority {
-        notes.push("these are labels: coarser levels hold the most frequent one, not the mean (--reduce)".into());
+        notes.push(BuildNote::Labels);
     }
     if descriptor.quantizer.is_some() {
-        let error = descriptor.voxel_error() * descriptor.scale.abs();
-        notes.push(format!("voxels are within {error} of the source's (--max-error)"));
+        notes.push(BuildNote::Changed { error: descriptor.voxel_error() * descriptor.scale.abs() });
     } else if options.max_error != MaxError::Exact {
-        let why = if *reduce == Reduce::Majority {
-            "labels are kept as they are"
-        } else {
-            "voxels cannot be moved by so little"
-        };
-        notes.push(format!("{why}: --max-error is not applied"));
+        let is_majority = *reduce == Reduce::Majority;
+        notes.push(if is_majority { BuildNote::LabelsUnchanged } else { BuildNote::Unchanged });
     }
     if memory.threads < options.threads {
-        notes.push(format!("--memory suffices for {} of {} threads", memory.threads, options.threads));
+        notes.push(BuildNote::FewerThreads { threads: memory.threads, requested: options.threads });
+    }
+    if restored > 0 {
+        notes.push(BuildNote::Continued { bricks: restored, bricks_total: descriptor.pyramid.brick_count() });
     }
     notes
 }
