@@ -8,7 +8,7 @@ use std::sync::OnceLock;
 use supervol_format::VoxelType;
 use supervol_format::container::manifest::Source;
 use supervol_preprocess::journal::{CHECKSUM_BYTES, NAME_AT, frame_bytes};
-use supervol_preprocess::report::{BuildReport, Progress};
+use supervol_preprocess::report::{BuildNote, BuildReport, Progress};
 use supervol_preprocess::{BuildError, BuildOptions, build};
 
 use crate::fields::{Content, Field, options, origin};
@@ -97,7 +97,7 @@ fn interrupted() -> &'static Interrupted {
         let [container, journal] = kept.map(read);
         assert!(frames_of(&journal.1).len() > 3, "frames: {:?}", frames_of(&journal.1));
         let report = run(&output, &small_options(), &|_| ()).expect("it goes on");
-        assert!(report.notes.iter().any(|note| note.contains("interrupted")), "{:?}", report.notes);
+        assert!(report.notes.iter().any(|note| matches!(note, BuildNote::Continued { .. })), "{:?}", report.notes);
         Interrupted { container, journal, whole: read(output).1 }
     })
 }

@@ -10,10 +10,10 @@ use crate::kind::FileKind;
 pub enum OutputError {
     #[error("cannot write {path}: {source}{}", advice(source))]
     Write { path: PathBuf, source: std::io::Error },
-    #[error("{path} exists; --force overwrites it")]
+    #[error("{path} exists: expected the name of a new file, or the option `existing` set to `Replace`")]
     Exists { path: PathBuf },
     #[error(
-        "{path} exists: expected {expected} to replace, found {found}. --force replaces it; or choose another name"
+        "{path} exists: expected {expected} to replace, found {found}. Choose another name, or set the option `existing` to `Replace`"
     )]
     OtherKind { path: PathBuf, expected: FileKind, found: FileKind },
     #[error("cannot write {path}: it is {other}, which this command reads or writes, too. Choose another name")]
@@ -43,18 +43,23 @@ pub fn is_full_disk(error: &std::io::Error) -> bool {
     matches!(error.kind(), StorageFull | QuotaExceeded | FileTooLarge)
 }
 
-/// Advice for an I/O error on an output, as a sentence; empty if there is none.
+/// Whether writing to another place can help against an I/O error on an output.
+#[must_use]
+pub fn is_bound_to_place(error: &std::io::Error) -> bool {
+    is_full_disk(error) || error.kind() == std::io::ErrorKind::PermissionDenied
+}
+
+/// Advice for an I/O error on an output, as a sentence without its full stop; empty if there is none. If
+/// [`is_bound_to_place`], it ends with the choice of another place, so that a program can append its option for that.
 #[must_use]
 pub fn advice(error: &std::io::Error) -> &'static str {
     match error.kind() {
-        std::io::ErrorKind::StorageFull => ". The disk is full: free space, or write to another one with -o",
-        std::io::ErrorKind::QuotaExceeded => {
-            ". Your share of the disk is full: free space, or write to another one with -o"
-        }
+        std::io::ErrorKind::StorageFull => ". The disk is full: free space, or write to another one",
+        std::io::ErrorKind::QuotaExceeded => ". Your share of the disk is full: free space, or write to another one",
         std::io::ErrorKind::FileTooLarge => {
-            ". Files may not be so long here: see `ulimit -f`, or write to another disk with -o"
+            ". Files may not be so long here: see `ulimit -f`, or write to another disk"
         }
-        std::io::ErrorKind::PermissionDenied => ". Choose a folder you may write to with -o",
+        std::io::ErrorKind::PermissionDenied => ". Choose a folder you may write to",
         std::io::ErrorKind::NotFound => ". The folder does not exist",
         _ => "",
     }

@@ -1,4 +1,5 @@
-//! Kind of a file, from its contents, not from its name. It decides whether a file may be replaced without `--force`.
+//! Kind of a file, from its contents, not from its name. It decides whether a file may be replaced without
+//! [`Existing::Replace`](crate::Existing::Replace).
 
 use std::collections::BTreeSet;
 use std::fs::File;
@@ -23,7 +24,7 @@ pub enum FileKind {
     Container,
     /// A picture: PNG, OpenEXR, SVG as it is written here, or a NumPy array of (height, width, 4) floats.
     Picture,
-    /// Statistics written by `--stats`.
+    /// Statistics of a picture, as JSON.
     Statistics,
     /// A page, table or record, with the text that all of its kind share: title, columns or keys.
     Report(String),

@@ -1,10 +1,10 @@
 //! Output files: one rule for every command that writes a file, and files that appear only when they are whole.
 //!
-//! 1. An output is never an input or another output of the same command, not even with `--force`. Files are compared by
-//!    device and inode, with links followed ([`check_distinct`]).
+//! 1. An output is never an input or another output of the same command, not even with [`Existing::Replace`]. Files
+//!    are compared by device and inode, with links followed ([`check_distinct`]).
 //! 2. An existing file is not replaced ([`Existing::Keep`]), except pictures by pictures and statistics by statistics
 //!    ([`Existing::ReplacePicture`], [`Existing::ReplaceStatistics`]). The contents decide which a file is ([`kind`]).
-//!    `--force` replaces any file ([`Existing::Replace`]).
+//!    [`Existing::Replace`] replaces any file.
 //! 3. A symbolic link is followed: the file it names is replaced, the link stays. A link to a missing file is refused.
 //! 4. Only files are replaced. FIFOs, character devices and the program's own standard output are written to directly.
 //!    A container cannot be, because it is read back while it is built. Folders, disks and sockets are refused.
@@ -21,7 +21,7 @@ use std::fs::{File, Metadata, Permissions};
 use std::io;
 use std::path::{Path, PathBuf};
 
-pub use error::{OutputError, advice, is_full_disk};
+pub use error::{OutputError, advice, is_bound_to_place, is_full_disk};
 use kind::FileKind;
 use unfinished::UnfinishedFile;
 

@@ -17,9 +17,9 @@ use supervol_format::voxel_type::voxels_as_f64;
 use supervol_format::{BrickKey, Container, Lod, VoxelBox};
 use supervol_sources::VolumeSource;
 
-use crate::bricker::{key_of, tiles};
-use crate::error::BuildError;
-use crate::memory::{ALLOW_MORE, left_for_data, read_bytes};
+use crate::error::{BuildError, MemoryPurpose};
+use crate::pipeline::plan::memory::{left_for_data, read_bytes};
+use crate::pipeline::plan::tiles::{key_of, tiles};
 
 /// Bricks held at once: a record, its decompressed bytes, and the voxels; a row as doubles is smaller.
 const BRICKS_AT_HAND: u64 = 3;
@@ -55,8 +55,8 @@ pub fn compare(
     let fixed = source.info().memory_bytes + BRICKS_AT_HAND * brick + decoding;
     let of_tile = |size| read_bytes(pyramid, level, [1; 3], size, voxel_type);
     let needed = fixed + of_tile([1; 3]);
-    let what = || "for the source, voxels of a brick from it, and the brick".into();
-    let memory_bytes = left_for_data(memory_bytes, needed, what, ALLOW_MORE)?;
+    let purpose = MemoryPurpose::Other("for the source, voxels of a brick from it, and the brick");
+    let memory_bytes = left_for_data(memory_bytes, needed, purpose)?;
     let (mut done, total) = (0, level.brick_count());
     let mut compared = Compared { voxels: 0, greatest: 0.0, bound: descriptor.voxel_error() * descriptor.scale.abs() };
     for tile in tiles(level, source.info().access_order, &|size| fixed + of_tile(size) <= memory_bytes) {

@@ -24,7 +24,8 @@ use supervol_sources::{SourceError, VolumeSource};
 use xxhash_rust::xxh3::xxh3_64;
 
 use crate::error::BuildError;
-use crate::pipeline::{BuildOptions, build};
+use crate::pipeline::build;
+use crate::pipeline::options::BuildOptions;
 use crate::preview::Preview;
 use crate::provenance::identify_source_unless;
 use crate::report::Progress;
@@ -149,9 +150,7 @@ impl Cache {
     /// # Errors
     /// If there is no cache folder.
     pub fn below(folder: Option<&Path>, limit_bytes: u64) -> Result<Self, BuildError> {
-        let folder = folder.map(Path::to_path_buf).or_else(usual_folder).ok_or_else(|| {
-            BuildError::Options("no cache folder to build into: give one with --cache, or use `supervol build`".into())
-        })?;
+        let folder = folder.map(Path::to_path_buf).or_else(usual_folder).ok_or(BuildError::NoCacheFolder)?;
         Ok(Self { folder: folder.join(CONTAINERS), limit_bytes, has_previews: false })
     }
 
@@ -256,15 +255,6 @@ impl Cache {
         }
         Ok(())
     }
-}
-
-/// Advice for a source that cannot be built into a cache.
-#[must_use]
-pub fn advice(source: &Path) -> String {
-    format!(
-        "A file that does not say all about itself is opened on the command line: supervol view {} with options (supervol view --help)",
-        source.display()
-    )
 }
 
 fn list_of(container: &Path) -> PathBuf {

@@ -1,40 +1,59 @@
 //! Offline half of Supervol: one volume file in, one `.svol` container out, in bounded memory.
 //!
-//! The data path: `supervol_sources` (readers) -> [`bricker`] (tiles, bricks with apron) -> [`downsample`] (coarser
-//! voxels) and [`error_bound`] (their distance from the finer ones) -> [`pipeline`] (encoding and ordered writing).
-//! `next_level` keeps coarser voxels in memory where there is room. [`verify`] checks a container rule by rule.
+//! # Data path of a build
 //!
-//! Nothing here touches a GPU. The caller gives a memory limit in bytes ([`memory`]). The same input and options give
-//! the same bytes, whatever the number of threads.
+//! [`build`] takes the voxels of a source through five steps. Each step is a folder of [`pipeline`]:
+//!
+//! ```text
+//! source (supervol_sources)                                                          container (.svol)
+//!    |                                                                                    ^
+//!    v                                                                                    |
+//!  plan ----------> read ----------> reduce -------------> encode -------------> record --+
+//!  samples, levels, one tile ahead,  coarser voxels,       bricks with apron,    writes bricks in tile order,
+//!  memory, tiles,   from the source  their distance from   cut and compressed    journal, statistics, manifest
+//!  error step       or from bricks   the finer voxels      on all threads
+//!                      ^                                                            |
+//!                      +---- finer level, read back if it did not fit in memory ----+
+//! ```
+//!
+//! The plan is made once. The other steps run for each tile of each level, from the finest level to the coarsest.
+//!
+//! # Other modules
+//!
+//! | module | task |
+//! |---|---|
+//! | [`preview`] | a small container of a large source, for a first look |
+//! | [`kept`] | containers built for a picture and kept for the next one |
+//! | [`batch`], [`naming`] | many inputs, one folder of containers |
+//! | [`verify`], [`compare`] | a container checked rule by rule; a container compared with its source or another one |
+//! | [`provenance`], [`statistics`], [`report`], [`error`] | types and functions that the modules above share |
+//!
+//! # Promises
+//!
+//! - Memory is limited to a number of bytes, which the caller gives ([`memory`]).
+//! - The same input and options give the same bytes with any number of threads.
+//! - Nothing here touches a GPU.
 
 pub mod batch;
-pub mod bounded;
-pub mod bricker;
 pub mod compare;
-pub mod downsample;
 pub mod error;
-pub mod error_bound;
-pub mod journal;
 pub mod kept;
-pub mod labels;
 pub mod level_reader;
-pub mod lod_axes;
-pub mod memory;
 pub mod naming;
-mod next_level;
-mod ordered;
 pub mod pipeline;
 pub mod preview;
 pub mod provenance;
 pub mod report;
-mod restore;
-mod slabs;
 pub mod statistics;
 pub mod verify;
 
 pub use supervol_files::Existing;
 
-pub use bounded::MaxError;
 pub use error::BuildError;
-pub use pipeline::{BuildOptions, build};
+pub use pipeline::build;
+pub use pipeline::options::BuildOptions;
+pub use pipeline::plan::max_error::MaxError;
+pub use pipeline::plan::{lod_axes, memory};
+pub use pipeline::record::{journal, manifest};
+pub use pipeline::reduce::downsample;
 pub use provenance::{identify, identify_source};

@@ -18,7 +18,8 @@ use supervol_sources::stop::check;
 use supervol_sources::{SourceError, SourceInfo, VolumeSource};
 
 use crate::error::BuildError;
-use crate::pipeline::{BuildOptions, build};
+use crate::pipeline::build;
+use crate::pipeline::options::BuildOptions;
 
 /// Largest number of voxels of a preview: 4 Mi, built and drawn in a fraction of a second.
 const VOXELS_LIMIT: u64 = 1 << 22;

@@ -1,149 +1,24 @@
-//! What a container says of its volume beside the voxels: where they came from, what they are, what a reader noticed.
-//!
-//! Names, units and notes come from files, and are bounded here: no file makes a manifest that no reader takes.
+//! Identity of a source: name, size and checksum of its files, and checks that they have not changed.
 
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-use supervol_format::VoxelType;
 use supervol_format::canceller::Canceller;
-use supervol_format::container::header::Descriptor;
-use supervol_format::container::manifest::{AxisName, Json, Manifest, Source};
+use supervol_format::container::manifest::Source;
 use supervol_sources::input::file::SourceFile;
 use supervol_sources::input::selection::Selection;
 use supervol_sources::open::split_array;
 use supervol_sources::stop::check;
-use supervol_sources::{Message, SourceError, SourceInfo, VolumeSource};
+use supervol_sources::{SourceError, SourceInfo, VolumeSource};
 
-use crate::bounded::MaxError;
-use crate::downsample::Reduce;
 use crate::error::BuildError;
-use crate::lod_axes::Plan;
-use crate::pipeline::BuildOptions;
-use crate::report::LevelReport;
-use crate::statistics::{self, Statistics, Values};
 
-/// Longest name or unit, longest note, and most notes that the manifest keeps.
-const LABEL_CHARACTERS: usize = 256;
-const NOTE_CHARACTERS: usize = 500;
-const NOTES: usize = 50;
-/// Least size of a file whose checksum is taken while its voxels are read: to read a smaller one twice takes no time worth saving.
+/// Least size in bytes of a file whose checksum is computed while its voxels are read. A smaller file is read twice, at
+/// little cost.
 const TAKEN_ALONG_BYTES: u64 = 256 << 20;
 
-/// The parameter that says what stands for several voxels in coarser levels.
-const REDUCE: &str = "reduce";
-/// What begins the names of parameters that say how files were read.
-const READER: &str = "reader_";
-/// The parameter that says what each axis would have kept, where that was measured.
-const RMS_KEPT: &str = "lod_axes_rms_kept";
-/// The parameter that says what means in coarser levels are rounded to, where they are.
-const STEPS: &str = "coarse_steps";
-
-/// What stands for several voxels in the coarser levels of a container with this manifest: the mean, where nothing is said.
-///
-/// # Errors
-/// With what is said, if that is none of [`Reduce::ALL`].
-pub fn reduce_of(manifest: &Manifest) -> Result<Reduce, String> {
-    let Some(name) = manifest.parameters.get(REDUCE) else { return Ok(Reduce::Mean) };
-    Reduce::ALL.into_iter().find(|reduce| reduce.name() == name).ok_or_else(|| name.clone())
-}
-
-/// What means are rounded to in the coarser levels of a container with this manifest and type of voxels, from level 1 on, stored units:
-/// none, and 0, where they are not.
-///
-/// # Errors
-/// With what is said, if these are no steps.
-pub fn steps_of(manifest: &Manifest, voxel_type: VoxelType) -> Result<Vec<f64>, String> {
-    let Some(text) = manifest.parameters.get(STEPS) else { return Ok(Vec::new()) };
-    Plan::steps_from(text, voxel_type).ok_or_else(|| text.clone())
-}
-
-/// What a build was asked for, and what it chose by itself.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Chosen<'a> {
-    pub options: &'a BuildOptions,
-    pub reduce: Reduce,
-    pub levels: &'a Plan,
-}
-
-/// What halving each axis keeps of the levels before, as [`Plan::rms_kept_from`] has it; none where the manifest does not say it.
-#[must_use]
-pub fn rms_kept_of(manifest: &Manifest) -> Option<Vec<[f64; 3]>> {
-    Plan::rms_kept_from(manifest.parameters.get(RMS_KEPT)?)
-}
-
-/// The manifest of a container whose levels have been written.
-pub(crate) fn manifest(
-    source: &dyn VolumeSource,
-    origin: Source,
-    descriptor: &Descriptor,
-    Chosen { options, reduce, levels: plan }: Chosen<'_>,
-    statistics: &Statistics,
-    levels: &[LevelReport],
-) -> Manifest {
-    let info = source.info();
-    let values = Values::of(descriptor, statistics);
-    let codec = options.codec.name();
-    // Where nothing is moved, manifests are what they were before anything could be.
-    let max_error = (options.max_error != MaxError::Exact).then(|| ("max_error", options.max_error.describe()));
-    let rms_kept = plan.describe().map(|kept| (RMS_KEPT, kept));
-    let steps = plan.describe_steps().map(|steps| (STEPS, steps));
-    let reading = info.reading.iter().map(|(option, said)| (format!("{READER}{option}"), said.clone()));
-    let parameters = [
-        ("brick", options.layout.core().to_string()),
-        ("codec", codec.to_string()),
-        ("lod_axes", format!("{:?}", options.lod_axes).to_lowercase()),
-        ("memory_bytes", options.memory_bytes.to_string()),
-        (REDUCE, reduce.name().to_string()),
-    ];
-    Manifest {
-        tool: format!("supervol {}", env!("CARGO_PKG_VERSION")),
-        parameters: parameters
-            .into_iter()
-            .chain(max_error)
-            .chain(rms_kept)
-            .chain(steps)
-            .map(|(k, v)| (k.to_string(), v))
-            .chain(reading)
-            .collect(),
-        source: origin,
-        space: info.space.name().into(),
-        axes: info.axes.clone().map(|a| AxisName { name: label(&a.name), unit: label(&a.unit) }),
-        unit: label(&info.unit),
-        value_range: values.range,
-        present_voxels: values.present,
-        histogram: values.histogram,
-        percentiles: values.percentiles,
-        level_errors: levels.iter().map(|l| statistics::finite(l.error)).collect(),
-        survey: info.survey.as_ref().and_then(|s| serde_json::to_value(s).and_then(|s| Json::of(&s)).ok()),
-        notes: bounded_notes(&info.notes),
-        others: std::collections::BTreeMap::default(),
-    }
-}
-
-/// A name or unit that a file gives, cut where it is none any more.
-fn label(text: &str) -> String {
-    cut(text, LABEL_CHARACTERS)
-}
-
-fn cut(text: &str, characters: usize) -> String {
-    match text.char_indices().nth(characters) {
-        Some((end, _)) => format!("{}...", &text[..end]),
-        None => text.into(),
-    }
-}
-
-/// The first notes, and how many more there are: a file must not fill the manifest with what it made us notice.
-pub(crate) fn bounded_notes(notes: &[Message]) -> Vec<String> {
-    let mut kept: Vec<String> = notes.iter().take(NOTES).map(|note| cut(&note.to_string(), NOTE_CHARACTERS)).collect();
-    if notes.len() > NOTES {
-        kept.push(format!("and {} more notes", notes.len() - NOTES));
-    }
-    kept
-}
-
-/// Whether a source whose voxels have all been read still is what it was when it was opened, and when `origin` was told.
+/// Checks that the files of a source have not changed since it was opened and `origin` was computed.
 pub(crate) fn check_unchanged(
     source: &dyn VolumeSource,
     origin: &Source,
@@ -151,7 +26,7 @@ pub(crate) fn check_unchanged(
 ) -> Result<(), BuildError> {
     let files = &source.info().files;
     files.iter().try_for_each(SourceFile::check_unchanged)?;
-    // Times may be too coarse to tell two versions apart.
+    // Times may be too coarse to distinguish two versions.
     let is_one = source.info().folder.is_none() && !origin.xxh3_64.is_empty();
     if let Some(first) = files.first().filter(|_| is_one) {
         let now = identify_unless(first.path(), &origin.format, canceller)?.xxh3_64;
@@ -163,9 +38,9 @@ pub(crate) fn check_unchanged(
     Ok(())
 }
 
-/// Name, size and checksum of what a source is read from: of the file that was asked for, or of all files of a folder, their names
-/// included. What was chosen of it follows the name: builds of two volumes of one file are two builds. The checksum of one large file
-/// is left to the build, which takes it while it reads the voxels.
+/// Name, size and checksum of a source: of its one file, or of all files of a folder including their names. The
+/// selection follows the name, because two volumes of one file make two builds. A single large file gets no checksum
+/// here; the build computes it while it reads the voxels.
 ///
 /// # Errors
 /// If a file cannot be read.
@@ -173,7 +48,7 @@ pub fn identify_source(path: &Path, selection: &Selection, source: &dyn VolumeSo
     identify_source_unless(path, selection, source, &Canceller::default())
 }
 
-/// The same, unless somebody stops it.
+/// The same, with a canceller.
 pub(crate) fn identify_source_unless(
     path: &Path,
     selection: &Selection,
@@ -203,7 +78,7 @@ fn identify_folder(folder: &Path, info: &SourceInfo, canceller: &Canceller) -> R
     Ok(origin(folder, info.format, bytes, &hash))
 }
 
-/// Name, size and checksum of a source file, read once from end to end.
+/// Name, size and checksum of a source file, which is read from start to end.
 ///
 /// # Errors
 /// If the file cannot be read.
@@ -223,14 +98,14 @@ fn origin(path: &Path, format: &str, bytes: u64, hash: &xxhash_rust::xxh3::Xxh3D
 
 fn unsummed(path: &Path, format: &str, bytes: u64) -> Source {
     let name_of = |path: &Path| path.file_name().map(|name| name.to_string_lossy().into_owned());
-    // `.` has a name, too.
+    // Paths such as `.` have no name of their own.
     let found = name_of(path).or_else(|| name_of(&std::fs::canonicalize(path).ok()?));
     let name = found.unwrap_or_default();
     Source { name, format: format.into(), bytes, xxh3_64: String::new() }
 }
 
-/// The checksum of the one file that a source is read from, taken piece by piece while its voxels are: what the disk has just given for
-/// these, it need not give again.
+/// Checksum of a source's only file, computed piece by piece while its voxels are read. The bytes are then still in the
+/// system's page cache.
 pub(crate) struct ChecksumAlong {
     file: File,
     of: SourceFile,
@@ -239,8 +114,8 @@ pub(crate) struct ChecksumAlong {
 }
 
 impl ChecksumAlong {
-    /// Of a source whose origin has none yet; none where there is no such file. Where times do not tell whether it is changed
-    /// meanwhile, its checksum is taken at once.
+    /// Begins the checksum of a source. `None` if `origin` has one already or the source is not a single file. If the
+    /// file's time cannot reveal a change during the build, the checksum is computed at once.
     pub(crate) fn begin(
         source: &dyn VolumeSource,
         origin: &mut Source,
@@ -252,8 +127,8 @@ impl ChecksumAlong {
             return Ok(None);
         }
         let file = File::open(only.path()).map_err(|e| SourceError::io(only.path(), e))?;
-        // Whoever has the file mapped changes its time only with the first write to a page that the disk has. Where nothing can be
-        // written, nobody writes.
+        // After a sync, the first write through a memory map changes the file's time. Errors do not matter: a disk that
+        // cannot be written has no writers.
         let _ = file.sync_data();
         let of = only.settled()?;
         if !of.is_settled() {
@@ -263,7 +138,7 @@ impl ChecksumAlong {
         Ok(Some(Self { file, of, hash: xxhash_rust::xxh3::Xxh3Default::new(), taken: 0 }))
     }
 
-    /// Goes on as far as a reader gets with one of so many tiles that are left to it.
+    /// Advances by the file's share of one tile, if `tiles_left` tiles are still to be read.
     pub(crate) fn advance(&mut self, tiles_left: usize, canceller: &Canceller) -> Result<(), BuildError> {
         let left = self.of.bytes().saturating_sub(self.taken);
         let (taken, part) = (self.taken, left / tiles_left.max(1) as u64);
@@ -274,10 +149,10 @@ impl ChecksumAlong {
         Ok(())
     }
 
-    /// The checksum of all of it.
+    /// Checksum of the whole file.
     ///
     /// # Errors
-    /// If it cannot be read, or is not the file any more that it was when this began.
+    /// If the file cannot be read, or has changed since the start.
     pub(crate) fn finish(mut self, canceller: &Canceller) -> Result<String, BuildError> {
         self.advance(1, canceller)?;
         self.of.check_unchanged()?;
@@ -285,7 +160,7 @@ impl ChecksumAlong {
     }
 }
 
-/// Adds the bytes of a file to a checksum; how many there are.
+/// Adds the bytes of a file to a checksum, and returns their number.
 pub(crate) fn take_file(
     path: &Path,
     hash: &mut xxhash_rust::xxh3::Xxh3Default,
@@ -295,7 +170,7 @@ pub(crate) fn take_file(
     take_bytes(&mut file, path, hash, canceller)
 }
 
-/// Adds all that a reader of the file still gives to a checksum; how many bytes there are.
+/// Adds the remaining bytes of a reader to a checksum, and returns their number. `path` is for errors.
 fn take_bytes(
     from: &mut dyn Read,
     path: &Path,

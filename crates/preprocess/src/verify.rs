@@ -27,13 +27,13 @@ use supervol_format::container::validate::{check_brick, check_coverage};
 use supervol_format::level_reader::LevelReader;
 use supervol_format::{BrickKey, Container, Level, Lod, ValueRange, VoxelBox};
 
-use crate::bricker::cut_brick;
-use crate::downsample::{Reduce, VoxelBlock, downsample, finer_box};
-use crate::error::BuildError;
-use crate::error_bound::{brick_error, step_error};
-use crate::memory::{ALLOW_MORE, left_for_data};
-use crate::pipeline::quantizer_of;
-use crate::provenance::{reduce_of, steps_of};
+use crate::error::{BuildError, MemoryPurpose};
+use crate::pipeline::encode::cut::cut_brick;
+use crate::pipeline::plan::memory::left_for_data;
+use crate::pipeline::record::manifest::{reduce_of, steps_of};
+use crate::pipeline::reduce::downsample::{Reduce, VoxelBlock, downsample, finer_box};
+use crate::pipeline::reduce::error_bound::{brick_error, step_error};
+use crate::pipeline::reduce::quantizer_of;
 use crate::statistics::{Statistics, Values, finite};
 
 /// Width in voxels of the apron around a core.
@@ -88,7 +88,7 @@ pub fn verify(path: &Path, memory_bytes: u64, on_progress: &dyn Fn(u64, u64)) ->
     Ok(container)
 }
 
-/// Number of threads, and the division of `--memory` among their buffers.
+/// Number of threads, and the division of the memory among their buffers.
 struct Plan {
     threads: usize,
     /// Bytes for decoded bricks of a level; two levels are cached.
@@ -112,8 +112,8 @@ impl Plan {
         let per_thread = (BRICKS_AT_HAND + finer) * brick + wavelets + counts;
         let fixed = |threads: usize| threads as u64 * per_thread + counts;
         let needed = fixed(1).max(pyramid.brick_count() * COVERAGE_BYTES);
-        let what = || format!("to check bricks on one thread, and the places of {} of them", pyramid.brick_count());
-        let memory_bytes = left_for_data(memory_bytes, needed, what, ALLOW_MORE)?;
+        let purpose = MemoryPurpose::Verify { bricks: pyramid.brick_count() };
+        let memory_bytes = left_for_data(memory_bytes, needed, purpose)?;
         // The threads take at most three quarters; the rest caches bricks.
         let fits = |threads: &usize| *threads == 1 || fixed(*threads) <= memory_bytes / 4 * 3;
         let threads = (1..=rayon::current_num_threads()).rev().find(fits).unwrap_or(1);

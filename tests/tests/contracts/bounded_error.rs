@@ -7,6 +7,7 @@ use supervol_format::voxel_type::{Absence, voxels_as_f64};
 use supervol_format::{Container, Lod, VoxelType};
 use supervol_preprocess::downsample::Reduce;
 use supervol_preprocess::error::BuildError;
+use supervol_preprocess::report::BuildNote;
 use supervol_preprocess::verify::verify;
 use supervol_preprocess::{BuildOptions, MaxError};
 use supervol_sources::VolumeSource;
@@ -109,7 +110,7 @@ fn labels_are_never_moved() {
     let exact = built(&labels as &dyn VolumeSource, &BuildOptions { reduce: None, ..options(16) });
     let bounded = BuildOptions { reduce: None, max_error: MaxError::Value(2.0), ..options(16) };
     let same = built(&labels as &dyn VolumeSource, &bounded);
-    assert!(same.container.descriptor().quantizer.is_none() && same.report.notes.iter().any(|n| n.contains("labels")));
+    assert!(same.container.descriptor().quantizer.is_none() && same.report.notes.contains(&BuildNote::LabelsUnchanged));
     assert_eq!(farthest(&exact.container, &same.container), 0.0);
     // If the user declares that values are measurements, they may be quantised.
     let measured = BuildOptions { reduce: Some(Reduce::Mean), ..bounded };

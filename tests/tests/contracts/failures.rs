@@ -29,7 +29,7 @@ fn an_existing_output_is_kept_unless_told_otherwise() {
     let output = folder.path().join("out.svol");
     std::fs::write(&output, b"precious").expect("a small file");
     let error = build_at(&field(), &output, &options(16)).expect_err("the output exists");
-    assert!(error.to_string().contains("--force"), "{error}");
+    assert!(error.to_string().contains("`existing`"), "{error}");
     assert!(error.is_wrong_command());
     assert_eq!(std::fs::read(&output).expect("still there"), b"precious");
     // A build that fails half way keeps the old file, even if it may replace it.
@@ -79,7 +79,7 @@ fn too_little_memory_is_refused_with_what_would_do() {
     let little = BuildOptions { memory_bytes: 100_000, ..options(64) };
     let error = build_at(&field(), &output, &little).expect_err("100 kB are too little");
     let message = error.to_string();
-    assert!(["memory", "--memory", "--brick", "MiB"].iter().all(|w| message.contains(w)), "{message}");
+    assert!(["memory", "`memory_bytes`", "`layout`", "MiB"].iter().all(|w| message.contains(w)), "{message}");
     assert!(error.is_wrong_command());
     assert!(files_in(folder.path()).is_empty());
     // The memory that the message asks for must suffice.

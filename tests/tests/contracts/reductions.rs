@@ -4,6 +4,7 @@
 use supervol_format::{Lod, VoxelType};
 use supervol_preprocess::BuildOptions;
 use supervol_preprocess::downsample::Reduce;
+use supervol_preprocess::report::BuildNote;
 use supervol_preprocess::verify::verify;
 use supervol_tests::fields::{Field, built, options};
 use supervol_tests::forge::Forge;
@@ -25,7 +26,7 @@ fn coarser_levels_of_labels_hold_labels() {
     let built = built(&regions(), &BuildOptions { reduce: None, ..options(16) });
     let container = verify(&built.path, 1 << 26, &|_, _| ()).unwrap_or_else(|e| panic!("{e}"));
     assert_eq!(container.manifest().parameters["reduce"], "majority");
-    assert!(built.report.notes.iter().any(|note| note.contains("labels")), "{:?}", built.report.notes);
+    assert!(built.report.notes.contains(&BuildNote::Labels), "{:?}", built.report.notes);
     for lod in 1..container.pyramid().levels().len() as u8 {
         for key in container.pyramid().keys_of(Lod(lod)) {
             let entry = container.entry(key).expect("it has been verified");

@@ -7,7 +7,7 @@ use supervol_format::{Container, Lod, VoxelType};
 use supervol_preprocess::downsample::{Reduce, VoxelBlock, downsample};
 use supervol_preprocess::error::BuildError;
 use supervol_preprocess::lod_axes::LodAxes;
-use supervol_preprocess::provenance::steps_of;
+use supervol_preprocess::manifest::steps_of;
 use supervol_preprocess::verify::verify;
 use supervol_preprocess::{BuildOptions, MaxError};
 use supervol_tests::fields::{Content, Field, built, options};

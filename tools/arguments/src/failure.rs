@@ -8,8 +8,7 @@ use supervol_files::OutputError;
 use supervol_format::container::ContainerError;
 use supervol_preprocess::BuildError;
 
-use crate::source::flag;
-use crate::terminal;
+use crate::{flags, terminal};
 
 /// Whose fault it is decides the exit code.
 #[derive(Debug)]
@@ -77,7 +76,7 @@ impl Failure {
 
 impl From<BuildError> for Failure {
     fn from(error: BuildError) -> Self {
-        let message = error.named(flag);
+        let message = flags::message(&error);
         if error.is_wrong_command() {
             Self::Command(message)
         } else if error.is_machine_failure() {

@@ -4,7 +4,7 @@
 //! others; they have dependencies that nobody needs who builds and renders. `supervol` reads the arguments of all
 //! commands, so that help, completions and man pages are whole without these executables.
 //!
-//! - [`program`]: start and end of each executable; [`failure`]: messages and exit codes; [`signals`], [`allocation`]:
+//! - [`program`]: start and end of each executable; [`failure`]: messages and exit codes; [`flags`]: flags in messages; [`signals`], [`allocation`]:
 //!   ends that come from the system;
 //! - [`terminal`], [`progress`]: standard output and standard error; [`output`]: files that commands write;
 //!   [`input`]: files that commands read; [`sample`]: the volume that comes with the program;
@@ -19,6 +19,7 @@ pub mod bench;
 pub mod cache;
 pub mod chart;
 pub mod failure;
+pub mod flags;
 pub mod input;
 pub mod output;
 pub mod program;

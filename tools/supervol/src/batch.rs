@@ -4,6 +4,7 @@ use std::io::Write;
 use std::path::Path;
 
 use supervol_arguments::failure::{Failure, with_output};
+use supervol_arguments::flags;
 use supervol_arguments::input::read_text_up_to;
 use supervol_arguments::progress::announce;
 use supervol_arguments::quantity::show_bytes;
@@ -165,7 +166,7 @@ impl Batch<'_> {
             ratio: Some(container_bytes as f64 / report.source_bytes as f64),
             error_bound: report.levels.first().map(|level| level.error),
             milliseconds: Some(report.wall_ms),
-            notes: report.notes,
+            notes: report.notes.iter().map(flags::note).collect(),
             ..begun
         })?;
         Ok(Came::Built)

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use supervol_arguments::failure::{Failure, with_output};
+use supervol_arguments::flags;
 use supervol_arguments::input::{Input, is_piped};
 use supervol_arguments::progress::Reporter;
 use supervol_arguments::quantity::{self, ErrorBound, show_bytes};
@@ -185,7 +186,9 @@ impl OutputArguments {
         let report = self.build_at(output, self.existing(), source, origin)?;
         if self.json {
             let mut out = supervol_arguments::terminal::stdout();
-            writeln!(out, "{}", serde_json::json!({ "report": report })).map_err(with_output)
+            let mut line = serde_json::json!({ "report": report });
+            line["report"]["notes"] = report.notes.iter().map(flags::note).collect();
+            writeln!(out, "{line}").map_err(with_output)
         } else {
             print(&report, output, &mut supervol_arguments::terminal::remarks()).map_err(with_output)
         }
@@ -194,7 +197,7 @@ impl OutputArguments {
 
 fn print(report: &BuildReport, output: &Path, out: &mut impl Write) -> std::io::Result<()> {
     for note in &report.notes {
-        writeln!(out, "note: {note}")?;
+        writeln!(out, "note: {}", flags::note(note))?;
     }
     writeln!(
         out,

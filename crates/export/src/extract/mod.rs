@@ -22,9 +22,9 @@ use supervol_format::level_reader::LevelReader;
 use supervol_format::space::WorldSpace;
 use supervol_format::voxel_type::{Voxel, voxels_as_f64};
 use supervol_format::{Container, Geometry, Lod, VoxelBox, VoxelType, cast};
-use supervol_preprocess::error::BuildError;
+use supervol_preprocess::error::{BuildError, MemoryPurpose};
 use supervol_preprocess::level_reader::by_all_threads;
-use supervol_preprocess::memory::{ALLOW_MORE, left_for_data};
+use supervol_preprocess::memory::left_for_data;
 
 use headers::{Format, Place, TIFF_SLICES_LIMIT};
 
@@ -142,7 +142,7 @@ fn needs_scaling(descriptor: &Descriptor, written_type: VoxelType) -> bool {
     written_type != descriptor.voxel_type || descriptor.scale != 1.0 || descriptor.offset != 0.0
 }
 
-/// Number of threads, and the division of `--memory` among the buffers.
+/// Number of threads, and the division of the memory among the buffers.
 struct Plan {
     threads: usize,
     cache_bytes: usize,
@@ -181,8 +181,8 @@ impl Plan {
     /// `least`. `fixed` gives the bytes that a number of threads takes.
     fn share_out(memory_bytes: u64, least: u64, fixed: impl Fn(usize) -> u64) -> Result<(usize, u64), BuildError> {
         let needed = fixed(1) + least;
-        let what = || "to decode bricks on one thread and to write".into();
-        let memory_bytes = left_for_data(memory_bytes, needed, what, ALLOW_MORE)?;
+        let purpose = MemoryPurpose::Other("to decode bricks on one thread and to write");
+        let memory_bytes = left_for_data(memory_bytes, needed, purpose)?;
         // The threads take at most half of the memory.
         let fits = |threads: &usize| *threads == 1 || fixed(*threads) <= memory_bytes / 2;
         let threads = (1..=rayon::current_num_threads()).rev().find(fits).unwrap_or(1);

@@ -69,9 +69,8 @@ impl<'a> MeshFile<'a> {
         let (vertex_count, triangle_count) =
             (self.vertex_count + vertices.len() as u64, self.triangle_count + triangles.len() as u64);
         if vertex_count.max(triangle_count) > u64::from(u32::MAX) {
-            let what = "the surface has more than 2^32 vertices or triangles";
-            let message = format!("{}: {what}; take a part with --box, or a coarser --level", self.output.display());
-            return Err(BuildError::Options(message));
+            let (vertices, triangles) = (vertex_count, triangle_count);
+            return Err(BuildError::LargeSurface { path: self.output.into(), vertices, triangles });
         }
         let mut bytes = Vec::new();
         match self.format {

@@ -16,8 +16,8 @@ use supervol_files::{Existing, OutputFile, folder_of};
 use supervol_format::level_reader::LevelReader;
 use supervol_format::voxel_type::voxels_as_f64;
 use supervol_format::{BrickIndex, BrickKey, Container, Lod, VoxelBox, cast};
-use supervol_preprocess::error::BuildError;
-use supervol_preprocess::memory::{ALLOW_MORE, left_for_data};
+use supervol_preprocess::error::{BuildError, MemoryPurpose};
+use supervol_preprocess::memory::left_for_data;
 
 use crate::extract::{checked_box, level_geometry};
 use cells::{Values, bytes_of_box};
@@ -93,12 +93,8 @@ pub fn mesh(container: &Container, output: &Path, options: &MeshOptions) -> Resu
     }
     let report = MeshReport { vertices: written.vertex_count, triangles: written.triangle_count };
     if report.triangles == 0 {
-        let range = container
-            .manifest()
-            .value_range
-            .map_or("no values".into(), |r| format!("values of {} to {}", r.min, r.max));
-        let message = format!("--iso {}: no surface there; {} has {range}", options.iso, container.path().display());
-        return Err(BuildError::Options(message));
+        let (path, range) = (container.path().into(), container.manifest().value_range);
+        return Err(BuildError::NoSurface { path, iso: options.iso, range });
     }
     let mut out = BufWriter::new(file.file());
     written.finish(&mut out)?;
@@ -108,7 +104,7 @@ pub fn mesh(container: &Container, output: &Path, options: &MeshOptions) -> Resu
     Ok(report)
 }
 
-/// Division of `--memory`.
+/// Division of the memory.
 struct Plan {
     /// Cells along an axis of a box: a power of two, at most the core of a brick.
     cells: u64,
@@ -120,8 +116,8 @@ impl Plan {
         let descriptor = container.descriptor();
         let fixed = LevelReader::working_bytes(descriptor, 1) + WRITE_BUFFERS_BYTES;
         let needed = |cells: u64| fixed + bytes_of_box(cells + 1);
-        let what = || "to decode a brick and to make a mesh of it".into();
-        let memory_bytes = left_for_data(memory_bytes, needed(LEAST_CELLS), what, ALLOW_MORE)?;
+        let purpose = MemoryPurpose::Other("to decode a brick and to make a mesh of it");
+        let memory_bytes = left_for_data(memory_bytes, needed(LEAST_CELLS), purpose)?;
         let core = container.pyramid().layout().core() as u64;
         // A quarter of the memory is left for the brick cache.
         let fits = |cells: &u64| *cells == LEAST_CELLS || needed(*cells) <= memory_bytes / 4 * 3;

@@ -269,7 +269,7 @@ fn zarr_and_segy_in_little_memory() {
         let output = folder.path().join(name);
         let little = Extraction { memory_bytes: 1000, ..extraction(0, None) };
         let error = extract(&container, &output, &little).unwrap_err().to_string();
-        assert!(error.contains("--memory"), "{error}");
+        assert!(error.contains("`memory_bytes`"), "{error}");
         assert!(!output.exists());
     }
 }

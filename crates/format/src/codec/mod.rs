@@ -124,7 +124,7 @@ pub enum CodecChoice {
 }
 
 impl CodecChoice {
-    /// Name, as for the option `--codec`.
+    /// Name in options and reports.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {

@@ -14,13 +14,13 @@ use std::path::{Path, PathBuf};
 use supervol_files::OutputError;
 use supervol_format::Container;
 use supervol_format::canceller::Canceller;
+use supervol_sources::VolumeSource;
 use supervol_sources::open::split_array;
-use supervol_sources::{SourceError, VolumeSource};
 use xxhash_rust::xxh3::{Xxh3Default, xxh3_64};
 
 use crate::error::BuildError;
 use crate::kept::Reading;
-use crate::pipeline::BuildOptions;
+use crate::pipeline::options::BuildOptions;
 use crate::provenance::take_file;
 use results::{Record, Status};
 
@@ -129,7 +129,5 @@ pub fn check_outside(input: &Path, folder: &Path) -> Result<(), BuildError> {
         (Ok(file), Ok(folder)) => file.is_dir() && folder.starts_with(file),
         _ => false,
     };
-    let message =
-        || format!("{}: the output folder {} lies in it. Choose another with -o", input.display(), folder.display());
-    if inside { Err(SourceError::options(message()).into()) } else { Ok(()) }
+    if inside { Err(BuildError::FolderInInput { input: input.into(), folder: folder.into() }) } else { Ok(()) }
 }

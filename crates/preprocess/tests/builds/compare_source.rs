@@ -87,5 +87,5 @@ fn other_volumes_and_little_memory_are_named() {
     let smaller = Computed::new([45, 38, 50], VoxelType::U16, |_| 0.0);
     assert!(said(&container, &smaller).contains("45 x 38 x 50"));
     let message = compare(Path::new("v.svol"), &container, &same, 10_000, &|_, _| ()).expect_err("10 kB").to_string();
-    assert!(message.contains("--memory"), "{message}");
+    assert!(message.contains("`memory_bytes`"), "{message}");
 }

@@ -11,7 +11,7 @@ use supervol_format::random::Random;
 use supervol_format::{BrickLayout, Dims, Geometry, VoxelBox, VoxelType};
 use supervol_preprocess::downsample::Reduce;
 use supervol_preprocess::lod_axes::LodAxes;
-use supervol_preprocess::report::{BuildReport, Progress};
+use supervol_preprocess::report::{BuildNote, BuildReport, Progress};
 use supervol_preprocess::{BuildError, BuildOptions, Existing, MaxError, build, identify};
 use supervol_sources::computed::Computed;
 use supervol_sources::formats::raw::{RawOptions, RawSource};
@@ -86,8 +86,11 @@ fn bytes(folder: &Path) -> Vec<u8> {
 
 /// Number of bricks that a continued build took over.
 fn restored(report: &BuildReport) -> u64 {
-    let note = report.notes.iter().find(|note| note.contains("interrupted"));
-    note.map_or(0, |note| note.split_whitespace().find_map(|word| word.parse().ok()).expect("a number"))
+    let of_note = |note: &BuildNote| match note {
+        BuildNote::Continued { bricks, .. } => Some(*bricks),
+        _ => None,
+    };
+    report.notes.iter().find_map(of_note).unwrap_or(0)
 }
 
 #[test]

@@ -16,7 +16,7 @@ use supervol_files::unfinished::{Leftover, Writer};
 use supervol_format::container::manifest::{AxisName, Json, Source};
 use supervol_format::{Container, Dims, Geometry, Lod, ValueRange};
 use supervol_preprocess::kept::{Reading, is_container};
-use supervol_preprocess::provenance::{rms_kept_of, steps_of};
+use supervol_preprocess::manifest::{rms_kept_of, steps_of};
 use supervol_scene::facts::kind;
 use supervol_sources::{LineNumbers, Survey};
 

@@ -7,8 +7,9 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use supervol::Volume;
+use supervol_arguments::flags;
 use supervol_format::Container;
-use supervol_preprocess::kept::{Cache, Told, advice};
+use supervol_preprocess::kept::{Cache, Told};
 use supervol_preprocess::preview::Preview;
 use supervol_preprocess::{BuildError, BuildOptions};
 use supervol_runtime::stop::Canceller;
@@ -88,8 +89,17 @@ fn unbuilt(error: &BuildError, source: &Path) -> Message {
         _ if error.is_stopped() => {
             Message::Done(format!("the build of {} was stopped before anything was finished", source.display()))
         }
-        _ => Message::Failure(format!("{error}\n{}", advice(source))),
+        _ => Message::Failure(format!("{}\n{}", flags::message(error), advice(source))),
     }
+}
+
+/// Advice for a source of which no container can be built.
+fn advice(source: &Path) -> String {
+    format!(
+        "Some files need options, for example their size. Open such a file on the command line: supervol view {} with options (supervol \
+         view --help)",
+        source.display()
+    )
 }
 
 /// The container of a source file in the cache folder: an existing one, or a new one.

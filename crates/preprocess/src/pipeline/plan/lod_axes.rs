@@ -17,9 +17,9 @@
 //! much room as level 0. Their step is odd, so that no voxel lies halfway. Equal pairs count there, too: for data of
 //! few values, means tell the share of each value.
 //!
-//! The manifest holds the measurements ([`Plan::describe`], [`Plan::describe_steps`]), and `info` shows them. The boxes
-//! are the same in every run, at most 27 of 32^3 voxels for any volume. A continued build therefore decides as the
-//! killed one did.
+//! The manifest holds the measurements ([`LevelPlan::describe`], [`LevelPlan::describe_steps`]), and `info` shows them.
+//! The boxes are the same in every run, at most 27 of 32^3 voxels for any volume. A continued build therefore decides as
+//! the killed one did.
 
 use supervol_format::codec::quantize::Quantizer;
 use supervol_format::voxel_type::Absence;
@@ -50,7 +50,7 @@ const STEP_SHARE: f64 = 0.5;
 
 /// The levels of a volume, and the measurements that chose them.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Plan {
+pub struct LevelPlan {
     /// Factors of levels 1, 2, ...
     pub factors: Vec<[u32; 3]>,
     /// For each of these levels, the share that halving x, y or z alone would keep of the previous level. It is the RMS
@@ -60,7 +60,7 @@ pub struct Plan {
     pub steps: Vec<f64>,
 }
 
-impl Plan {
+impl LevelPlan {
     /// The measurements as text for the manifest: three shares for each level from level 1 on; levels are separated by
     /// semicolons.
     #[must_use]
@@ -98,10 +98,10 @@ impl Plan {
 }
 
 /// The levels of a source; `auto` needs the [`sample_boxes`].
-pub(crate) fn plan(info: &SourceInfo, mut samples: Vec<Sample>, layout: BrickLayout, choice: LodAxes) -> Plan {
+pub(crate) fn plan(info: &SourceInfo, mut samples: Vec<Sample>, layout: BrickLayout, choice: LodAxes) -> LevelPlan {
     let mut dims = info.dims.0;
     let mut spacing = info.geometry.spacing;
-    let mut out = Plan::default();
+    let mut out = LevelPlan::default();
     while dims.iter().any(|&n| layout.bricks_along(n) > 1) {
         let open: [bool; 3] = dims.map(|n| layout.bricks_along(n) > 1);
         let halved = match choice {
@@ -275,13 +275,13 @@ mod tests {
         }
     }
 
-    fn plan_of(dims: [u64; 3], spacing: [f64; 3], choice: LodAxes, value: fn([u64; 3]) -> u8) -> Plan {
+    fn plan_of(dims: [u64; 3], spacing: [f64; 3], choice: LodAxes, value: fn([u64; 3]) -> u8) -> LevelPlan {
         let mut info = SourceInfo::plain("synth", Dims(dims), VoxelType::U8);
         info.geometry.spacing = spacing;
         plan_with(info, choice, value)
     }
 
-    fn plan_with(info: SourceInfo, choice: LodAxes, value: fn([u64; 3]) -> u8) -> Plan {
+    fn plan_with(info: SourceInfo, choice: LodAxes, value: fn([u64; 3]) -> u8) -> LevelPlan {
         let layout = BrickLayout::new(16).expect("16 is a core");
         let field = Field { info, value };
         let samples = sample_boxes(&field).expect("the field is always readable");
@@ -349,16 +349,16 @@ mod tests {
 
     #[test]
     fn steps_are_written_and_read() {
-        let plan = Plan { steps: vec![0.0, 0.25, 2f64.powi(-40), 2f64.powi(60)], ..Plan::default() };
+        let plan = LevelPlan { steps: vec![0.0, 0.25, 2f64.powi(-40), 2f64.powi(60)], ..LevelPlan::default() };
         let text = plan.describe_steps().expect("there are steps");
-        assert_eq!(Plan::steps_from(&text, VoxelType::F32), Some(plan.steps));
-        assert_eq!(Plan { steps: vec![0.0; 3], ..Plan::default() }.describe_steps(), None);
+        assert_eq!(LevelPlan::steps_from(&text, VoxelType::F32), Some(plan.steps));
+        assert_eq!(LevelPlan { steps: vec![0.0; 3], ..LevelPlan::default() }.describe_steps(), None);
         for wrong in ["", "3", "-1", "-0.5", "inf", "NaN", "1;2", "x", "1; "] {
-            assert_eq!(Plan::steps_from(wrong, VoxelType::F32), None, "{wrong}");
+            assert_eq!(LevelPlan::steps_from(wrong, VoxelType::F32), None, "{wrong}");
         }
-        assert_eq!(Plan::steps_from("0; 3; 1; 511", VoxelType::U8), Some(vec![0.0, 3.0, 1.0, 511.0]));
+        assert_eq!(LevelPlan::steps_from("0; 3; 1; 511", VoxelType::U8), Some(vec![0.0, 3.0, 1.0, 511.0]));
         for wrong in ["2", "0.5", "-3", "513", "inf", "NaN", "3;5"] {
-            assert_eq!(Plan::steps_from(wrong, VoxelType::U8), None, "{wrong}");
+            assert_eq!(LevelPlan::steps_from(wrong, VoxelType::U8), None, "{wrong}");
         }
     }
 
@@ -368,12 +368,12 @@ mod tests {
         let measured = plan_of([64; 3], [1.0; 3], LodAxes::Auto, layers);
         let text = measured.describe().expect("auto measures");
         assert!(text.starts_with("1.0000 1.0000 0.0000; "), "{text}");
-        let read = Plan::rms_kept_from(&text).expect("it was written");
+        let read = LevelPlan::rms_kept_from(&text).expect("it was written");
         assert_eq!(read.len(), measured.factors.len());
         assert_eq!(measured, plan_of([64; 3], [1.0; 3], LodAxes::Auto, layers), "another run measures the same");
         assert_eq!(plan_of([64; 3], [1.0; 3], LodAxes::Xyz, layers).describe(), None, "nobody measured");
         for wrong in ["", "1 1", "1 1 1;", "1 1 2", "1 1 x", "1 1 NaN", "1 1 1 1"] {
-            assert_eq!(Plan::rms_kept_from(wrong), None, "{wrong:?}");
+            assert_eq!(LevelPlan::rms_kept_from(wrong), None, "{wrong:?}");
         }
     }
 
@@ -395,7 +395,7 @@ mod tests {
         assert_eq!(factors_of([64; 3], [1.0; 3], layers)[0], [2, 2, 1]);
     }
 
-    fn survey_plan(dims: [u64; 3], value: fn([u64; 3]) -> u8) -> Plan {
+    fn survey_plan(dims: [u64; 3], value: fn([u64; 3]) -> u8) -> LevelPlan {
         let survey = Survey::plain([dims[0], dims[1]], 4.0);
         let info = SourceInfo::plain("survey", Dims(dims), VoxelType::U8);
         plan_with(SourceInfo { survey: Some(survey), ..info }, LodAxes::Auto, value)

@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use supervol_format::VoxelType;
 use supervol_sources::SourceInfo;
 
-use crate::lod_axes::Sample;
+use crate::pipeline::plan::lod_axes::Sample;
 
 /// Number of different values of a label volume. Two values are a mask, whose mean is a meaningful share.
 const VALUES: std::ops::RangeInclusive<usize> = 3..=256;
@@ -64,7 +64,7 @@ mod tests {
     use supervol_sources::computed::Computed;
 
     use super::*;
-    use crate::lod_axes::sample_boxes;
+    use crate::pipeline::plan::lod_axes::sample_boxes;
 
     fn are(voxel_type: VoxelType, value: fn([u64; 3]) -> f64) -> bool {
         let source = Computed::new([96, 96, 96], voxel_type, value);

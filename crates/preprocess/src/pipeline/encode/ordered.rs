@@ -1,19 +1,18 @@
-//! Work that many threads do, handed over in its order by the one that asks.
+//! Work of many threads, handed over in order on the calling thread.
 
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 
-/// Pieces that are begun, for each thread, before the first of them is handed over.
-pub(crate) const AHEAD_PER_THREAD: usize = 4;
+use crate::pipeline::plan::memory::AHEAD_PER_THREAD;
 
-/// Makes pieces 0 to `count` on the pool's threads, and hands them over one after the other on the thread that calls, meanwhile. No more
-/// than [`AHEAD_PER_THREAD`] for each thread are there at once.
+/// Makes pieces 0 to `count` on the pool's threads. The calling thread meanwhile hands them to `take` in order. At most
+/// [`AHEAD_PER_THREAD`] pieces per thread exist at once.
 ///
 /// # Errors
-/// The first that comes, of either function; nothing is begun afterwards.
+/// The first error of `make` or `take`. No piece is begun after it.
 ///
 /// # Panics
-/// Where `make` does.
+/// If `make` panics.
 pub(crate) fn in_order<T: Send, E: Send>(
     pool: &rayon::ThreadPool,
     count: usize,
@@ -25,11 +24,11 @@ pub(crate) fn in_order<T: Send, E: Send>(
         let (send, made) = crossbeam_channel::bounded(ahead);
         let begin = |number: usize| {
             let send = send.clone();
-            // Each piece by itself, so that threads come to what others ask of them in between.
+            // One task per piece, so that threads can run other tasks of the pool in between.
             scope.spawn(move |_| {
-                // Whoever waits for a piece that panicked would wait for ever.
+                // The panic is passed on. Otherwise the caller would wait for this piece for ever.
                 let piece = catch_unwind(AssertUnwindSafe(|| make(number)));
-                // After an error nobody listens any more.
+                // After an error the receiver is gone.
                 let _ = send.send((number, piece));
             });
         };

@@ -17,7 +17,7 @@ use supervol_format::vectors::{Vectorized, vectorized};
 use supervol_format::voxel_type::{Absence, Voxel};
 use supervol_format::{ValueRange, VoxelBox, VoxelType, with_voxel};
 
-use crate::downsample::VoxelBlock;
+use crate::pipeline::reduce::downsample::VoxelBlock;
 
 /// Lanes of the innermost loop: independent maxima, which the compiler keeps in vector registers.
 const LANES: usize = 16;
@@ -423,7 +423,7 @@ fn read_row_as<F: Real, V: Voxel>(bytes: &[u8], factor: u32, row: &mut [F], valu
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::downsample::{Reduce, downsample, finer_box};
+    use crate::pipeline::reduce::downsample::{Reduce, downsample, finer_box};
     use supervol_format::Dims;
     use supervol_format::random::Random;
 

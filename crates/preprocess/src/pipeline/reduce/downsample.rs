@@ -11,32 +11,9 @@ use supervol_format::vectors::{Vectorized, vectorized};
 use supervol_format::voxel_type::{Absence, Voxel};
 use supervol_format::{Dims, VoxelBox, VoxelType, with_voxel};
 
-/// Operation that makes one voxel of several.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Reduce {
-    /// The mean: for measured data.
-    #[default]
-    Mean,
-    /// The greatest value: bright structures are kept and grow.
-    Max,
-    /// The most frequent value (on a tie the least): for labels, whose means would be other labels.
-    Majority,
-}
+pub use crate::pipeline::options::Reduce;
 
 impl Reduce {
-    /// All operations.
-    pub const ALL: [Self; 3] = [Self::Mean, Self::Max, Self::Majority];
-
-    /// Name in manifests and on the command line.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Mean => "mean",
-            Self::Max => "max",
-            Self::Majority => "majority",
-        }
-    }
-
     /// Result for these values; the absence marker if none of them is present.
     fn of(self, values: [f64; 8], absence: Absence) -> f64 {
         let present = || values.iter().copied().filter(|&v| !absence.is_absent(v));

@@ -1,8 +1,9 @@
-//! The next coarser level, made tile by tile while the finer one is in memory anyway: its voxels, and how far each of its bricks is from
-//! the finer ones. Whoever writes it has it at once; otherwise every brick of the finer level is read back and decoded once more.
+//! The next coarser level, made tile by tile while the finer one is in memory: its voxels, and the distance of each brick
+//! from the finer level. Without it every brick of the finer level is read back and decoded once more.
 //!
-//! It is kept in memory, where that suffices for the whole level, else in a file without a name beside the container, which vanishes with the
-//! process, however that ends; if the disk has room for that and for any container. Either makes the same bytes as reading back does.
+//! The level is kept in memory if it fits. Otherwise it is kept in a nameless file beside the container, which vanishes
+//! with the process, if the disk has room for this file and the largest possible container. Both ways make the same
+//! bytes as reading back.
 
 use std::fs::File;
 use std::io::{self, Seek, SeekFrom, Write};
@@ -12,13 +13,13 @@ use supervol_format::byte_source::ByteSource;
 use supervol_format::container::header::Descriptor;
 use supervol_format::{BrickIndex, BrickKey, Lod, VoxelBox};
 
-use crate::bricker::{Tile, key_of};
-use crate::downsample::VoxelBlock;
+use crate::pipeline::plan::tiles::{Tile, key_of};
+use crate::pipeline::reduce::downsample::VoxelBlock;
 
-/// Voxels around a tile's part of the level on which the distance from the finer one leans.
+/// Voxels around a tile's part of the level that its distance from the finer level depends on.
 const REACH: u64 = 1;
 
-/// See the module.
+/// Voxels and distances of the next coarser level (see the module).
 pub(crate) struct NextLevel {
     lod: usize,
     factors: [u32; 3],
@@ -27,11 +28,11 @@ pub(crate) struct NextLevel {
     whole: VoxelBox,
     voxel_bytes: usize,
     voxels: Kept,
-    /// Of each brick, x fastest.
+    /// Distance of each brick from the finer level in stored units, x fastest.
     steps: Vec<f64>,
 }
 
-/// Bytes by their places.
+/// Storage of the voxels, addressed in bytes.
 enum Kept {
     Memory(Vec<u8>),
     File(File),
@@ -58,19 +59,19 @@ impl Kept {
     }
 }
 
-/// What a tile of the finer level is in the next one.
+/// Part of the level that a tile of the finer level makes.
 pub(crate) struct Part {
-    /// Voxels that it makes.
+    /// Voxels that the tile makes.
     core: VoxelBox,
-    /// These, and those around.
+    /// The same, grown by `REACH`.
     pub around: VoxelBox,
-    /// Bricks that it makes.
+    /// Bricks that the tile makes.
     pub bricks: Vec<BrickKey>,
 }
 
 impl NextLevel {
-    /// None where there is no such level, where tiles of the finer one cut its bricks to pieces, or where it takes more than
-    /// `most_bytes` of memory and there is no room for a file in `folder`.
+    /// Begins level `lod`. `None` if there is no such level, if tiles of the finer level cut its bricks, or if it takes
+    /// more than `most_bytes` of memory and `folder` has no room for a file.
     pub fn begin(
         descriptor: &Descriptor,
         lod: usize,
@@ -112,7 +113,7 @@ impl NextLevel {
         })
     }
 
-    /// What it takes in memory.
+    /// Size in memory, in bytes.
     pub fn bytes(&self) -> u64 {
         let voxels = match &self.voxels {
             Kept::Memory(all) => all.len(),
@@ -121,12 +122,12 @@ impl NextLevel {
         (voxels + size_of_val(&self.steps[..])) as u64
     }
 
-    /// What its axes halve of the finer level's.
+    /// Factors of the level relative to the finer one.
     pub fn factors(&self) -> [u32; 3] {
         self.factors
     }
 
-    /// What a tile of the finer level is in this one.
+    /// Part of this level that a tile of the finer level makes.
     pub fn part_of(&self, descriptor: &Descriptor, finer: Tile) -> Part {
         let halved = |v: [u32; 3]| std::array::from_fn(|a| v[a].div_ceil(self.factors[a]));
         let tile = Tile { start: halved(finer.start), end: halved(finer.end) };
@@ -136,7 +137,7 @@ impl NextLevel {
         Part { core: voxels(0), around: voxels(REACH), bricks }
     }
 
-    /// Keeps a part: its voxels, and how far each of its bricks is from the finer level.
+    /// Stores a part: its voxels, and the distance of each of its bricks from the finer level.
     ///
     /// # Errors
     /// If the file cannot be written.
@@ -168,12 +169,12 @@ impl NextLevel {
         runs.try_for_each(|(from, to)| self.voxels.read(from * self.voxel_bytes, to))
     }
 
-    /// Rows of a box that lie one behind the other: those of a slice, where they are whole.
+    /// Number of a box's rows that lie one behind the other: all of a slice if the box spans the level in x, else one.
     fn rows_at_once(&self, part: VoxelBox) -> usize {
         if part.extent()[0] == self.whole.extent()[0] { part.extent()[1] } else { 1 }
     }
 
-    /// How far a brick is from the finer level.
+    /// Distance of a brick from the finer level, in stored units.
     pub fn step(&self, key: BrickKey) -> f64 {
         self.steps[self.number(key.brick())]
     }
@@ -185,7 +186,7 @@ impl NextLevel {
     }
 }
 
-/// Bytes that are free on the disk of a folder; `None` where the system does not say.
+/// Free bytes on the disk of a folder. `None` if the system does not tell.
 #[cfg(unix)]
 fn free_bytes(folder: &Path) -> Option<u64> {
     rustix::fs::statvfs(folder).ok().map(|disk| disk.f_bavail.saturating_mul(disk.f_frsize))
@@ -196,7 +197,7 @@ fn free_bytes(_: &Path) -> Option<u64> {
     None
 }
 
-/// Where the rows of a box begin in one around it, voxels.
+/// Start of each row of the box `part` inside the box `whole`, in voxels.
 fn rows(part: VoxelBox, whole: VoxelBox) -> impl Iterator<Item = usize> {
     let [nx, ny, _] = whole.extent();
     let from: [usize; 3] = std::array::from_fn(|a| (part.start[a] - whole.start[a]) as usize);
@@ -211,7 +212,7 @@ mod tests {
     use supervol_sources::AccessOrder;
 
     use super::*;
-    use crate::bricker::tiles;
+    use crate::pipeline::plan::tiles::tiles;
 
     /// Four levels, of which the first coarser one has these factors.
     fn descriptor(factors: [u32; 3]) -> Descriptor {

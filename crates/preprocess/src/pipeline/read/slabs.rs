@@ -1,6 +1,7 @@
-//! A box of a source read by several threads, a slab each, where slabs are what the file stores one behind the other.
+//! Reading of a source's box by several threads, a z-slab each, if the file stores slabs one behind the other.
 //!
-//! The threads are their own: those that encode would wait for the disk while there are bricks to encode.
+//! The reading threads do not belong to the encoding pool. Encoding threads would otherwise wait for the disk while
+//! there are bricks to encode.
 
 use supervol_format::VoxelBox;
 use supervol_sources::VolumeSource;
@@ -10,7 +11,7 @@ use crate::error::BuildError;
 /// Fills `bytes` with the voxels of a box, as [`VolumeSource::read_box`] does.
 ///
 /// # Errors
-/// If the source cannot be read, or a thread not started.
+/// If the source cannot be read, or a thread cannot be started.
 pub(crate) fn read_in_slabs(
     source: &dyn VolumeSource,
     threads: usize,

@@ -1,4 +1,4 @@
-//! Division of `--memory`. All memory that grows with the volume, the bricks or the threads is counted here.
+//! Division of a build's memory. All memory that grows with the volume, the bricks or the threads is counted here.
 //!
 //! | part | bytes |
 //! |---|---|
@@ -17,18 +17,14 @@ use std::sync::{Mutex, PoisonError};
 use supervol_format::brick::APRON;
 use supervol_format::codec::wavelet::ENCODING_BYTES_PER_VOXEL;
 use supervol_format::container::toc::ENTRY_BYTES;
-use supervol_format::readable::Mib;
 use supervol_format::{Level, Pyramid, VoxelType};
 
-use crate::error::BuildError;
-use crate::ordered::AHEAD_PER_THREAD;
+use crate::error::{BuildError, MemoryPurpose};
 use crate::statistics::Statistics;
 
 /// Memory of the process besides the planned one: the program itself, stacks, progress, and memory held by the
 /// allocator (measured: 24 to 36 MiB for small plans).
 const PROGRAM_BYTES: u64 = 48 << 20;
-/// Advice for too little memory.
-pub const ALLOW_MORE: &str = "Allow more with --memory";
 /// Scratch memory of a thread, in stored bricks: cut, predicted, byte planes, encoded, ...
 const WORKSPACE_COPIES: u64 = 6;
 /// The same for the wavelet encoder: cut, as voxels, and two payloads.
@@ -36,22 +32,19 @@ const WAVELET_COPIES: u64 = 4;
 /// Copies of a tile's voxels in memory: while the tile is read, while the previous one is encoded, and the coarser
 /// voxels made of it.
 const TILES_IN_FLIGHT: f64 = 2.6;
+/// Bricks per thread that are begun before the first of them is written.
+pub(crate) const AHEAD_PER_THREAD: usize = 4;
 /// Memory of an encoded brick besides its record, in bytes.
 const ENCODED_BRICK_BYTES: u64 = 256;
 
-/// Part of `--memory` that is left for a command's data, which need at least `needed` bytes for the purpose `what`.
+/// Part of a memory limit that is left for data, in bytes. The data need at least `needed` bytes.
 ///
 /// # Errors
 /// If they do not fit; the message names a sufficient number.
-pub fn left_for_data(
-    memory_bytes: u64,
-    needed: u64,
-    what: impl FnOnce() -> String,
-    advice: &str,
-) -> Result<u64, BuildError> {
+pub fn left_for_data(memory_bytes: u64, needed: u64, purpose: MemoryPurpose) -> Result<u64, BuildError> {
     match memory_bytes.checked_sub(needed) {
         Some(spare) => Ok(memory_bytes - PROGRAM_BYTES.min(spare / 3 * 2)),
-        None => Err(BuildError::memory(needed, memory_bytes, what(), advice)),
+        None => Err(BuildError::memory(needed, memory_bytes, purpose)),
     }
 }
 
@@ -95,16 +88,12 @@ impl MemoryPlan {
         });
         let smallest_tiles = smallest.max().expect("a pyramid has levels");
         let needed = (smallest_tiles + per_thread + table + histogram) * 16 / 15 + 16;
-        let what = || {
-            format!(
-                "{} for the tables of the source and of {} bricks, {} for one thread, the rest for tiles of one brick",
-                Mib(table),
-                pyramid.brick_count(),
-                Mib(per_thread + histogram)
-            )
+        let purpose = MemoryPurpose::Build {
+            table_bytes: table,
+            bricks: pyramid.brick_count(),
+            thread_bytes: per_thread + histogram,
         };
-        let advice = "Allow more with --memory, or use smaller bricks (--brick)";
-        let left = left_for_data(budget_bytes, needed, what, advice)?;
+        let left = left_for_data(budget_bytes, needed, purpose)?;
         let cache_bytes = left / 16;
         let rest = left - (table + histogram + cache_bytes);
         // The tiles' share must not depend on the threads: tiles determine the order in which bricks are written.

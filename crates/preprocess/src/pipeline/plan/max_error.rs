@@ -1,4 +1,4 @@
-//! The error that voxels may have in exchange for a smaller container (`--max-error`).
+//! The error that voxels may have in exchange for a smaller container ([`MaxError`]).
 //!
 //! Voxels are moved to multiples of a step ([`Quantizer`]) once, when they are read from the source; means of coarser
 //! levels are moved, too. So a voxel of level 0 is within the bound of the source's voxel, and a coarser one within the
@@ -10,8 +10,8 @@ use supervol_format::container::header::Descriptor;
 use supervol_format::voxel_type::voxels_as_f64;
 use supervol_format::{ValueRange, VoxelBox};
 
-use crate::bricker::Tile;
 use crate::error::BuildError;
+use crate::pipeline::plan::tiles::Tile;
 
 /// Largest allowed error of a voxel.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

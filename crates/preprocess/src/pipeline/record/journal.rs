@@ -1,19 +1,20 @@
-//! What a build has finished, tile by tile, so that one that was killed goes on where it was.
+//! Journal of a build: its finished tiles, so that a killed build can be continued.
 //!
 //! ```text
 //! .supervol-build-A.partial   header page | records of the bricks, in tile order ...
 //! .supervol-build-B.partial   this journal: head | frame | frame | ...
 //! head    magic, identity of the build (u64), name of A (u16 length, bytes), checksum of all that (u64)
-//! frame   level (u32), bricks (u32), where the records end (u64), then of each brick its number in the pyramid (u64) and its
-//!         entry (80 bytes), checksum of the frame (u64); all little endian
+//! frame   level (u32), bricks (u32), end of the records in A (u64); then for each brick its number in the pyramid (u64)
+//!         and its entry (80 bytes); checksum of the frame (u64); all little endian
 //! ```
 //!
-//! 1. A build begins a journal beside its container, and writes a frame for each tile whose records have left the process.
-//! 2. Both are partials ([`supervol_files::unfinished`]): gone when the data is wrong or a signal ends the build, left behind when
-//!    the process is killed, somebody stops the build ([`supervol_sources::stop`]), the machine stops, or fails the build: a full disk, a source
-//!    that cannot be read.
-//! 3. A build that would make the same bytes ([`identity`]) takes both over: frames are believed as far as their checksums
-//!    go, and records as far as the checksums in their entries do. All else is cut off and made anew.
+//! 1. A build begins a journal beside its container. It writes a frame for each tile whose records have left the
+//!    process.
+//! 2. Both files are unfinished files ([`supervol_files::unfinished`]). They are removed if the data is wrong or a
+//!    signal ends the build. They are kept if the process is killed, the build is stopped ([`supervol_sources::stop`]),
+//!    or the machine fails: a full disk, a source that cannot be read.
+//! 3. A build that would make the same bytes ([`identity`](crate::pipeline::plan::identity)) takes both files over. It
+//!    trusts frames and records only if their checksums are right. The rest is cut off and made again.
 
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom, Write};
@@ -21,19 +22,19 @@ use std::path::{Path, PathBuf};
 
 use supervol_files::unfinished::{UnfinishedFile, Writer, is_name_of_build, list_builds};
 use supervol_format::container::toc::ENTRY_BYTES;
-use xxhash_rust::xxh3::{Xxh3Default, xxh3_64};
+use xxhash_rust::xxh3::xxh3_64;
 
 const MAGIC: [u8; 8] = *b"SVJOURN1";
-/// Bytes of a journal's head before the container's name, the last two of which are the length of that.
+/// Bytes of a journal's head before the container's name. The last two of them are the length of the name.
 pub const NAME_AT: usize = MAGIC.len() + 8 + 2;
 /// Bytes of a frame before its bricks.
 const FRAME_HEAD: usize = 16;
 /// Bytes of a brick in a frame.
 const BRICK_BYTES: usize = 8 + ENTRY_BYTES;
-/// Bytes of the checksum that the head and each frame end with.
+/// Bytes of the checksum at the end of the head and of each frame.
 pub const CHECKSUM_BYTES: usize = 8;
 
-/// Bytes of a frame of so many bricks.
+/// Bytes of a frame of `bricks` bricks.
 #[must_use]
 pub const fn frame_bytes(bricks: usize) -> usize {
     FRAME_HEAD + bricks * BRICK_BYTES + CHECKSUM_BYTES
@@ -43,39 +44,28 @@ pub const fn frame_bytes(bricks: usize) -> usize {
 #[derive(Debug)]
 pub struct Journal(UnfinishedFile);
 
-/// One tile whose bricks have been written.
+/// A tile whose bricks are written.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Frame {
     /// Level of detail.
     pub lod: u32,
-    /// Where the records of its bricks end in the container.
+    /// End of its bricks' records in the container, in bytes.
     pub end: u64,
-    /// Number in the pyramid and encoded entry of each brick, in the order in which they were written.
+    /// Number in the pyramid and encoded entry of each brick, in the order of writing.
     pub bricks: Vec<(u64, [u8; ENTRY_BYTES])>,
 }
 
-/// An unfinished build that can be gone on with.
+/// An unfinished build that can be continued.
 #[derive(Debug)]
 pub struct Unfinished {
-    /// The container as far as it came.
+    /// The unfinished container.
     pub container: UnfinishedFile,
-    /// What is known of it.
+    /// Its journal.
     pub journal: Journal,
-    /// Frames that have been read.
+    /// Reader of the frames.
     frames: BufReader<File>,
-    /// Where the next one begins.
+    /// Start of the first frame that is not accepted yet, in bytes.
     at: u64,
-}
-
-/// A number that two builds share only if they make the same bytes: whatever decides them goes in.
-#[must_use]
-pub fn identity(parts: &[&[u8]]) -> u64 {
-    let mut hash = Xxh3Default::new();
-    for part in parts {
-        hash.update(&(part.len() as u64).to_le_bytes());
-        hash.update(part);
-    }
-    hash.digest()
 }
 
 impl Journal {
@@ -89,20 +79,20 @@ impl Journal {
         Ok(Self(file))
     }
 
-    /// Leaves it behind, for a build that goes on later; where it is.
+    /// Keeps the file for a later build, and returns its path.
     ///
     /// # Errors
-    /// If the system does not let it be kept.
+    /// If the system does not allow it.
     pub fn abandon(self) -> io::Result<PathBuf> {
         self.0.abandon()
     }
 
-    /// Notes that the records of a tile have left the process.
+    /// Writes the frame of a tile whose records have left the process.
     ///
     /// # Errors
-    /// If the disk does not take it.
+    /// If the file cannot be written.
     pub fn append(&self, frame: &Frame) -> io::Result<()> {
-        // One write: what is torn of it the checksum tells.
+        // A single write. The checksum reveals an incomplete one.
         self.0.as_file().write_all(&frame.encode())
     }
 }
@@ -116,7 +106,7 @@ fn head(identity: u64, name: &[u8]) -> Vec<u8> {
     head
 }
 
-/// The container's name that a journal of this identity begins with, and where its frames begin.
+/// Name of the container, and start of the frames in bytes, of a journal with this identity.
 fn read_head(from: &mut impl Read, identity: u64) -> Option<(String, u64)> {
     let mut found = vec![0; NAME_AT];
     from.read_exact(&mut found).ok()?;
@@ -128,7 +118,7 @@ fn read_head(from: &mut impl Read, identity: u64) -> Option<(String, u64)> {
         return None;
     }
     let name = std::str::from_utf8(name).ok()?;
-    // What is taken over and does not hold is removed: that may be no file of anybody else's.
+    // Files that are taken over may be removed later. So they must have names of builds.
     is_name_of_build(name).then(|| (name.to_owned(), found.len() as u64))
 }
 
@@ -146,7 +136,7 @@ impl Frame {
         bytes
     }
 
-    /// The next frame; none where it is not whole, or has more than `most` bricks.
+    /// The next frame. `None` if it is incomplete or has more than `most` bricks.
     fn read(from: &mut impl Read, most: usize) -> Option<Self> {
         let mut bytes = vec![0; FRAME_HEAD];
         from.read_exact(&mut bytes).ok()?;
@@ -173,13 +163,13 @@ impl Frame {
 }
 
 impl Unfinished {
-    /// An unfinished build of this identity that its process has left in the folder.
+    /// An unfinished build with this identity in `folder`, whose process has ended.
     #[must_use]
     pub fn find(folder: &Path, identity: u64) -> Option<Self> {
         let left = list_builds(folder).ok()?;
         let dead = left.iter().filter(|leftover| leftover.writer == Writer::Dead);
         let paths: Vec<_> = dead.map(|leftover| leftover.path.clone()).collect();
-        // Their locks are ours as long as the list lives.
+        // The list holds the files' locks.
         drop(left);
         paths.iter().find_map(|path| Self::take_over(folder, path, identity))
     }
@@ -193,29 +183,29 @@ impl Unfinished {
         Some(Self { container, journal: Journal(journal), frames: BufReader::new(frames), at })
     }
 
-    /// The next tile that was finished, of at most `most` bricks.
+    /// The next finished tile, of at most `most` bricks.
     pub fn next_frame(&mut self, most: usize) -> Option<Frame> {
         Frame::read(&mut self.frames, most)
     }
 
-    /// The frame that was read last holds.
+    /// Accepts the frame that was read last.
     pub fn accept(&mut self, frame: &Frame) {
         self.at += frame_bytes(frame.bricks.len()) as u64;
     }
 
-    /// Leaves all of it behind again, container and journal; where they are.
+    /// Keeps container and journal for a later build, and returns their paths.
     ///
     /// # Errors
-    /// If the system does not let them be kept.
+    /// If the system does not allow it.
     pub fn abandon(self) -> io::Result<[PathBuf; 2]> {
         Ok([self.container.abandon()?, self.journal.abandon()?])
     }
 
-    /// Cuts off all that was not accepted: the container ends at `end`.
+    /// Cuts off everything that was not accepted. The container is cut at `end` bytes.
     ///
     /// # Errors
-    /// If the disk does not take it.
-    pub fn go_on(self, end: u64) -> io::Result<(UnfinishedFile, Journal)> {
+    /// If the files cannot be written.
+    pub fn resume(self, end: u64) -> io::Result<(UnfinishedFile, Journal)> {
         for (mut file, end) in [(self.journal.0.as_file(), self.at), (self.container.as_file(), end)] {
             file.set_len(end)?;
             file.seek(SeekFrom::Start(end))?;
@@ -277,17 +267,17 @@ mod tests {
         let journal = Journal::begin(folder.path(), &container, 7).unwrap();
         journal.append(&frame(0, 2)).unwrap();
         container.as_file().write_all(&[1; 5000]).unwrap();
-        assert!(Unfinished::find(folder.path(), 7).is_none(), "somebody writes it");
+        assert!(Unfinished::find(folder.path(), 7).is_none(), "another process writes it");
         container.abandon().unwrap();
         journal.abandon().unwrap();
         assert!(Unfinished::find(folder.path(), 8).is_none());
         let mut found = Unfinished::find(folder.path(), 7).unwrap();
-        assert!(Unfinished::find(folder.path(), 7).is_none(), "it has been taken over");
+        assert!(Unfinished::find(folder.path(), 7).is_none(), "it is taken over already");
         let first = found.next_frame(10).unwrap();
         assert_eq!(first, frame(0, 2));
         found.accept(&first);
         assert!(found.next_frame(10).is_none());
-        let (container, journal) = found.go_on(4296).unwrap();
+        let (container, journal) = found.resume(4296).unwrap();
         assert_eq!(container.as_file().metadata().unwrap().len(), 4296);
         journal.append(&frame(1, 1)).unwrap();
         container.abandon().unwrap();
