@@ -46,7 +46,7 @@ fn end(bytes: usize) -> ! {
     let mut sentence = std::io::Cursor::new([0; SENTENCE_BYTES]);
     let _ = writeln!(
         sentence,
-        "supervol: the system has no memory left ({bytes} bytes were asked for). Allow less with --memory or --host-memory"
+        "supervol: out of memory: the system refused {bytes} bytes. Use a lower --memory or --host-memory"
     );
     let written = sentence.position() as usize;
     let _ = std::io::stderr().write_all(&sentence.get_ref()[..written]);

@@ -101,7 +101,7 @@ pub fn with_container(path: &std::path::Path, error: ContainerError) -> Failure 
     }
     if path.is_dir() {
         return Failure::Command(format!(
-            "{}: expected a file, found a folder; `supervol build` makes a container of a folder of slices or images",
+            "{}: expected a file, found a folder; for a folder of slices or images, run `supervol build` first",
             path.display()
         ));
     }

@@ -68,7 +68,7 @@ impl Input {
             Ok(file)
         });
         let kept = kept.map_err(|e| {
-            Failure::Machine(format!("cannot keep standard input in a file in {}: {e}", folder.display()))
+            Failure::Machine(format!("cannot copy standard input to a file in {}: {e}", folder.display()))
         })?;
         Ok(Self { path: kept.path().into(), _piped: Some(kept) })
     }

@@ -18,7 +18,10 @@ use crate::terminal;
 /// `--force`, for commands whose outputs replace their own kind without it.
 #[derive(Debug, Clone, Copy, Args)]
 pub struct Force {
-    /// Overwrite files of any kind; without it, only what this command has written itself is replaced
+    /// Overwrite existing files of any kind
+    ///
+    /// By default, only a file of the same kind is overwritten: a picture by a picture, statistics by statistics, a
+    /// report by a report.
     #[arg(long)]
     force: bool,
 }
@@ -62,7 +65,8 @@ impl PictureFile {
     pub fn begin(path: &Path, force: Force) -> Result<Self, Failure> {
         if is_standard(path) {
             if io::stdout().is_terminal() {
-                let message = "-o -: expected a pipe or a file on standard output, found a terminal; name a file";
+                let message =
+                    "-o -: expected a pipe or a file on standard output, found a terminal; write to a file instead";
                 return Err(Failure::Command(message.into()));
             }
             return Ok(Self { file: None, format: ImageFormat::Png, path: path.into() });

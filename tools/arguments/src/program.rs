@@ -22,7 +22,7 @@ use crate::{signals, terminal};
 )]
 #[command(long_about = None)]
 pub struct CommandLine<C: Subcommand> {
-    /// No progress, notes or summaries: only results, warnings and errors
+    /// Print only results, warnings and errors: no progress, notes or summaries
     #[arg(short, long, global = true)]
     pub quiet: bool,
     /// The command, with its arguments.
@@ -59,5 +59,5 @@ impl<C: Subcommand> CommandLine<C> {
 /// Starts the threads that commands share. Left to the first use, a thread that cannot be started is a panic.
 fn start_threads() -> Result<(), Failure> {
     let started = ThreadPoolBuilder::new().build_global();
-    started.map_err(|e| Failure::Machine(format!("cannot start a thread for each processor: {e}")))
+    started.map_err(|e| Failure::Machine(format!("cannot start the worker threads, one per processor: {e}")))
 }

@@ -31,7 +31,7 @@ pub fn offset(text: &str) -> Result<Offset, String> {
         return Ok(Offset::Stack);
     }
     if text.parse::<i32>().is_err() {
-        bytes(text).map_err(|e| format!("{e}; or a whole number, or `stack`"))?;
+        bytes(text).map_err(|e| format!("{e}, a whole number, or `stack`"))?;
     }
     Ok(Offset::Given(text.into()))
 }
@@ -40,7 +40,9 @@ impl Offset {
     /// Bytes before the voxels.
     pub fn bytes(&self) -> Result<u64, Failure> {
         match self {
-            Self::Stack => Err(Failure::command("--offset stack: expected bytes, since the file is raw (--dims)")),
+            Self::Stack => Err(Failure::command(
+                "--offset stack: expected a number of bytes for a raw file (--dims); `stack` is for SEG-Y",
+            )),
             Self::Given(text) => bytes(text).map_err(|e| Failure::command(format!("--offset: {e}"))),
         }
     }
@@ -91,7 +93,7 @@ pub fn milliseconds(text: &str) -> Result<u64, String> {
         _ => return Err(format!("unit '{unit}': expected ms, s or min")),
     };
     let value = number * factor;
-    if (0.0..1e12).contains(&value) { Ok(value as u64) } else { Err(format!("{text}: expected a time from 0 on")) }
+    if (0.0..1e12).contains(&value) { Ok(value as u64) } else { Err(format!("{text}: expected a time of at least 0")) }
 }
 
 /// Number and the unit behind it.
@@ -106,7 +108,7 @@ fn split_unit(text: &str) -> Result<(f64, &str), String> {
 
 /// A list of N numbers: `1,2,3`.
 fn list<T: FromStr, const N: usize>(text: &str, what: &str) -> Result<[T; N], String> {
-    let wrong = || format!("'{text}': expected {N} {what} with commas between");
+    let wrong = || format!("'{text}': expected {N} {what}, separated by commas");
     let values: Vec<T> = text.split(',').map(|v| v.trim().parse().map_err(|_| wrong())).collect::<Result<_, _>>()?;
     values.try_into().map_err(|_| wrong())
 }
@@ -137,7 +139,7 @@ pub fn image_size(text: &str) -> Result<[u32; 2], String> {
 pub fn pixel(text: &str) -> Result<[u32; 2], String> {
     let number = |t: &str| t.trim().parse::<u32>().ok();
     let pixel = text.split_once(',').and_then(|(x, y)| Some([number(x)?, number(y)?]));
-    pixel.ok_or_else(|| format!("'{text}': expected a pixel X,Y, the one at the top left being 0,0"))
+    pixel.ok_or_else(|| format!("'{text}': expected a pixel X,Y; 0,0 is at the top left"))
 }
 
 /// `X,Y,Z`.
@@ -175,7 +177,7 @@ pub fn spacing(text: &str) -> Result<Spacing, String> {
     let parts: [String; 3] = list(text, "lengths")?;
     let expected = || {
         let units: Vec<&str> = LENGTHS.iter().map(|(name, _)| *name).collect();
-        format!("'{text}': expected three lengths, without units or each with one of {}", units.join(", "))
+        format!("'{text}': expected three lengths, all without units or all with one of {}", units.join(", "))
     };
     let nanometres = |unit: &str| LENGTHS.iter().find(|(name, _)| *name == unit).map(|(_, length)| *length);
     let unit = split_unit(&parts[0]).map_err(|_| expected())?.1.to_owned();
@@ -211,7 +213,7 @@ pub fn voxel_box(text: &str) -> Result<WrittenBox, String> {
 }
 
 fn voxel_range(text: &str) -> Result<(u64, Option<u64>), String> {
-    let wrong = || format!("'{text}': expected I0:I1 with I0 < I1, either of which may be left out, or one voxel");
+    let wrong = || format!("'{text}': expected I0:I1 with I0 < I1 (both are optional), or one voxel number");
     let number = |part: &str| part.trim().parse::<u64>().map_err(|_| wrong());
     let Some((start, end)) = text.split_once(':') else {
         let voxel = number(text)?;
@@ -255,7 +257,7 @@ pub fn dtype(text: &str) -> Result<Dtype, String> {
     };
     let name = OTHER_NAMES.iter().find(|(other, _)| *other == name).map_or(name, |(_, ours)| ours);
     let voxel_type = VoxelType::from_name(name).ok_or_else(|| {
-        format!("'{text}': expected u8, i8, u16, i16, u32, i32, f32 or f64 (or uint8, ..., float64), with be or le behind it")
+        format!("'{text}': expected u8, i8, u16, i16, u32, i32, f32 or f64 (or uint8, ..., float64), optionally followed by be or le")
     })?;
     Ok(Dtype { voxel_type, endian })
 }
@@ -271,7 +273,7 @@ pub enum ErrorBound {
 
 /// See [`ErrorBound`].
 pub fn error_bound(text: &str) -> Result<ErrorBound, String> {
-    let wrong = || format!("'{text}': expected a number that is not negative, like 0.5, 0.5/255 or 1%");
+    let wrong = || format!("'{text}': expected a number that is not negative, such as 0.5, 0.5/255 or 1%");
     let number = |t: &str| t.trim().parse::<f64>().ok().filter(|v| v.is_finite() && *v >= 0.0).ok_or_else(wrong);
     if let Some(percent) = text.trim().strip_suffix('%') {
         return Ok(ErrorBound::Percent(number(percent)?));
@@ -300,10 +302,9 @@ pub fn picture_error(text: &str) -> Result<f64, String> {
     let levels = |error: f64| format!("{}/255", (error * GREY_LEVELS * 1e4).round() / 1e4);
     // Who forgets the divisor means grey levels.
     let means_levels = (least..=greatest).contains(&(error / GREY_LEVELS)) && text.trim().parse::<f64>().is_ok();
-    let advice = if means_levels { format!("; for {text} grey levels of 255, give {text}/255") } else { String::new() };
+    let advice = if means_levels { format!("; for {text} grey levels, give {text}/255") } else { String::new() };
     Err(format!(
-        "expected {} to {} of full scale, or {ANY_ERROR} for levels of detail by the size of a pixel alone; found {text}, which \
-         is {}{advice}",
+        "expected {} to {} of full scale, or {ANY_ERROR} (levels of detail by pixel size alone); found {text}, which is {}{advice}",
         levels(least),
         levels(greatest),
         levels(error),

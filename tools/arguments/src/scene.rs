@@ -7,18 +7,18 @@ use supervol_scene::scene::{Mode, Scene};
 
 use crate::failure::Failure;
 
-/// What rays gather.
+/// Rendering modes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum ModeName {
-    /// Emission and absorption
+    /// Direct volume rendering: emission and absorption
     Dvr,
-    /// The greatest value
+    /// Maximum value along the ray
     Mip,
-    /// The least value
+    /// Minimum value along the ray
     Minip,
-    /// The mean value
+    /// Mean value along the ray
     Mean,
-    /// Surfaces
+    /// Isosurfaces
     Iso,
 }
 

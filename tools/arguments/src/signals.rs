@@ -14,7 +14,7 @@ pub fn watch<G>(end_programs: impl FnOnce() -> G + Send + 'static) -> Result<(),
     use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
     let wanted = [SIGINT, SIGTERM, SIGHUP].into_iter().filter(|&signal| signal != SIGHUP || !is_ignored(signal));
     let mut signals = signal_hook::iterator::Signals::new(wanted)
-        .map_err(|e| Failure::Machine(format!("cannot wait for signals: {e}")))?;
+        .map_err(|e| Failure::Machine(format!("cannot install the signal handler: {e}")))?;
     let wait = move || {
         if let Some(signal) = signals.forever().next() {
             let _none_begins = (end_programs(), supervol_files::unfinished::remove_all());
@@ -23,7 +23,7 @@ pub fn watch<G>(end_programs: impl FnOnce() -> G + Send + 'static) -> Result<(),
         }
     };
     let thread = std::thread::Builder::new().name("signals".into()).spawn(wait);
-    thread.map(drop).map_err(|e| Failure::Machine(format!("cannot start a thread that waits for signals: {e}")))
+    thread.map(drop).map_err(|e| Failure::Machine(format!("cannot start a thread for signals: {e}")))
 }
 
 /// Elsewhere the system's own handling stays.

@@ -47,7 +47,7 @@ pub fn run(batch: &Path, output: &OutputArguments, source: &SourceArguments) -> 
     let Inputs { paths, passed_over } = find(batch, folder, headerless)?;
     if paths.is_empty() {
         let left = counted(passed_over, "file");
-        let message = format!("{}: expected volumes, found none ({left} passed over)", batch.display());
+        let message = format!("{}: expected volumes, found none (skipped {left})", batch.display());
         return Err(Failure::Command(message));
     }
     let made = std::fs::create_dir_all(folder);
@@ -64,7 +64,7 @@ pub fn run(batch: &Path, output: &OutputArguments, source: &SourceArguments) -> 
         match batch.one(input, name, &mut results) {
             Ok(Came::Unchanged) => {
                 unchanged += 1;
-                announce(&format!("{place}: done before, unchanged"));
+                announce(&format!("{place}: unchanged, done before"));
             }
             Ok(Came::Built) => {
                 built += 1;
@@ -119,7 +119,10 @@ impl Batch<'_> {
     fn one(&self, input: &Path, name: &str, results: &mut Results) -> Result<Came, BuildError> {
         let output = self.folder.join(name);
         let Some(source_name) = input.to_str() else {
-            return Err(BuildError::Options(format!("{}: expected a path in UTF-8, for {FILE_NAME}", input.display())));
+            return Err(BuildError::Options(format!(
+                "{}: expected a path in UTF-8, which {FILE_NAME} needs",
+                input.display()
+            )));
         };
         check_outside(input, self.folder)?;
         let known = results.records().get(source_name).cloned();

@@ -33,10 +33,10 @@ const BUILD_MEMORY_BYTES: u64 = 128 << 20;
 /// Memory that each picture may use, bytes.
 const RENDER_MEMORY_BYTES: u64 = 128 << 20;
 
-/// Where to.
+/// Folder of the demo.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Folder for containers and pictures; made if it is not there
+    /// Folder for containers and pictures; it is created if it does not exist
     #[arg(short, long, default_value = "demo-output")]
     output: PathBuf,
     #[command(flatten)]

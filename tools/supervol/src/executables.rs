@@ -41,8 +41,8 @@ impl Executable {
         let Self { name, package } = self;
         if error.kind() == io::ErrorKind::NotFound {
             return Failure::Command(format!(
-                "this command is an executable of its own, `{name}`, found neither beside `supervol` nor on PATH; build it \
-                 with `cargo build --release -p {package}`"
+                "this command needs the executable `{name}`, which is neither beside `supervol` nor on PATH; build it with \
+                 `cargo build --release -p {package}`"
             ));
         }
         Failure::Machine(format!("cannot start `{name}`: {error}"))

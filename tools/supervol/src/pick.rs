@@ -65,7 +65,7 @@ pub fn run(
 
 /// In so many digits as mean something: values as single precision holds them, places to a thousandth of a voxel, which has this size.
 fn text([x, y]: [u32; 2], picked: Option<&Picked>, lines: &[(String, f64)], spacing: f64) -> String {
-    let Some(picked) = picked else { return format!("pixel {x},{y}: nothing is to be seen\n") };
+    let Some(picked) = picked else { return format!("pixel {x},{y}: nothing visible\n") };
     let list = |numbers: [f64; 3], digits: f64| numbers.map(|n| short(n, digits)).join(", ");
     let on = match picked.on {
         PickedOn::Volume => "volume".into(),

@@ -48,7 +48,7 @@ impl Sequence<'_> {
         let missing = self.frames().begin(options, others).map_err(with_frames)?;
         if missing.len() < self.cameras.len() {
             let there = counted((self.cameras.len() - missing.len()) as u64, "picture");
-            supervol_arguments::progress::announce(&format!("{}: {there} are there already", self.folder.display()));
+            supervol_arguments::progress::announce(&format!("{}: {there} exist already", self.folder.display()));
         }
         let start = Instant::now();
         let volume = PlacedVolume::of(Arc::clone(self.subject.container));
@@ -80,7 +80,7 @@ impl Sequence<'_> {
         let failed = stats.bricks_failed;
         if failed > 0 && !self.allow_failed {
             return Err(Failure::Data(format!(
-                "{} is not written: {} could not be read; --allow-failed draws coarser ones instead",
+                "{} is not written: {} could not be read; --allow-failed draws their coarser parents instead",
                 path.display(),
                 counted(failed, "brick")
             )));

@@ -17,19 +17,19 @@ use supervol_sources::synthetic::{NAMES, Synthetic};
 
 use crate::build::OutputArguments;
 
-/// Which volume, how large.
+/// Synthetic volume, and its size.
 #[derive(Debug, Args)]
 pub struct Arguments {
     /// Name of the volume
     #[arg(value_parser = NAMES)]
     name: String,
-    /// Voxels along x, y, z
+    /// Number of voxels along x, y and z, for example 512,512,300 or 512x512x300
     #[arg(long, value_name = "NX,NY,NZ", value_parser = quantity::dims)]
     dims: Dims,
-    /// Voxel type; each volume has its own default
+    /// Voxel type, for example u8 or f32 [default: by volume]
     #[arg(long, value_name = "TYPE", value_parser = quantity::dtype)]
     dtype: Option<Dtype>,
-    /// Seed of everything that is random
+    /// Seed of the random numbers
     #[arg(long, default_value_t = 1)]
     seed: u64,
     #[command(flatten)]
@@ -41,7 +41,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let voxel_type = arguments.dtype.map(|d| d.voxel_type);
     let source =
         Synthetic::new(&arguments.name, arguments.dims, voxel_type, arguments.seed).map_err(BuildError::from)?;
-    let output = arguments.output.named("a container (OUT.svol), or a file of bare voxels (OUT.raw)")?;
+    let output = arguments.output.named("a container (OUT.svol) or a raw file (OUT.raw)")?;
     if output.extension().is_some_and(|e| e == "raw") {
         return write_raw(arguments, output, &source);
     }

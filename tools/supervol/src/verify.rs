@@ -15,21 +15,27 @@ use supervol_preprocess::BuildError;
 use supervol_preprocess::compare::{Compared, compare};
 use supervol_preprocess::kept::Reading;
 
-/// Which containers.
+/// Containers to check, and their source.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Containers; - is what standard input gives. All are checked, also where one breaks a rule
+    /// Containers to check; - is standard input
+    ///
+    /// After a container that breaks a rule, the others are still checked.
     #[arg(value_name = "CONTAINER", required = true)]
     containers: Vec<PathBuf>,
-    /// Compare every voxel of level 0 with the file or folder that the container was built from: equal where the container is exact,
-    /// within its bound where it is not. Give the options that it was built with (--dims, --frame, ...), where there were any
+    /// Also compare every voxel of level 0 with the file or folder that the container was built from
+    ///
+    /// The voxels of an exact container must be equal. Other voxels must lie within the error bound. Give the options
+    /// of the build (--dims, --frame and so on) again.
     #[arg(long = "source", value_name = "FILE")]
     compare_with: Option<PathBuf>,
-    /// Compute ranges, flags, macro cells, aprons, coarser levels, their error bounds, and statistics of the manifest again from
-    /// decoded voxels. That is what verify always does, with or without this; only --source adds to it
+    /// Recompute all derived data from the decoded voxels; `verify` always does this, with or without --deep
+    ///
+    /// Derived data are ranges, flags, macro cells, aprons, coarser levels, error bounds and the statistics of the
+    /// manifest. Only --source adds a check.
     #[arg(long)]
     deep: bool,
-    /// Most memory
+    /// Memory limit, for example 4GiB
     #[arg(long, default_value = "512MiB", value_parser = quantity::bytes)]
     memory: u64,
     #[command(flatten)]
@@ -47,7 +53,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let [path] = &containers[..] else {
         let found = containers.len();
-        return Err(Failure::Command(format!("--source: expected one container to compare with it, found {found}")));
+        return Err(Failure::Command(format!("--source: expected one container to compare, found {found}")));
     };
     let container = verify(path, *memory)?;
     compare_with_source(path, &container, input, &reading, *memory)

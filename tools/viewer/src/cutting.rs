@@ -76,7 +76,7 @@ fn diagonal(facts: &VolumeFacts) -> f64 {
 /// Adds a clip plane through the volume's middle that removes the half towards the camera, so that the cut is visible.
 pub fn add_plane(scene: &mut Scene, facts: &VolumeFacts) -> Result<(), String> {
     if scene.clip.planes.len() >= PLANE_LIMIT {
-        return Err(format!("at most {PLANE_LIMIT} clip planes"));
+        return Err(format!("expected at most {PLANE_LIMIT} clip planes"));
     }
     let forward = scene.camera.as_ref().map(|camera| DVec3::from_array(camera.target) - DVec3::from_array(camera.eye));
     let normal = forward.and_then(unit_vector).unwrap_or(DVec3::Z);
@@ -106,7 +106,7 @@ pub fn add_solid(scene: &mut Scene, facts: &VolumeFacts, kind: NewSolid) -> Resu
 /// Adds a given solid.
 pub fn push_solid(scene: &mut Scene, solid: SolidSpec) -> Result<(), String> {
     if scene.clip.solids.len() >= SOLID_LIMIT {
-        return Err(format!("at most {SOLID_LIMIT} solids"));
+        return Err(format!("expected at most {SOLID_LIMIT} solids"));
     }
     scene.clip.solids.push(solid);
     Ok(())

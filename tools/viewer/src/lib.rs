@@ -71,15 +71,15 @@ pub struct Launch {
 #[allow(missing_docs, reason = "the messages say it")]
 pub enum ViewerError {
     #[error(
-        "no window can be opened: {0}\n\
-         A desktop (X11 or Wayland) must be running, and DISPLAY or WAYLAND_DISPLAY must name it. On Debian and Ubuntu, install what \
-         windows need: apt install libxkbcommon-x11-0 libxcursor1 libxi6 libxrandr2 libwayland-client0. Without a desktop, \
-         `supervol render` draws the same pictures"
+        "cannot open a window: {0}\n\
+         The viewer needs a desktop (X11 or Wayland), named by DISPLAY or WAYLAND_DISPLAY. On Debian and Ubuntu, install its \
+         libraries: apt install libxkbcommon-x11-0 libxcursor1 libxi6 libxrandr2 libwayland-client0. Without a desktop, use \
+         `supervol render`: it draws the same pictures"
     )]
     Window(String),
     #[error(
-        "the window has nothing to draw with: {0}\n\
-         A Vulkan driver is needed; one that needs no graphics card will do. On Debian and Ubuntu: apt install \
+        "cannot draw in the window: {0}\n\
+         The viewer needs a Vulkan driver; a software driver suffices. On Debian and Ubuntu: apt install \
          mesa-vulkan-drivers libvulkan1. On Fedora: dnf install mesa-vulkan-drivers vulkan-loader"
     )]
     Graphics(String),
@@ -121,7 +121,7 @@ pub fn run(launch: Launch) -> Result<(), ViewerError> {
         Err(panic) => {
             let message = panic.downcast_ref::<String>().cloned();
             let message = message.or_else(|| panic.downcast_ref::<&str>().map(|text| (*text).to_owned()));
-            Err(ViewerError::Window(message.unwrap_or_else(|| "the desktop's libraries cannot be used".into())))
+            Err(ViewerError::Window(message.unwrap_or_else(|| "the libraries of the desktop failed".into())))
         }
     }
 }

@@ -38,7 +38,11 @@ fn view(arguments: &Arguments) -> Result<(), Failure> {
         Some(file) if is_container(file) => refuse_for_container(&reading, file)?,
         Some(_) => (),
         None if reading.is_default() => (),
-        None => return Err(Failure::command("options for volume files belong to a file: name it, too")),
+        None => {
+            return Err(Failure::command(
+                "options that describe volume files need a file to describe: name the file, too",
+            ));
+        }
     }
     let scene = arguments.scene.as_deref().map(read_scene).transpose()?.unwrap_or_default();
     let settings = Settings {

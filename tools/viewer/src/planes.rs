@@ -55,10 +55,10 @@ pub fn axis_name(opened: &Opened, axis: usize) -> String {
 /// cannot.
 pub fn add(scene: &mut Scene, facts: &VolumeFacts, axis: Option<usize>) -> Result<(), String> {
     if !has_depth(scene.mode.unwrap_or_default()) {
-        return Err("projections know no depth: choose Volume or Iso first".into());
+        return Err("projections have no depth: choose Volume or Iso first".into());
     }
     if scene.slices.len() >= SLICE_LIMIT {
-        return Err(format!("at most {SLICE_LIMIT} slices"));
+        return Err(format!("expected at most {SLICE_LIMIT} slices"));
     }
     let (normal, offset) = match axis {
         Some(axis) => plane_across(facts, axis, (facts.dims.0[axis] / 2) as f64),

@@ -240,7 +240,7 @@ impl Viewer {
         let waker = ctx.clone();
         match Worker::start(self.settings, self.folders.clone(), move || waker.request_repaint()) {
             Ok(worker) => self.worker = Some(worker),
-            Err(error) => self.message = Some(Message::Failure(format!("no thread can be started: {error}"))),
+            Err(error) => self.message = Some(Message::Failure(format!("cannot start a thread: {error}"))),
         }
         if let Some(file) = &launch.file {
             self.exaggeration = launch.scene.vertical_exaggeration.unwrap_or(1.0);
@@ -290,8 +290,8 @@ impl Viewer {
             self.message = Some(message);
         }
         if is_dead {
-            let what = "a mistake of supervol ended the thread that draws; what it said is on standard error. Save the scene and \
-                        start again";
+            let what = "the drawing thread has crashed because of a bug in supervol; its message is on standard error. Save the scene \
+                        and start supervol again";
             self.message = Some(Message::Failure(what.into()));
         }
         if let Some(opened) = news.opened {
@@ -532,7 +532,7 @@ impl Viewer {
         let is_same_axis = last.as_ref().is_some_and(|slice| slice.axis == axis);
         let before = last.map_or_else(|| self.scene.clone(), |slice| slice.before);
         let Some(mut scene) = edit::sliced(&before, &opened, axis, at) else {
-            self.message = Some(Message::Failure("the crop leaves nothing of this slice".into()));
+            self.message = Some(Message::Failure("this slice lies outside the crop box".into()));
             self.slice = is_same_axis.then_some(Sliced { axis, at, before });
             return;
         };

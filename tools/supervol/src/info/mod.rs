@@ -1,4 +1,4 @@
-//! `supervol info`: what a container holds, or what a volume file says of itself.
+//! `supervol info`: description of a container, of a volume file, or of a folder with unfinished files.
 
 mod source;
 
@@ -20,17 +20,19 @@ use supervol_preprocess::provenance::{rms_kept_of, steps_of};
 use supervol_scene::facts::kind;
 use supervol_sources::{LineNumbers, Survey};
 
-/// Which containers.
+/// Inputs, and form of their description.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Containers, - for what standard input gives; volume files, to learn what they say of themselves; or folders, to learn which
-    /// unfinished files lie in them, and which volume they are
+    /// Containers, volume files or folders; - is a container from standard input
+    ///
+    /// For a folder, the command lists the unfinished files in it. If the folder is a volume, the command describes
+    /// this, too.
     #[arg(value_name = "CONTAINER|FILE|FOLDER", required = true)]
     inputs: Vec<PathBuf>,
-    /// As JSON: an object for each
+    /// Print JSON: one object for each input
     #[arg(long)]
     json: bool,
-    /// The text header of a SEG-Y file, or of the one that a container was built from, and nothing else
+    /// Print only the text header of a SEG-Y file, or of the SEG-Y file that a container was built from
     #[arg(long, conflicts_with = "json")]
     text_header: bool,
     #[command(flatten)]
@@ -129,7 +131,7 @@ fn describe(path: &Path, arguments: &Arguments) -> Result<(), Failure> {
 fn neither(no_volume: Failure, reading: &Reading) -> Failure {
     match no_volume {
         Failure::Data(why) | Failure::Command(why) if reading.is_default() => Failure::Data(format!(
-            "no Supervol container (`supervol build` makes one of a volume file), and no volume file that is read: {why}"
+            "no Supervol container (`supervol build` makes one from a volume file), and no readable volume file: {why}"
         )),
         other => other,
     }
@@ -152,7 +154,7 @@ fn describe_folder(folder: &Path, arguments: &Arguments) -> Result<(), Failure> 
 
 fn print_text_header(path: &Path, survey: Option<&Survey>) -> Result<(), Failure> {
     let Some(survey) = survey else {
-        let message = "--text-header: expected a SEG-Y file, or a container built from one";
+        let message = "--text-header: expected a SEG-Y file, or a container that was built from one";
         return Err(Failure::Command(format!("{}: {message}", path.display())));
     };
     let mut out = supervol_arguments::terminal::stdout();
@@ -178,10 +180,10 @@ fn list_unfinished(folder: &Path, json: bool, volume: Result<&source::Described,
     }
     if let (true, Err(failure)) = (found.is_empty(), volume) {
         let why = match failure {
-            Failure::Data(why) | Failure::Command(why) => format!(", and no volume: {why}"),
-            _ => String::new(),
+            Failure::Data(why) | Failure::Command(why) => format!("no volume and no unfinished files: {why}"),
+            _ => "no unfinished files".into(),
         };
-        return writeln!(out, "{}: a folder without unfinished files{why}", folder.display()).map_err(with_output);
+        return writeln!(out, "{}: the folder holds {why}", folder.display()).map_err(with_output);
     }
     found
         .iter()
@@ -195,12 +197,12 @@ fn list_unfinished(folder: &Path, json: bool, volume: Result<&source::Described,
 /// The state of a partial's writer, for programs and for people.
 fn words_for(writer: Writer) -> (&'static str, &'static str) {
     match writer {
-        Writer::Alive => ("alive", "a command is writing it"),
+        Writer::Alive => ("alive", "a running command writes it"),
         Writer::Dead => (
             "dead",
-            "its command was ended; the next build to this folder goes on with it if it is the same, else removes it",
+            "its command has ended; the next build to this folder continues it if it is the same build, else removes it",
         ),
-        Writer::Unknown => ("unknown", "whether a command is writing it cannot be told; remove it if none is"),
+        Writer::Unknown => ("unknown", "its command may be running or not; remove the file if no command writes it"),
     }
 }
 
@@ -305,7 +307,7 @@ fn print(info: &Info<'_>, container: &Container, survey: Option<&Survey>, out: &
     writeln!(out, "kind       {}: {}", info.kind, info.kind_because)?;
     match info.value_range {
         Some([min, max]) => writeln!(out, "values     {} {}", ValueRange { min, max }, info.unit)?,
-        None => writeln!(out, "values     none present")?,
+        None => writeln!(out, "values     none: all voxels are absent")?,
     }
     if let Some(nodata) = info.nodata {
         writeln!(out, "no data    {nodata}")?;
@@ -347,7 +349,7 @@ fn print(info: &Info<'_>, container: &Container, survey: Option<&Survey>, out: &
     let rounded = info.levels.iter().enumerate().filter_map(|(lod, level)| Some((lod, level.rounded_to?)));
     for (i, (lod, step)) in rounded.enumerate() {
         if i == 0 {
-            writeln!(out, "\nmeans are rounded to multiples of")?;
+            writeln!(out, "\naverages are rounded to multiples of")?;
         }
         writeln!(out, "{lod:>5}  {step}")?;
     }
@@ -359,7 +361,7 @@ fn print_kept(levels: &[LevelInfo], out: &mut impl Write) -> std::io::Result<()>
     let measured = levels.iter().enumerate().filter_map(|(lod, level)| Some((lod, level.rms_kept?)));
     for (i, (lod, [x, y, z])) in measured.enumerate() {
         if i == 0 {
-            writeln!(out, "\nkept of amplitudes (RMS) if a level halved x, y, z alone")?;
+            writeln!(out, "\nshare of amplitudes (RMS) that a level keeps if it halves only x, y, z")?;
         }
         writeln!(out, "{lod:>5}  {x:.3}  {y:.3}  {z:.3}")?;
     }
@@ -391,7 +393,7 @@ fn print_orientation(place: &Place<'_>, out: &mut impl Write) -> std::io::Result
         };
         writeln!(
             out,
-            "map        crosslines ascend towards {:.1} degrees from north, inlines towards {:.1}: to the {hand} of it",
+            "map        crossline numbers ascend towards {:.1} degrees from north, inline numbers towards {:.1}, to the {hand}",
             azimuth(1),
             azimuth(2)
         )?;

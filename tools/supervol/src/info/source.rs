@@ -95,7 +95,11 @@ impl Described {
         for note in &info.notes {
             writeln!(out, "note       {note}")?;
         }
-        let more = "what it is and what values it has is known once it is built:";
-        writeln!(out, "container  none yet; {more} `supervol build` makes {}", container_beside(&self.path).display())
+        let built = container_beside(&self.path);
+        writeln!(
+            out,
+            "container  none; kind and values are unknown until it is built: `supervol build` makes {}",
+            built.display()
+        )
     }
 }

@@ -1,7 +1,7 @@
-//! What a picture shows, said in words on the command line: each option changes one thing of the scene that is drawn.
+//! Options of `render` that change the scene: each changes one part of it.
 //!
-//! Options change the scene file's scene where there is one, else the default scene. An option that would change nothing
-//! in the mode that is drawn is refused.
+//! The options change the scene of the scene file, else the default scene. An option that would change nothing in the
+//! drawn mode is refused.
 
 mod parse;
 pub mod places;
@@ -27,73 +27,86 @@ use self::places::{Crop, Cut};
 use self::slices::SliceArguments;
 use crate::panels::{Grid, PANEL_LIMIT};
 
-/// What is shown, from where, and how.
+/// Volume, camera and appearance.
 #[derive(Debug, Clone, Args)]
-#[command(next_help_heading = "What is shown")]
+#[command(next_help_heading = "Scene")]
 pub struct LookArguments {
-    /// What the data are, where they are not recognised or wrongly: seismic, attribute, ct, ct-offset, mri, fluorescence, em,
-    /// micro-ct, labels, mask, constant, empty or generic; `info` says what was recognised and why
+    /// Kind of data, if it is not recognised correctly
+    ///
+    /// One of seismic, attribute, ct, ct-offset, mri, fluorescence, em, micro-ct, labels, mask, constant, empty or
+    /// generic. `info` prints the recognised kind and the reason.
     #[arg(long, value_name = "KIND", visible_alias = "preset")]
     kind: Option<DataKind>,
-    /// What a ray gathers
+    /// Rendering mode: quantity that a ray computes
     #[arg(long, value_enum)]
     mode: Option<ModeName>,
-    /// Pixels of the picture
+    /// Size of the picture in pixels: 1 to 32768 each, for example 1024x768
     #[arg(long, value_name = "WxH", value_parser = quantity::image_size)]
     size: Option<[u32; 2]>,
-    /// Where the camera stands: front, back, left, right, top, bottom, or azimuth and elevation in degrees, and the distance
-    /// in world units if it is not to be chosen: 30,20 or 30,20,1500
+    /// Position of the camera: front, back, left, right, top, bottom, or angles AZ,EL in degrees, for example 30,20
+    ///
+    /// A third number is the distance from the volume in world units, for example 30,20,1500. Without it, the volume
+    /// fills the picture.
     #[arg(long, value_name = "DIRECTION|AZ,EL[,DIST]", value_parser = parse::camera, allow_hyphen_values = true)]
     camera: Option<CameraWish>,
-    /// How many times as large as it would fit
+    /// Magnification: 1 shows the volume as large as it fits, 2 twice as large
     #[arg(long, value_name = "FACTOR", value_parser = parse::positive, allow_negative_numbers = true)]
     zoom: Option<f64>,
-    /// Colours and opacities: VALUE:COLOUR:OPACITY,... with colours as in --background, or a file: JSON with `points` and
-    /// `unit_distance` as in a scene, a colour map of ParaView with opacities (.json), or a table of ImageVis3D (.1dt)
+    /// Transfer function: points VALUE:COLOUR:OPACITY,... or a file, for example 0:black:0,300:white:0.4
+    ///
+    /// Colours are written as in --background. A file is JSON with `points` and `unit_distance` as in a scene, a
+    /// colour map of ParaView with opacities (.json), or a table of ImageVis3D (.1dt).
     #[arg(long, value_name = "FILE|POINTS", allow_hyphen_values = true)]
     tf: Option<String>,
-    /// Colours by name: grey, seismic, viridis, magma, inferno, plasma, cividis, turbo, cubehelix, warm, cool or spectral; or those of
-    /// a file, as for --tf
+    /// Colour map by name, or of a file as for --tf
+    ///
+    /// Names: grey, seismic, viridis, magma, inferno, plasma, cividis, turbo, cubehelix, warm, cool and spectral.
     #[arg(long, value_name = "NAME|FILE", value_parser = parse::color_map)]
     colormap: Option<ColorMapWish>,
-    /// Values that the colours and opacities span
+    /// Range of data values that colours and opacities span, for example -100,400
     #[arg(long, value_name = "LOW,HIGH", value_parser = parse::window, allow_hyphen_values = true)]
     window: Option<[f64; 2]>,
-    /// The same, leaving out this percentage of the voxels at each end
+    /// Set that range by percentiles: leave out this percentage of the voxels at each end, 0 to below 50
     #[arg(long, value_name = "PERCENT", value_parser = parse::percent, allow_negative_numbers = true, conflicts_with = "window")]
     clip_percent: Option<f64>,
-    /// How many times as dense (mode dvr)
+    /// Density: multiplies the extinction (mode dvr); 1 keeps the transfer function
     #[arg(long, value_name = "FACTOR", value_parser = parse::positive, allow_negative_numbers = true)]
     opacity: Option<f64>,
-    /// Surfaces at these values: all but the last are clear
+    /// Isosurfaces at these data values (mode iso); all but the last are semi-transparent
     #[arg(long, value_name = "V[,V..]", value_delimiter = ',', allow_hyphen_values = true)]
     iso: Vec<f64>,
-    /// A surface inside the semi-transparent volume (mode dvr), at this value: VALUE, VALUE:COLOUR or VALUE:COLOUR:OPACITY. May be
-    /// given again, up to 8 times
+    /// Isosurface inside the semi-transparent volume (mode dvr): VALUE, VALUE:COLOUR or VALUE:COLOUR:OPACITY
+    ///
+    /// Example: 300:white:0.5. Repeat the option for up to 8 surfaces.
     #[arg(long, value_name = "VALUE[:COLOUR[:OPACITY]]", value_parser = parse::surface, allow_hyphen_values = true)]
     #[arg(conflicts_with = "iso")]
     surface: Vec<SurfaceWish>,
-    /// Show this box only: I0:I1,J0:J1,K0:K1 in voxels, ends not included; or AXIS=FROM:TO,... with i, j, k (voxels), x, y, z
-    /// (world), inline, crossline, time or depth, or sagittal, coronal, axial (world)
+    /// Show only this box: voxels I0:I1,J0:J1,K0:K1 (ends are excluded), or ranges AXIS=FROM:TO,...
+    ///
+    /// Axes: i, j, k (voxels); x, y, z (world); inline, crossline, time or depth; sagittal, coronal, axial (world).
+    /// Example: inline=100:200.
     #[arg(long, value_name = "BOX", value_parser = places::crop, allow_hyphen_values = true)]
     crop: Option<Crop>,
-    /// Show only what lies on this side of a plane: x * NX + y * NY + z * NZ >= D in world units; or inside a solid, in world
-    /// units: sphere:X,Y,Z,R, box:X0,Y0,Z0,X1,Y1,Z1, cylinder:X0,Y0,Z0,X1,Y1,Z1,R, or mesh:FILE (a closed triangle mesh, .ply,
-    /// .stl or .obj); outside-sphere: and so on show what lies around it. May be given again: what all of them leave is shown
+    /// Show only one side of a plane, or only the inside or outside of a solid; all numbers in world units
+    ///
+    /// Plane NX,NY,NZ,D keeps x * NX + y * NY + z * NZ >= D. Solids: sphere:X,Y,Z,R, box:X0,Y0,Z0,X1,Y1,Z1,
+    /// cylinder:X0,Y0,Z0,X1,Y1,Z1,R, and mesh:FILE (a closed triangle mesh: .ply, .stl or .obj). The prefix
+    /// `outside-`, as in outside-sphere:, keeps the outside. Repeat the option for several cuts: the picture shows
+    /// their intersection.
     #[arg(long, value_name = "NX,NY,NZ,D|SOLID", value_parser = parse::cutter, allow_hyphen_values = true)]
     clip: Vec<Cutter>,
     #[command(flatten)]
     slices: SliceArguments,
-    /// Without light
+    /// Draw without lighting
     #[arg(long)]
     unlit: bool,
-    /// Draw heights or depths this many times as large
+    /// Factor for heights or depths, for example 5
     #[arg(long, value_name = "FACTOR", value_parser = parse::positive, allow_negative_numbers = true)]
     vertical_exaggeration: Option<f64>,
-    /// Colour behind the volume: black, white, grey, another name, #rrggbb, or R,G,B from 0 to 1
+    /// Background colour: a name such as black, white or grey, #rrggbb, or R,G,B from 0 to 1
     #[arg(long, value_name = "COLOUR", value_parser = parse::color)]
     background: Option<[f64; 3]>,
-    /// Rays along each edge of a pixel
+    /// Number of rays along each edge of a pixel: 1 to 16; N means N x N rays a pixel
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=16))]
     supersample: Option<u32>,
 }
@@ -135,7 +148,7 @@ impl LookArguments {
         let grid = grid.ok_or_else(|| {
             let [width, height] = size;
             Failure::Command(format!(
-                "--slice: at most {PANEL_LIMIT} slices, each with a pixel at least; found {} in a picture of {width} x {height}",
+                "--slice: expected at most {PANEL_LIMIT} slices of at least one pixel, found {} in a picture of {width} x {height}",
                 cuts.len()
             ))
         })?;
@@ -170,7 +183,7 @@ impl LookArguments {
         ];
         match of_volumes.iter().find(|(_, given)| *given) {
             Some((option, _)) => Err(Failure::Command(format!(
-                "{option} changes nothing on a slice that is shown face on; --slices volume shows slices within the volume"
+                "{option} changes nothing on a slice that is shown face on; use --slices volume to show slices inside the volume"
             ))),
             None => Ok(()),
         }
@@ -273,7 +286,7 @@ impl LookArguments {
     fn add_surfaces(&self, scene: &mut Scene, facts: &VolumeFacts) -> Result<(), Failure> {
         if !self.iso.is_empty() && scene.mode != Some(Mode::Iso) {
             return Err(Failure::Command(
-                "--iso names the surfaces of mode iso; inside the semi-transparent volume (--mode dvr) --surface does"
+                "--iso needs mode iso; for surfaces inside the semi-transparent volume (mode dvr), use --surface"
                     .into(),
             ));
         }
@@ -282,8 +295,7 @@ impl LookArguments {
         }
         if scene.mode != Some(Mode::Dvr) {
             return Err(Failure::Command(
-                "--surface draws inside the semi-transparent volume, in mode dvr; in mode iso, --iso names surfaces"
-                    .into(),
+                "--surface needs mode dvr: it draws inside the semi-transparent volume; in mode iso, use --iso".into(),
             ));
         }
         let usual = looks::default_surface(facts).color;
@@ -331,17 +343,17 @@ impl LookArguments {
             && let Some((option, _)) = asked.iter().find(|(_, given)| *given)
         {
             return Err(Failure::Command(format!(
-                "{option} changes nothing in mode iso: surfaces have colours of their own"
+                "{option} changes nothing in mode iso: surfaces have their own colours"
             )));
         }
         if mode != Mode::Dvr && self.opacity.is_some() {
-            return Err(Failure::Command("--opacity changes nothing but in mode dvr".into()));
+            return Err(Failure::Command("--opacity changes nothing in this mode; it needs --mode dvr".into()));
         }
         let Some(TransferFunctionSpec::Points(spec)) = &mut scene.transfer_function else {
             return match asked.iter().find(|(_, given)| *given) {
-                Some((option, _)) => {
-                    Err(Failure::Command(format!("{option}: the scene names a preset; give --kind instead")))
-                }
+                Some((option, _)) => Err(Failure::Command(format!(
+                    "{option} changes nothing: the scene uses a preset; use --kind instead"
+                ))),
                 None => Ok(()),
             };
         };
@@ -364,7 +376,7 @@ impl LookArguments {
     fn put_out_light(&self, scene: &mut Scene) -> Result<(), Failure> {
         match scene.shading.replace(None) {
             Some(Some(_)) => Ok(()),
-            _ => Err(Failure::Command("--unlit changes nothing: this picture is not lit".into())),
+            _ => Err(Failure::Command("--unlit changes nothing: this picture has no lighting".into())),
         }
     }
 }

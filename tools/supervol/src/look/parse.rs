@@ -90,7 +90,7 @@ pub fn share(text: &str) -> Result<f64, String> {
 /// Percent left out at each end.
 pub fn percent(text: &str) -> Result<f64, String> {
     let number = text.trim().trim_end_matches('%').trim().parse().ok().filter(|v: &f64| (0.0..50.0).contains(v));
-    number.ok_or_else(|| format!("'{text}': expected a percentage from 0 up to, not including, 50"))
+    number.ok_or_else(|| format!("'{text}': expected a percentage from 0 to below 50"))
 }
 
 /// LOW,HIGH.
@@ -129,7 +129,7 @@ pub fn cutter(text: &str) -> Result<Cutter, String> {
         _ => {
             return Err(format!(
                 "'{text}': expected NX,NY,NZ,D, sphere:X,Y,Z,R, box:X0,Y0,Z0,X1,Y1,Z1, cylinder:X0,Y0,Z0,X1,Y1,Z1,R or \
-                 mesh:FILE, the last four also with {OUTSIDE} before them"
+                 mesh:FILE; {OUTSIDE} may precede the name of a solid"
             ));
         }
     }
@@ -245,7 +245,7 @@ fn points(text: &str) -> Result<PointsSpec, Failure> {
         }
     };
     let points: Result<Vec<_>, _> = text.split(',').map(point).collect();
-    let points = points.map_err(|e| Failure::Command(format!("--tf {e}, or the name of a file (.json, .1dt)")))?;
+    let points = points.map_err(|e| Failure::Command(format!("--tf {e}, or a file (.json, .1dt)")))?;
     Ok(PointsSpec { unit_distance: None, points })
 }
 

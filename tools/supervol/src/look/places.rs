@@ -79,7 +79,7 @@ pub fn slice(text: &str) -> Result<Cut, String> {
     let Some(rest) = text.trim().strip_prefix("normal=") else { return place(text).map(Cut::Across) };
     let expected = || {
         format!(
-            "'{text}': expected normal=NX,NY,NZ or normal=NX,NY,NZ@X,Y,Z: a direction, not all zero, and a point, in world units"
+            "'{text}': expected normal=NX,NY,NZ or normal=NX,NY,NZ@X,Y,Z: a normal (not all zero) and a point in world units"
         )
     };
     let triple = |text: &str| -> Option<[f64; 3]> {
@@ -148,7 +148,10 @@ impl Crop {
                 let outside =
                     (0..3).any(|a| corners[0][a] < low[a] || corners[1][a] > high[a] || corners[0][a] >= corners[1][a]);
                 if outside {
-                    return Err(Failure::Command(format!("--crop: the volume has {} voxels", facts.dims)));
+                    return Err(Failure::Command(format!(
+                        "--crop: expected a box inside the volume, which has {} voxels",
+                        facts.dims
+                    )));
                 }
                 return Ok(corners);
             }

@@ -33,26 +33,26 @@ pub fn reason(image: &Image, scene: &ResolvedScene, facts: &VolumeFacts) -> Opti
     let (range, data) = (facts.value_range, facts.kind);
     let is_outside = |value: f64| value < placed.value_range.min || value > placed.value_range.max;
     Some(if data == DataKind::Empty {
-        "no voxel of the volume is present".into()
+        "all voxels of the volume are absent".into()
     } else if !meets(scene, &Clip::default(), placed) {
-        "the camera does not see the volume; leave the scene's `camera` out, or choose a direction with --camera".into()
+        "the camera does not see the volume; remove `camera` from the scene, or set --camera".into()
     } else if !meets(scene, &scene.clip, placed) {
         let cut_by = if scene.clip.solids.is_empty() { "clip box and planes" } else { "clip box, planes and solids" };
-        format!("{cut_by} leave nothing of the volume where the camera looks")
+        format!("{cut_by} leave nothing of the volume in the camera's view")
     } else if scene.mode == Mode::Iso && scene.iso.iter().all(|iso| is_outside(iso.value)) {
         let values: Vec<String> = scene.iso.iter().map(|iso| Number(iso.value * units.value).to_string()).collect();
-        format!("values run from {range}, and no surface is at {}", values.join(", "))
+        format!("values range from {range}, and no surface is at {}", values.join(", "))
     } else if scene.mode == Mode::Iso {
-        "no surface of these values lies where the camera looks".into()
+        "the camera's view holds no surface of these values".into()
     } else if data == DataKind::Constant && scene.iso.is_empty() {
-        format!("every voxel is {}, and the transfer function shows nothing there", Number(range.min))
+        format!("every voxel is {}, and the transfer function is transparent there", Number(range.min))
     } else {
         let points = scene.transfer_function.points();
         let ends = [points.first(), points.last()].map(|p| p.map_or(f64::NAN, |p| p.value * units.value));
-        let with_surfaces = if scene.iso.is_empty() { "" } else { "no surface lies where the camera looks, and " };
+        let with_surfaces = if scene.iso.is_empty() { "" } else { "the camera's view holds no surface, and " };
         format!(
-            "{with_surfaces}the transfer function, from {} to {}, shows nothing where the camera looks of values that run from {range}; try \
-             --clip-percent 1",
+            "{with_surfaces}the transfer function (from {} to {}) is transparent for all values in the camera's view; the \
+             volume's values range from {range}; try --clip-percent 1",
             Number(ends[0]),
             Number(ends[1])
         )

@@ -312,10 +312,10 @@ fn options_for_volume_files_belong_to_one() {
         [&["info"][..], &["histogram"], &["render", "-o", "p.npy"], &["view"], &["bench", "--quick", "--volume"]]
     {
         let message = folder.expect(2, &[command, &container].concat());
-        assert!(message.contains("a container says all about itself"), "{command:?}: {message}");
+        assert!(message.contains("expected a volume file, found a container"), "{command:?}: {message}");
     }
     let message = folder.expect(2, &["view", "--dims", "8,8,8", "--dtype", "u8"]);
-    assert!(message.contains("name it, too"), "{message}");
+    assert!(message.contains("name the file, too"), "{message}");
     for measured in
         [&["--quick"][..], &["--path", "orbit", "--virtual", "128"], &["--random-scenes", "1"], &["--leaping"]]
     {

@@ -219,7 +219,10 @@ fn nothing_is_black_without_a_word() {
     assert!(scene(away).contains("the camera does not see the volume"));
     assert!(scene(r#"{"clip": {"planes": [{"normal": [1, 0, 0], "offset": 500}]}}"#).contains("clip box and planes"));
     assert!(warning(&folder, &["--iso", "1e6"]).contains("no surface is at 1000000"));
-    assert!(warning(&folder, &["--tf", "1e6:black:0,2e6:white:1"]).contains("shows nothing where the camera looks"));
+    assert!(
+        warning(&folder, &["--tf", "1e6:black:0,2e6:white:1"])
+            .contains("is transparent for all values in the camera's view")
+    );
     let trace = Folder::with_bytes([1, 1, 250], |[_, _, k]| k as u8);
     assert!(!warning(&trace, &[]).contains("warning"), "a trace is drawn so wide that it can be seen");
     let constant = Folder::with_bytes([9, 9, 9], |_| 5);
@@ -336,7 +339,7 @@ fn shells_and_manuals_know_every_command() {
     folder.expect(0, &["man", "-o", "pages"]);
     assert!(!std::path::Path::new(&folder.path("pages/supervol-help.1")).exists());
     let page = std::fs::read_to_string(folder.path("pages/supervol-render.1")).expect("man wrote it");
-    assert!(page.contains("Where the camera stands"), "{page}");
+    assert!(page.contains("Position of the camera"), "{page}");
 }
 
 #[test]

@@ -105,11 +105,11 @@ fn slices_within_the_volume_are_in_the_scene_that_is_printed() {
     assert_eq!([mode(&[]), mode(&["--slice", "k=3", "--slices", "volume"])], ["\"mip\"", "\"dvr\""]);
     for (options, part) in [
         (&["--slice", "normal=0,0,0"][..], "not all zero"),
-        (&["--slice", "normal=1,0,0@99,0,0"], "outside what --crop and the volume leave"),
+        (&["--slice", "normal=1,0,0@99,0,0"], "lies outside the volume, or outside --crop"),
         (&["--slice", "k=3", "--filter", "sobel:2"], "has no size"),
         (&["--slice", "k=3", "--filter", "blur"], "gaussian, median"),
         (&["--slice", "k=3", "--slice-opacity", "0.5"], "--slices volume"),
-        (&["--slice", "normal=1,1,0", "--slab", "3"], "--slab is of slices across an axis"),
+        (&["--slice", "normal=1,1,0", "--slab", "3"], "--slab needs a slice across an axis"),
         (&["--slice", "k=3", "--camera", "top"], "--camera changes nothing"),
         (&["--slice", "k=3", "--slices", "volume", "--mode", "mip"], "knows no depth"),
         (&["--slices", "volume"], "--slice"),

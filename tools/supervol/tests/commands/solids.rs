@@ -100,7 +100,7 @@ fn the_point_under_a_pixel_is_said() {
     // Seen from the front, along y, the surface 10 i + j = 75 lies at the edge of what is framed.
     let text = folder.render(0, &["--iso", "75", "--pick", "28,18", "--pick", "0,0"]);
     assert!(text.starts_with("pixel 28,18: surface 0\n  value  75\n  world  "), "{text}");
-    assert!(text.ends_with("pixel 0,0: nothing is to be seen\n"), "{text}");
+    assert!(text.ends_with("pixel 0,0: nothing visible\n"), "{text}");
     let text = folder.render(0, &["--iso", "75", "--pick", "28,18", "--json"]);
     let found: serde_json::Value = support::json(&text);
     let picked = &found[0]["picked"];

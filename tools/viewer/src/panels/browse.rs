@@ -51,7 +51,7 @@ impl Wanted {
         match self {
             Self::Volume => "Open",
             Self::TransferFunction => "Load a transfer function",
-            Self::Mesh => "Cut with a mesh",
+            Self::Mesh => "Clip with a mesh",
         }
     }
 }
@@ -98,7 +98,7 @@ fn list(folder: &Path, endings: Option<&[&str]>) -> Listing {
     }
     listing.entries.sort_by(|a, b| b.1.cmp(&a.1).then_with(|| a.0.to_lowercase().cmp(&b.0.to_lowercase())));
     if listing.entries.len() > LIST_LIMIT {
-        listing.trouble = Some(format!("{LIST_LIMIT} of {} names are listed", listing.entries.len()));
+        listing.trouble = Some(format!("only {LIST_LIMIT} of {} names are listed", listing.entries.len()));
         listing.entries.truncate(LIST_LIMIT);
     }
     listing

@@ -147,7 +147,7 @@ pub(super) fn path_field(ui: &mut Ui, path: &mut String, name: &str) {
 pub(super) fn may_write(ui: &mut Ui, path: &str, replace: &mut bool) -> bool {
     let exists = Path::new(path).exists();
     if exists {
-        ui.checkbox(replace, "Replace the file that is there");
+        ui.checkbox(replace, "Overwrite the existing file");
     }
     !path.trim().is_empty() && (!exists || *replace)
 }
@@ -157,7 +157,7 @@ fn save(viewer: &mut Viewer, ctx: &egui::Context) {
     let (mut is_open, mut is_saved) = (true, false);
     let middle = ctx.content_rect().center();
     window("Save scene", &mut is_open).default_pos(middle).show(ctx, |ui| {
-        ui.label("All of this picture, as `supervol render --scene` takes it:");
+        ui.label("Complete scene of this picture, for `supervol render --scene`:");
         path_field(ui, &mut dialog.path, "Scene file");
         let may = may_write(ui, &dialog.path, &mut dialog.replace);
         is_saved = ui.add_enabled(may, egui::Button::new("Save")).clicked();
@@ -188,8 +188,7 @@ fn save_scene(viewer: &Viewer, scene: &Scene, path: &Path, existing: Existing) -
 
 /// Content of a scene file.
 fn scene_text(scene: &Scene) -> String {
-    serde_json::to_string_pretty(scene).expect("a scene has no keys that are no text, and no number that JSON lacks")
-        + "\n"
+    serde_json::to_string_pretty(scene).expect("a scene has only text keys and finite numbers") + "\n"
 }
 
 fn export(viewer: &mut Viewer, ctx: &egui::Context) {
@@ -199,7 +198,9 @@ fn export(viewer: &mut Viewer, ctx: &egui::Context) {
     let samples = dialog.scene.as_ref().unwrap_or(&viewer.scene).samples_per_pixel;
     let samples = u64::from(samples.unwrap_or(1));
     window("Export picture", &mut is_open).default_pos(middle).show(ctx, |ui| {
-        ui.label("PNG, EXR or NumPy (.npy), by the name's ending; written when it has converged:");
+        ui.label(
+            "The name selects the format: .png, .exr or .npy. The file is written when the picture has converged:",
+        );
         path_field(ui, &mut dialog.path, "Picture file");
         ui.horizontal(|ui| {
             ui.label("Pixels");
@@ -218,7 +219,7 @@ fn export(viewer: &mut Viewer, ctx: &egui::Context) {
         let rays = dialog.size.map(u64::from).iter().product::<u64>() * samples;
         let format = ImageFormat::from_path(Path::new(dialog.path.trim()));
         if rays > RAY_LIMIT {
-            ui.colored_label(ui.visuals().error_fg_color, format!("at most {RAY_LIMIT} rays; these would be {rays}"));
+            ui.colored_label(ui.visuals().error_fg_color, format!("expected at most {RAY_LIMIT} rays, found {rays}"));
         }
         if let Err(error) = &format {
             ui.colored_label(ui.visuals().error_fg_color, error.to_string());
@@ -243,8 +244,10 @@ pub(crate) fn command_line(
     settings: &Settings,
     folders: &Folders,
 ) -> Result<String, String> {
-    let folder =
-        folders.cache.as_ref().ok_or("there is no folder for the scene of the command; save the scene instead")?;
+    let folder = folders
+        .cache
+        .as_ref()
+        .ok_or("there is no cache folder for the scene of the command; save the scene instead")?;
     let text = scene_text(scene);
     let file = folder.join("scenes").join(format!("{:016x}.json", xxh3_64(text.as_bytes())));
     let write = || {

@@ -60,14 +60,14 @@ impl Axes {
 /// Draws the editor and the fields of the selected control point.
 pub(super) fn show(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
     let Some(spec) = edit::points_mut(&mut viewer.scene) else {
-        ui.weak("This scene names a preset; choose one above to edit it.");
+        ui.weak("This scene uses a preset. Choose a preset above to edit it.");
         return;
     };
     let size = egui::vec2(ui.available_width(), HEIGHT);
     let (rect, response) = ui.allocate_exact_size(size, Sense::click_and_drag());
     let response = response.accessible_name("Transfer function").on_hover_text_at_pointer(
-        "Bars: how often values occur, logarithmic. Line: opacity (cube root). Drag points; double click adds one, right click \
-         takes one away",
+        "Bars: number of voxels by value, logarithmic. Line: opacity (cube root). Drag a point to move it, double click to add one, \
+         right click to remove one",
     );
     let axes = Axes::new(rect.shrink2(egui::vec2(4.0, 8.0)), &opened.facts, &spec.points);
     let chosen = &mut viewer.looks.chosen;
@@ -182,7 +182,7 @@ fn numbers(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
     let chosen = viewer.looks.chosen;
     let Some(spec) = edit::points_mut(&mut viewer.scene) else { return };
     let Some((i, point)) = chosen.and_then(|i| spec.points.get(i).map(|p| (i, *p))) else {
-        ui.weak(format!("{} points; click one for its numbers", spec.points.len()));
+        ui.weak(format!("{} points; click one to edit its numbers", spec.points.len()));
         return;
     };
     let (mut value, mut alpha, mut rgb) = (point.value, point.alpha, point.color.map(|c| c as f32));

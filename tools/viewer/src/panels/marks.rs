@@ -40,14 +40,14 @@ pub(super) fn paint(viewer: &Viewer, ui: &Ui, rect: Rect) {
     }
     let mut lines: Vec<(String, Color32)> = Vec::new();
     if picture.marks.iter().any(|mark| mark.is_failed) {
-        lines.push(("could not be read: coarser bricks stand in".into(), FAILED));
+        lines.push(("not readable: replaced by coarser bricks".into(), FAILED));
     }
     if viewer.settings.inspect == Inspect::Bricks {
         let mut levels: Vec<u8> = picture.marks.iter().filter(|mark| !mark.is_failed).map(|mark| mark.level).collect();
         levels.dedup();
         lines.extend(levels.into_iter().map(|level| (format!("level {level}"), of_level(level))));
         if picture.marks.len() >= MARK_LIMIT {
-            lines.push((format!("the first {MARK_LIMIT} bricks are shown"), Color32::GRAY));
+            lines.push((format!("only the first {MARK_LIMIT} bricks are shown"), Color32::GRAY));
         }
     }
     for (i, (words, color)) in lines.into_iter().enumerate() {

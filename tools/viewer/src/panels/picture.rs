@@ -174,7 +174,7 @@ fn paint(viewer: &Viewer, ui: &Ui, rect: Rect) {
 fn invite(viewer: &Viewer, ui: &Ui, rect: Rect) {
     let words = match &viewer.busy {
         Some(Busy::Opening(_) | Busy::Building(..)) => "Opening ...",
-        _ => "Drop a volume here, or open one: Ctrl+O\n.svol, SEG-Y, NRRD, NIfTI, MetaImage, TIFF, npy",
+        _ => "Drop a volume here, or press Ctrl+O to open one\n.svol, SEG-Y, NRRD, NIfTI, MetaImage, TIFF, npy",
     };
     ui.painter().text(rect.center(), Align2::CENTER_CENTER, words, FontId::proportional(16.0), Color32::GRAY);
 }

@@ -197,7 +197,7 @@ fn paint(viewer: &Viewer, opened: &Opened, ui: &Ui, axis: usize, response: &Resp
         tell_of_point(viewer, opened, Some(axis), &painter, rect);
     }
     if viewer.sections.panels[axis].scene.is_none() {
-        tell(&painter, rect.center(), Align2::CENTER_CENTER, "no section can be shown here");
+        tell(&painter, rect.center(), Align2::CENTER_CENTER, "cannot show a section here");
     }
 }
 
@@ -258,7 +258,7 @@ pub(super) fn tell_of_point(
     let corner = rect.left_bottom() + Vec2::new(MARGIN, -MARGIN);
     match &probed.found {
         Ok(Some(picked)) => tell(painter, corner, Align2::LEFT_BOTTOM, &told_of(picked, opened)),
-        Ok(None) if panel.is_some() => tell(painter, corner, Align2::LEFT_BOTTOM, "nothing is here"),
+        Ok(None) if panel.is_some() => tell(painter, corner, Align2::LEFT_BOTTOM, "nothing visible"),
         Ok(None) => {}
         Err(why) if panel.is_some() => tell(painter, corner, Align2::LEFT_BOTTOM, why),
         Err(_) => {}
@@ -292,7 +292,7 @@ pub(super) fn controls(viewer: &mut Viewer, ui: &mut Ui) {
         ui.label(format!("Cursor, {name}"));
         wide_slider(ui);
         ui.add(Slider::new(place, 0.0..=last).clamping(SliderClamping::Edits).integer())
-            .on_hover_text(format!("Voxel along {name}, 0 to {last}, through which the section goes"))
+            .on_hover_text(format!("Voxel along {name} of the section, 0 to {last}"))
             .accessible_name(format!("Cursor, {name}"));
     }
     if cursor != viewer.sections.cursor {
@@ -303,7 +303,7 @@ pub(super) fn controls(viewer: &mut Viewer, ui: &mut Ui) {
         slices::interpolation(look, "Panels", ui);
         slices::filter(look, &opened, "Panels", ui);
     });
-    let words = "Slices of the picture at the cursor, with which they move";
+    let words = "Adds slices at the cursor to the picture; they move with the cursor";
     if ui.button("Show them in the volume").on_hover_text(words).clicked() {
         show_in_volume(viewer, &opened);
     }

@@ -156,12 +156,12 @@ fn take(
 pub(super) fn controls(viewer: &mut Viewer, ui: &mut Ui) {
     let ctx = ui.ctx().clone();
     ui.horizontal(|ui| {
-        let words = "A transfer function or a colour map of a file: JSON of this program, ParaView's JSON, ImageVis3D's .1dt \
+        let words = "Loads a transfer function or a colour map from a file: JSON of supervol or of ParaView, .1dt of ImageVis3D \
                      (--tf, --colormap)";
         if ui.button("Load ...").on_hover_text(words).clicked() {
             viewer.dialogs.browser = Some(Browser::new(Wanted::TransferFunction, viewer.opened.as_deref()));
         }
-        if ui.button("Save as ...").on_hover_text("To a file, or by a name in this list").clicked() {
+        if ui.button("Save as ...").on_hover_text("Saves to a file, or under a name in this list").clicked() {
             let path = beside(viewer.opened.as_deref(), "tf.json");
             viewer.transfer.save = Some(SaveDialog { name: String::new(), path, replace: false });
         }
@@ -172,7 +172,7 @@ pub(super) fn controls(viewer: &mut Viewer, ui: &mut Ui) {
                 names.into_iter().find(|name| ui.selectable_label(false, name).clicked())
             });
             box_.response
-                .on_hover_text("Transfer functions that were saved by name")
+                .on_hover_text("Transfer functions that were saved under a name")
                 .accessible_name("Named transfer functions");
             if let Some(path) = box_.inner.flatten().and_then(|name| file_of(&folders, &name)) {
                 viewer.transfer.load(&ctx, path);
@@ -188,7 +188,7 @@ pub(super) fn show(viewer: &mut Viewer, ctx: &egui::Context) {
     let middle = ctx.content_rect().center();
     let folders = viewer.folders.clone();
     window("Save the transfer function", &mut is_open).default_pos(middle).show(ctx, |ui| {
-        ui.label("By a name, for other volumes too:");
+        ui.label("Under a name, for all volumes:");
         path_field(ui, &mut dialog.name, "Name to keep it by");
         let kept = file_of(&folders, &dialog.name);
         let words = format!("Letters, digits and ` _-+,()`, at most {NAME_LIMIT}");
@@ -196,7 +196,7 @@ pub(super) fn show(viewer: &mut Viewer, ctx: &egui::Context) {
             target = kept;
         }
         ui.separator();
-        ui.label("Or to a file, as --tf takes it:");
+        ui.label("Or to a file, for --tf:");
         path_field(ui, &mut dialog.path, "Transfer function file");
         let may = may_write(ui, &dialog.path, &mut dialog.replace);
         if ui.add_enabled(may, Button::new("Write")).clicked() {
@@ -210,7 +210,7 @@ pub(super) fn show(viewer: &mut Viewer, ctx: &egui::Context) {
         return;
     };
     let Some(spec) = edit::points(&viewer.scene) else { return };
-    let text = serde_json::to_string_pretty(spec).expect("points have no number that JSON lacks") + "\n";
+    let text = serde_json::to_string_pretty(spec).expect("points have finite numbers only") + "\n";
     let is_kept = folder(&folders).is_some_and(|folder| path.starts_with(folder));
     let existing = if dialog.replace || is_kept { Existing::Replace } else { Existing::Keep };
     let read = viewer.opened.iter().flat_map(|opened| [opened.source.clone(), opened.path.clone()]).collect();

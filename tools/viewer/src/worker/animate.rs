@@ -68,7 +68,8 @@ impl Easel {
     ) -> Result<Message, String> {
         let opened = self.opened.clone();
         let camera = animation.scene.camera.as_ref();
-        let camera = camera.ok_or("this volume lies where the world is too coarse for a camera that moves")?;
+        let camera =
+            camera.ok_or("cannot animate: the world coordinates of this volume are too coarse for a camera")?;
         let (cameras, motion) = (animation.motion.cameras(camera, &opened.facts), animation.motion.asked());
         let scene = Scene { camera: cameras.first().cloned(), ..animation.scene.clone() };
         let inputs: Vec<&Path> =
@@ -85,7 +86,7 @@ impl Easel {
         };
         let others = match animation.existing {
             Existing::Replace => Others::Replace,
-            _ => Others::Keep("tick that they are replaced"),
+            _ => Others::Keep("tick `Overwrite other pictures`"),
         };
         let missing = frames.begin(&options(desk, settings), others).map_err(|e| e.to_string())?;
         lock(&desk.wishes).export_canceller = Some(self.renderer.canceller());
@@ -107,7 +108,7 @@ impl Easel {
                 missing.len(),
                 frames.advice()
             )),
-            false => Message::Done(format!("given up; the same again goes on with what {folder} holds")),
+            false => Message::Done(format!("cancelled; the same animation continues with the pictures in {folder}")),
         })
     }
 

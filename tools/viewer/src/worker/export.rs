@@ -37,7 +37,7 @@ impl Easel {
         let step = self.renderer.advance(None);
         let written = step.map_err(|e| e.to_string()).and_then(|step| {
             let Some(picture) = self.renderer.picture().filter(|_| step.is_finished) else {
-                return Ok(Message::Done("export given up; no file was written".into()));
+                return Ok(Message::Done("export cancelled; no file was written".into()));
             };
             let mut file = output.file();
             self.decorated(picture, &scene).encode(format, scene.background, &mut file).map_err(|e| e.to_string())?;

@@ -72,7 +72,9 @@ pub(super) fn begin_build(
         let _ = before.map(JoinHandle::join);
         let build = || built(&desk, (&wish, number), &settings, canceller);
         let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(build)).unwrap_or_else(|_| {
-            Err(Message::Failure("a mistake of supervol ended the build; what it said is on standard error".into()))
+            Err(Message::Failure(
+                "the build has crashed because of a bug in supervol; its message is on standard error".into(),
+            ))
         });
         desk.wish(|wishes| wishes.built = Some((number, result)));
     })
@@ -81,12 +83,11 @@ pub(super) fn begin_build(
 /// Message for a failed or stopped build, with advice. A stopped build continues when the file is opened again.
 fn unbuilt(error: &BuildError, source: &Path) -> Message {
     match error {
-        BuildError::Stopped { kept: Some(_) } => Message::Done(format!(
-            "the build of {} was stopped; open it again, and it goes on where it was",
-            source.display()
-        )),
+        BuildError::Stopped { kept: Some(_) } => {
+            Message::Done(format!("the build of {} was stopped; open the file again to continue it", source.display()))
+        }
         _ if error.is_stopped() => {
-            Message::Done(format!("the build of {} was stopped before anything was finished", source.display()))
+            Message::Done(format!("the build of {} was stopped before it had finished any part", source.display()))
         }
         _ => Message::Failure(format!("{error}\n{}", advice(source))),
     }

@@ -105,7 +105,10 @@ impl Studio {
     fn refusal(&self) -> Option<String> {
         let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         if let Some((_, wish)) = &self.building {
-            return Some(format!("{} is being built: export when it is there, or cancel the build", name(&wish.path)));
+            return Some(format!(
+                "the container of {} is still being built: export later, or cancel the build",
+                name(&wish.path)
+            ));
         }
         let opened = &self.easel.as_ref()?.opened;
         opened.preview_of.map(|strides| refused_of_preview(&opened.source, strides))
@@ -128,7 +131,7 @@ impl Studio {
         self.building = Some((number, wish.clone()));
         match open::begin_build(&self.desk, (wish, number), (&self.settings, canceller), self.builder.take()) {
             Ok(thread) => self.builder = Some(thread),
-            Err(error) => self.end_opening(Err(Message::Failure(format!("no thread can be started: {error}")))),
+            Err(error) => self.end_opening(Err(Message::Failure(format!("cannot start a thread: {error}")))),
         }
     }
 
@@ -174,8 +177,8 @@ impl Studio {
 /// Message for the refusal to write a picture of a preview, which is not the volume.
 pub(crate) fn refused_of_preview(source: &Path, [x, y, z]: [u64; 3]) -> String {
     format!(
-        "this is a preview, one of {x} x {y} x {z} voxels: nothing is written of it. Wait until the container of {} is built; if \
-         that was stopped, open it again",
+        "this picture is a preview (one of {x} x {y} x {z} voxels) and cannot be saved. Wait until the container of {} is built; \
+         if the build was stopped, open the file again",
         source.display()
     )
 }

@@ -129,8 +129,8 @@ fn an_animation_can_be_given_up() {
     session.click("Make the pictures");
     let folder = session.folder.path().join("vessels.frames");
     session.until("it has begun", |_| folder.join("frame-00000.png").exists());
-    session.click("Give up");
-    assert!(done(&mut session).contains("given up"));
+    session.click("Stop");
+    assert!(done(&mut session).contains("cancelled"));
     let pictures = std::fs::read_dir(&folder).expect("a folder").flatten().count();
     assert!(pictures < 2000, "{pictures} files");
     let left = std::fs::read_dir(&folder)

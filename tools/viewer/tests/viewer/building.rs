@@ -62,7 +62,7 @@ fn a_build_that_is_cancelled_goes_on_when_its_file_is_opened_again() {
     session.click("Cancel");
     session.until("it has stopped", |s| s.viewer().message().is_some() && s.viewer().is_at_rest());
     let words = told(&session);
-    assert!(words.contains("noise.npy") && words.contains("open it again, and it goes on"), "{words}");
+    assert!(words.contains("noise.npy") && words.contains("open the file again to continue"), "{words}");
     assert_eq!(unfinished(&session), 2, "the container and its list");
     session.screenshot("build_cancelled");
     // The open volume stays and can be turned.
