@@ -1,17 +1,17 @@
-//! What happens when the system has no memory left: a sentence and exit code 3, with nothing half written left behind.
+//! Allocator that ends the program if the system has no memory left: one message, exit code 3, no unfinished files.
 //!
-//! Rust's own answer is to abort, from wherever the memory was wanted: in our code, or in that of a library.
+//! By default, Rust aborts wherever the allocation failed: in our code or in that of a library.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::io::Write;
 
-/// Room for what is said.
+/// Greatest length of the message.
 const SENTENCE_BYTES: usize = 256;
 
-/// The system's allocator; the program ends when it has nothing to give.
+/// System allocator; a failed allocation ends the program.
 pub struct OrEnd;
 
-// SAFETY: every call goes to the system's allocator unchanged; where it fails the process ends, and nothing is returned.
+// SAFETY: every call goes to the system allocator unchanged; if it fails, the process ends and nothing is returned.
 unsafe impl GlobalAlloc for OrEnd {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         // SAFETY: the caller's promises are the system allocator's conditions.
@@ -38,11 +38,11 @@ fn or_end(block: *mut u8, bytes: usize) -> *mut u8 {
     if block.is_null() { end(bytes) } else { block }
 }
 
-/// Takes little memory itself: what was refused is nearly always a large buffer.
+/// Uses little memory itself: the refused allocation is nearly always a large buffer.
 #[cold]
 fn end(bytes: usize) -> ! {
     let _none_begins = supervol_files::unfinished::remove_all();
-    // On the stack: nothing is to be allocated for it.
+    // On the stack, because allocation has failed.
     let mut sentence = std::io::Cursor::new([0; SENTENCE_BYTES]);
     let _ = writeln!(
         sentence,

@@ -1,4 +1,4 @@
-//! Numbers as people write them: with units, fractions, percent, and lists.
+//! Parsers of numbers: with units, fractions, percent, and lists.
 
 use std::num::NonZero;
 use std::str::FromStr;
@@ -16,10 +16,10 @@ use crate::failure::Failure;
 /// 8 EiB, more than any memory or file.
 const MOST_BYTES: f64 = (1u64 << 63) as f64;
 
-/// What `--offset` says: bytes of a headerless file, or traces of a SEG-Y file.
+/// Value of `--offset`: bytes of a raw file, or traces of a SEG-Y file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Offset {
-    /// The mean over all.
+    /// Mean over all offsets.
     Stack,
     /// As it was written.
     Given(String),
@@ -47,7 +47,7 @@ impl Offset {
         }
     }
 
-    /// Traces of a file that has not been stacked; bytes with a unit are not meant for it.
+    /// Traces of an unstacked file. A number with a unit is a number of bytes and selects no traces.
     pub fn traces(&self) -> Offsets {
         match self {
             Self::Stack => Offsets::Stack,
@@ -96,7 +96,7 @@ pub fn milliseconds(text: &str) -> Result<u64, String> {
     if (0.0..1e12).contains(&value) { Ok(value as u64) } else { Err(format!("{text}: expected a time of at least 0")) }
 }
 
-/// Number and the unit behind it.
+/// Splits a text into number and unit.
 fn split_unit(text: &str) -> Result<(f64, &str), String> {
     let text = text.trim();
     let end = text.find(|c: char| !(c.is_ascii_digit() || ".+-eE".contains(c))).unwrap_or(text.len());
@@ -113,7 +113,7 @@ fn list<T: FromStr, const N: usize>(text: &str, what: &str) -> Result<[T; N], St
     values.try_into().map_err(|_| wrong())
 }
 
-/// Most threads that can be asked for: more than any machine has processors, and few enough to be started.
+/// Greatest number of threads: above the processors of any machine, and small enough to start them all.
 const MOST_THREADS: usize = 1024;
 
 /// A number of threads.
@@ -152,7 +152,7 @@ pub fn matrix(text: &str) -> Result<[f64; 9], String> {
     list(text, "numbers")
 }
 
-/// Lengths between voxels, with the unit that they are in; empty where none is given.
+/// Distances between voxels, with their unit; an empty unit means none.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Spacing {
     /// Along x, y, z.
@@ -161,7 +161,7 @@ pub struct Spacing {
     pub unit: String,
 }
 
-/// Units of length, in nanometres: whole numbers, so that one is exact in another.
+/// Units of length in nanometres: whole numbers, so that conversions are exact.
 const LENGTHS: [(&str, f64); 8] =
     [("nm", 1.0), ("um", 1e3), ("µm", 1e3), ("mm", 1e6), ("cm", 1e7), ("m", 1e9), ("km", 1e12), ("ft", 304_800_000.0)];
 
@@ -172,7 +172,7 @@ pub fn unit(text: &str) -> Result<String, String> {
     if known.contains(&text) { Ok(text.into()) } else { Err(format!("'{text}': expected one of {}", known.join(", "))) }
 }
 
-/// `1,1,2`, `1mm,1mm,2mm` or `500um,500um,2mm`: all in the first one's unit then, or in none.
+/// `1,1,2`, `1mm,1mm,2mm` or `500um,500um,2mm`. The result is in the unit of the first length, or without unit.
 pub fn spacing(text: &str) -> Result<Spacing, String> {
     let parts: [String; 3] = list(text, "lengths")?;
     let expected = || {
@@ -193,19 +193,19 @@ pub fn spacing(text: &str) -> Result<Spacing, String> {
     Ok(Spacing { lengths, unit })
 }
 
-/// A box of voxels as it is written: along each axis where it begins, and where it ends if that is said.
+/// Box of voxels as on the command line: start, and optionally end, along each axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct WrittenBox([(u64, Option<u64>); 3]);
 
 impl WrittenBox {
-    /// The box in a grid of this size; what was left open ends where the grid does.
+    /// The box in a grid of this size. A missing end is the end of the grid.
     pub fn within(self, dims: Dims) -> VoxelBox {
         let end = |axis: usize| self.0[axis].1.unwrap_or(dims.0[axis]);
         VoxelBox { start: self.0.map(|(start, _)| start), end: [0, 1, 2].map(end) }
     }
 }
 
-/// `I0:I1,J0:J1,K0:K1`, ends not included; a side may be left out (`:` is all), and `50` is `50:51`.
+/// `I0:I1,J0:J1,K0:K1`, ends excluded. Both ends are optional (`:` is all), and `50` means `50:51`.
 pub fn voxel_box(text: &str) -> Result<WrittenBox, String> {
     let ranges: [String; 3] = list(text, "ranges I0:I1")?;
     let read = |range: &String| voxel_range(range.trim());
@@ -229,11 +229,11 @@ fn voxel_range(text: &str) -> Result<(u64, Option<u64>), String> {
 pub struct Dtype {
     /// Type of a voxel.
     pub voxel_type: VoxelType,
-    /// Byte order; little where it is not said.
+    /// Byte order; little endian by default.
     pub endian: Endian,
 }
 
-/// Names that other programs give to voxel types.
+/// Names of voxel types in other programs, and ours.
 const OTHER_NAMES: [(&str, &str); 10] = [
     ("uint8", "u8"),
     ("int8", "i8"),
@@ -247,7 +247,7 @@ const OTHER_NAMES: [(&str, &str); 10] = [
     ("double", "f64"),
 ];
 
-/// See [`Dtype`].
+/// Parses a [`Dtype`].
 pub fn dtype(text: &str) -> Result<Dtype, String> {
     let lower = text.trim().to_ascii_lowercase();
     let (name, endian) = match (lower.strip_suffix("be"), lower.strip_suffix("le")) {
@@ -262,16 +262,16 @@ pub fn dtype(text: &str) -> Result<Dtype, String> {
     Ok(Dtype { voxel_type, endian })
 }
 
-/// A bound on an error: in data units (`0.5`), as a fraction (`0.5/255`), or in percent of the value range (`1%`).
+/// Error bound: in data units (`0.5`), as a fraction (`0.5/255`), or in percent of the value range (`1%`).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ErrorBound {
-    /// Data units; [`picture_error`] takes it as a share of full scale.
+    /// Data units; [`picture_error`] interprets it as a fraction of full scale.
     Absolute(f64),
     /// Percent of the value range.
     Percent(f64),
 }
 
-/// See [`ErrorBound`].
+/// Parses an [`ErrorBound`].
 pub fn error_bound(text: &str) -> Result<ErrorBound, String> {
     let wrong = || format!("'{text}': expected a number that is not negative, such as 0.5, 0.5/255 or 1%");
     let number = |t: &str| t.trim().parse::<f64>().ok().filter(|v| v.is_finite() && *v >= 0.0).ok_or_else(wrong);
@@ -287,9 +287,10 @@ pub fn error_bound(text: &str) -> Result<ErrorBound, String> {
     }
 }
 
-/// An error of a picture as a share of full scale: one that the renderer can be aimed at, or 1, which is any error.
+/// Parses the allowed error of a picture as a fraction of full scale: within the limits of the renderer, or 1 for any
+/// error.
 ///
-/// Whatever else there is between would be brought to these limits without a word.
+/// Other values are refused, because the renderer would silently clamp them to its limits.
 pub fn picture_error(text: &str) -> Result<f64, String> {
     let error = match error_bound(text)? {
         ErrorBound::Absolute(error) => error,
@@ -300,7 +301,7 @@ pub fn picture_error(text: &str) -> Result<f64, String> {
         return Ok(error);
     }
     let levels = |error: f64| format!("{}/255", (error * GREY_LEVELS * 1e4).round() / 1e4);
-    // Who forgets the divisor means grey levels.
+    // A number without divisor probably means grey levels.
     let means_levels = (least..=greatest).contains(&(error / GREY_LEVELS)) && text.trim().parse::<f64>().is_ok();
     let advice = if means_levels { format!("; for {text} grey levels, give {text}/255") } else { String::new() };
     Err(format!(
@@ -311,7 +312,7 @@ pub fn picture_error(text: &str) -> Result<f64, String> {
     ))
 }
 
-/// Bytes for people: three digits and a binary unit.
+/// Formats bytes with three digits and a binary unit.
 pub fn show_bytes(bytes: u64) -> String {
     indicatif::BinaryBytes(bytes).to_string()
 }

@@ -1,7 +1,8 @@
-//! Ctrl-C, SIGTERM and SIGHUP: the program removes what it has not finished, and ends with exit code 128 + signal.
+//! Ctrl-C, SIGTERM and SIGHUP: the program removes its unfinished files and exits with code 128 + signal.
 //!
-//! A thread of its own waits for them, so that no loop of the program need ask. What is half written is known by name
-//! ([`supervol_files::unfinished`]); programs that were started are ended; everything else that is temporary has no name and goes with the process.
+//! A separate thread waits for signals, so no loop has to check for them. Unfinished files are known by name
+//! ([`supervol_files::unfinished`]). Child programs are ended. Other temporary files have no name, and disappear with
+//! the process.
 
 use crate::failure::Failure;
 
@@ -18,7 +19,7 @@ pub fn watch<G>(end_programs: impl FnOnce() -> G + Send + 'static) -> Result<(),
     let wait = move || {
         if let Some(signal) = signals.forever().next() {
             let _none_begins = (end_programs(), supervol_files::unfinished::remove_all());
-            // At once: other threads are at work, and what they use must not be taken apart under them.
+            // Exits without destructors: other threads still run and use the data.
             signal_hook::low_level::exit(128 + signal);
         }
     };
@@ -35,7 +36,7 @@ pub fn watch<G>(_: impl FnOnce() -> G + Send + 'static) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Whether the program was started with a signal ignored, as `nohup` does with SIGHUP: it shall outlive its terminal.
+/// Tests if the signal is ignored, as `nohup` ignores SIGHUP: the program then outlives its terminal.
 #[cfg(unix)]
 fn is_ignored(signal: i32) -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();

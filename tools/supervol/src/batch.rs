@@ -1,4 +1,4 @@
-//! `supervol build --batch`: many volumes, one after the other; what came of each is a line of a file.
+//! `supervol build --batch`: builds many volumes one after the other; each outcome is one line of a file.
 
 use std::io::Write;
 use std::path::Path;
@@ -21,21 +21,21 @@ use supervol_preprocess::{BuildError, Existing};
 
 use crate::build::OutputArguments;
 
-/// Longest list of inputs.
+/// Size limit of a list of inputs.
 const LIST_LIMIT_BYTES: u64 = 256 << 20;
 
-/// What the inputs of a batch have in common.
+/// Common data of all inputs of a batch.
 struct Batch<'a> {
     output: &'a OutputArguments,
     folder: &'a Path,
     reading: Reading,
-    /// What was asked for, as far as it decides voxels.
+    /// Options that affect voxels, as text.
     options: String,
 }
 
-/// What came of an input that did not fail.
+/// Outcome of an input without failure.
 enum Came {
-    /// It was done already; nothing has changed since.
+    /// The container exists, and nothing has changed.
     Unchanged,
     Built,
 }
@@ -75,7 +75,8 @@ pub fn run(batch: &Path, output: &OutputArguments, source: &SourceArguments) -> 
                 announce(&format!("{place}: {name}, {bytes} ({percent:.1} %), {seconds:.1} s"));
             }
             Err(error) => {
-                // No other volume would find room either, and would remove what this one has left to go on with.
+                // A full disk stops the batch. Another build would fail, too, and would remove the journal of this
+                // one.
                 let is_full = error.is_full_disk();
                 let failure = Failure::from(error);
                 failed += 1;
@@ -115,7 +116,7 @@ fn find(batch: &Path, output: &Path, headerless: Headerless) -> Result<Inputs, F
 }
 
 impl Batch<'_> {
-    /// Builds one volume, or sees that it is built.
+    /// Builds one volume, or finds that it is built already.
     fn one(&self, input: &Path, name: &str, results: &mut Results) -> Result<Came, BuildError> {
         let output = self.folder.join(name);
         let Some(source_name) = input.to_str() else {
@@ -174,7 +175,7 @@ impl Batch<'_> {
         Ok(Came::Built)
     }
 
-    /// Notes why an input failed. What is known of a container that lies there stays known.
+    /// Records the failure of an input. The record of an existing container stays.
     fn note_failure(&self, input: &Path, name: &str, results: &mut Results, failure: &Failure) {
         let source = input.to_string_lossy().into_owned();
         let known = results.records().get(&source).cloned();
@@ -185,7 +186,7 @@ impl Batch<'_> {
         }
     }
 
-    /// A line for programs.
+    /// Prints one line of JSON, if requested.
     fn write_line(&self, record: Option<&Record>) -> Result<(), Failure> {
         if !self.output.is_json() {
             return Ok(());

@@ -1,4 +1,4 @@
-//! `supervol build`: a volume file to a container.
+//! `supervol build`: builds a container from a volume file.
 
 use std::io::Write;
 use std::num::NonZero;
@@ -115,22 +115,22 @@ fn brick_layout(text: &str) -> Result<BrickLayout, String> {
 }
 
 impl OutputArguments {
-    /// What `--force` says about an output that exists.
+    /// Rule for an existing output.
     pub fn existing(&self) -> Existing {
         if self.force { Existing::Replace } else { Existing::Keep }
     }
 
-    /// Where the output is to go, where somebody must say it; `what` it is to be.
+    /// Required output path; `what` names the expected file in the error message.
     pub fn named(&self, what: &str) -> Result<&Path, Failure> {
         self.output.as_deref().ok_or_else(|| Failure::command(format!("expected {what} to write: add -o")))
     }
 
-    /// What `--memory` allows.
+    /// Value of `--memory`, bytes.
     pub fn memory_bytes(&self) -> u64 {
         self.memory
     }
 
-    /// How to build.
+    /// Options of the build.
     pub fn build_options(&self) -> BuildOptions {
         let codec = match self.codec {
             CodecName::Auto => CodecChoice::Smallest,
@@ -168,7 +168,7 @@ impl OutputArguments {
         }
     }
 
-    /// Whether programs read what is said.
+    /// True if the output is JSON.
     pub fn is_json(&self) -> bool {
         self.json
     }
@@ -225,7 +225,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         let batch = batch.as_ref().ok_or_else(|| Failure::command("expected a volume file, or --batch"))?;
         return crate::batch::run(batch, output, source);
     };
-    // Decoded copies of compressed inputs go where the output goes: that disk has room for a volume.
+    // Decoded copies of compressed inputs go to the folder of the output: its disk has room for a volume.
     let path = match &output.output {
         Some(path) => path.clone(),
         None if is_piped(input) => output.named("a container (OUT.svol)")?.into(),

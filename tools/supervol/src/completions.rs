@@ -44,9 +44,9 @@ pub fn run_schema() -> Result<(), Failure> {
 pub fn run_man<C: CommandFactory>(arguments: &ManArguments) -> Result<(), Failure> {
     let folder = ReportFolder::begin(&arguments.output, arguments.force)?;
     folder.write_with(&[], |temporary| {
-        // Else there is a page for `help` of each command.
+        // Without this, each command would get a page for its `help`.
         let mut command = C::command().disable_help_subcommand(true);
-        // Names of the pages begin with the program's.
+        // Puts the name of the program before the names of the pages.
         command.build();
         clap_mangen::generate_to(command, temporary)
             .map_err(|e| Failure::Machine(format!("cannot write the man pages: {e}")))

@@ -1,4 +1,4 @@
-//! `supervol extract`: voxels of a container to a plain file.
+//! `supervol extract`: writes voxels of a container to a file of another format.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -14,7 +14,7 @@ use supervol_preprocess::Existing;
 /// Voxels to extract, and the file for them.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Container
+    /// Container to read
     container: PathBuf,
     #[command(flatten)]
     region: Region,
@@ -48,7 +48,7 @@ pub struct Region {
 }
 
 impl Region {
-    /// The level, and the box in it where not all of it is meant. What the container does not have, whoever reads it will say.
+    /// Level and box; `None` means the whole level. The reader checks that the container has them.
     pub fn of(self, container: &Container) -> (Lod, Option<VoxelBox>) {
         let (lod, pyramid) = (Lod(self.level), container.pyramid());
         let dims = pyramid.level_at(lod.min(pyramid.coarsest())).dims;

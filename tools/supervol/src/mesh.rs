@@ -1,4 +1,4 @@
-//! `supervol mesh`: the surface where a container has one value, as a mesh.
+//! `supervol mesh`: writes an isosurface of a container as a mesh.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -16,7 +16,7 @@ use crate::extract::Region;
 /// Surface, and the file for it.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Container
+    /// Container to read
     container: PathBuf,
     /// Data value of the surface, in the units of the data
     #[arg(long, value_name = "V", allow_hyphen_values = true)]

@@ -1,4 +1,4 @@
-//! `supervol render`: a container to a picture.
+//! `supervol render`: renders a picture of a container.
 
 use std::io::Write;
 use std::num::NonZero;
@@ -44,11 +44,11 @@ use crate::panels::Panels;
 use crate::pick;
 use crate::sequence::Sequence;
 
-/// Options of a single picture.
+/// Options for single pictures only.
 const OF_ONE_PICTURE: [&str; 5] = ["stats", "error_map", "work_map", "check", "time_budget"];
-/// Rays of `--check` without a number.
+/// Number of rays of `--check` without a number.
 const CHECK_RAYS: &str = "1000";
-/// A check that takes no longer than this shows no progress.
+/// Time before a check shows its progress.
 const QUIET: Duration = Duration::from_secs(1);
 
 /// Picture, method and memory limits.
@@ -197,7 +197,7 @@ enum BackendName {
     Reference,
 }
 
-/// What each picture of a sequence is written as.
+/// File format of the pictures of a sequence.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum FrameFormat {
     Png,
@@ -215,7 +215,7 @@ impl From<FrameFormat> for ImageFormat {
     }
 }
 
-/// Whether a picture shows more than the volume.
+/// Decorations beside the volume.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Decorate {
     Auto,
@@ -224,7 +224,7 @@ enum Decorate {
 }
 
 impl Decorate {
-    /// Whether a picture in this file does, where somebody sits at a terminal or nobody does.
+    /// Tests if a picture in this file is decorated.
     fn applies_to(self, output: &Path, is_at_terminal: bool) -> bool {
         let is_png = || output.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"));
         self == Self::On || (self == Self::Auto && is_at_terminal && is_png())
@@ -245,12 +245,12 @@ fn level(text: &str) -> Result<LevelChoice, String> {
 }
 
 impl Arguments {
-    /// What the command line asks for; its time budget began at `start`.
+    /// Render options of the command line. The time budget began at `start`.
     fn options(&self, start: Instant) -> RenderOptions {
         let passed = u64::try_from(start.elapsed().as_millis()).unwrap_or(u64::MAX);
         RenderOptions {
             backend: match self.backend.unwrap_or(BackendName::Auto) {
-                // Graphics devices do not count it.
+                // GPUs do not count the work of rays.
                 BackendName::Auto if self.work_map.is_some() => Backend::Cpu,
                 BackendName::Auto => Backend::Auto,
                 BackendName::Cpu => Backend::Cpu,
@@ -279,7 +279,7 @@ impl Arguments {
 }
 
 impl Arguments {
-    /// The container that is drawn.
+    /// Path of the container to draw.
     fn container(&self) -> Result<PathBuf, Failure> {
         let memory_bytes = self.host_memory;
         let (reading, threads) = (self.source.reading(memory_bytes)?, self.threads.map(NonZero::get));
@@ -287,21 +287,21 @@ impl Arguments {
     }
 }
 
-/// A camera that moves.
+/// Motion of the camera.
 struct Motion {
-    /// One for each picture.
+    /// Camera of each picture.
     cameras: Vec<CameraSpec>,
-    /// In the words of the command.
+    /// The request as JSON, as in `sequence.json`.
     asked: serde_json::Value,
 }
 
 impl Arguments {
-    /// Whether there is more than the volume in its one picture.
+    /// Tests if the single picture is decorated.
     fn decorates(&self, output: &Path) -> bool {
         self.decorate.applies_to(output, terminal::is_at_terminal())
     }
 
-    /// Refuses options that cannot be meant together.
+    /// Refuses contradictory options.
     fn check(&self) -> Result<(), Failure> {
         let is_said = self.print_scene || !self.pick.is_empty();
         let is_reference = self.backend == Some(BackendName::Reference);
@@ -323,7 +323,7 @@ impl Arguments {
         Err(Failure::Command(wrong.into()))
     }
 
-    /// Says which options change nothing, because of others.
+    /// Warns of options without effect.
     fn warn_of_unused(&self) -> Result<(), Failure> {
         let is_not_gpu = matches!(self.backend, Some(BackendName::Cpu | BackendName::Reference));
         let format = match self.frame_format {
@@ -344,7 +344,7 @@ impl Arguments {
         Ok(())
     }
 
-    /// Where several slices go; what is said of one picture is refused.
+    /// Output path of several slices; refuses options of single pictures.
     fn output_of_panels(&self) -> Result<&Path, Failure> {
         let of_one = [
             ("--stats", self.stats.is_some()),
@@ -364,9 +364,9 @@ impl Arguments {
         output.ok_or_else(|| Failure::Command("--slice: expected a picture to write (-o)".into()))
     }
 
-    /// What is drawn of the scene that was given, or of none in particular; and the cameras where there are several pictures.
+    /// Complete scene, and the cameras if there are several pictures.
     ///
-    /// Takes the volume, so that the memory of its overview is free before memory is counted.
+    /// Takes the volume by value, so that the memory of its overview is free before the renderer counts its memory.
     fn shown(&self, scene: Scene, volume: PlacedVolume) -> Result<(Scene, Option<Motion>), Failure> {
         let (container, facts) = (volume.container(), volume.facts());
         let overview = if self.look.asks_overview(&scene) { volume.overview() } else { None };
@@ -413,7 +413,7 @@ fn check_level(level: LevelChoice, path: &Path, container: &Container) -> Result
     }
 }
 
-/// Runs the command, which the program began with.
+/// Runs the command; `start` is the start of the program.
 pub fn run(arguments: &Arguments, start: Instant) -> Result<(), Failure> {
     arguments.check()?;
     arguments.warn_of_unused()?;
@@ -434,7 +434,7 @@ pub fn run(arguments: &Arguments, start: Instant) -> Result<(), Failure> {
         let panels: Vec<(String, Scene)> = looks.iter().map(named).collect::<Result<_, Failure>>()?;
         let inputs: Vec<&Path> = inputs.into_iter().chain(panels.iter().flat_map(|(_, scene)| scene.files())).collect();
         let file = RenderOutputs::begin(output, [None; 3], &inputs, arguments.force)?.picture;
-        // All panels are cut by the same.
+        // All panels have the same cuts.
         panels.first().iter().for_each(|(_, scene)| announce_files(scene));
         let (decorate, allow_failed) = (arguments.decorates(output), arguments.allow_failed);
         let panels = Panels { container: &container, facts: &facts, panels: &panels, grid, decorate, allow_failed };
@@ -480,7 +480,7 @@ pub fn run(arguments: &Arguments, start: Instant) -> Result<(), Failure> {
     if !arguments.print_scene {
         print(output, &stats).map_err(with_output)?;
     }
-    // Who has asked for nothing is told only what is not as on most machines.
+    // Without `--backend`, only an unusual choice is reported.
     if let Some(why) = about_backend(options.backend, &stats)
         && (arguments.backend.is_some() || stats.no_gpu_because.as_deref() != Some(NO_DEVICE))
     {
@@ -489,7 +489,7 @@ pub fn run(arguments: &Arguments, start: Instant) -> Result<(), Failure> {
     check_all_read(path, stats.bricks_failed, arguments.allow_failed)
 }
 
-/// What a picture is to the one who wanted it of which so many bricks could not be read.
+/// Fails if bricks could not be read, unless `--allow-failed` is set.
 pub fn check_all_read(container: &Path, failed: u64, allow_failed: bool) -> Result<(), Failure> {
     if failed == 0 || allow_failed {
         return Ok(());
@@ -501,7 +501,7 @@ pub fn check_all_read(container: &Path, failed: u64, allow_failed: bool) -> Resu
     )))
 }
 
-/// Refuses a picture of nothing: none of its bricks could be read.
+/// Fails if no brick of the picture could be read.
 pub fn check_any_read(stats: &FrameStats) -> Result<(), Failure> {
     if !stats.has_nothing_but_failures() {
         return Ok(());
@@ -513,28 +513,27 @@ pub fn check_any_read(stats: &FrameStats) -> Result<(), Failure> {
     )))
 }
 
-/// What a picture is made of.
+/// Subject of a picture.
 #[derive(Clone, Copy)]
 pub struct Subject<'a> {
     /// The volume.
     pub container: &'a Arc<Container>,
-    /// What is known of it.
+    /// Facts of the volume.
     pub facts: &'a VolumeFacts,
-    /// What is wanted.
+    /// The scene.
     pub scene: &'a Scene,
-    /// Whether box, orientation, scale, colours and name are drawn beside it.
+    /// Whether box, orientation, scale, colour legend and name are drawn beside the volume.
     pub decorate: bool,
 }
 
-/// Milliseconds of a time budget that are kept for what is done with a picture of this size when its rays are finished: its errors
-/// are stated, its colours become bytes, and a file is written. Measured: 60 to 90 ns a pixel; what is above this may be late
-/// (decision 008).
+/// Part of a time budget, in milliseconds, for the work after casting: stating errors, conversion to bytes, writing
+/// the file. Measured: 60 to 90 ns a pixel; the time above the reserved part may exceed the deadline (decision 008).
 fn handing_over_ms([width, height]: [u32; 2]) -> u64 {
     const NANOSECONDS_PER_PIXEL: u64 = 50;
     u64::from(width) * u64::from(height) * NANOSECONDS_PER_PIXEL / 1_000_000
 }
 
-/// Renders and writes one picture, and casts `check` of its rays again: what `render` and `demo` share.
+/// Renders and writes one picture, and casts `check` of its rays again. `render` and `demo` share this.
 pub fn picture(
     subject: &Subject<'_>,
     (output, [error_map, work_map]): (PictureFile, [Option<PictureFile>; 2]),
@@ -571,7 +570,7 @@ pub fn picture(
         let measured = check::measure_error(container, &resolved, options, &image, rays.get(), &progress);
         bar.finish_and_clear();
         stats.error_measured = Some(measured.map_err(|error| match with_render(error) {
-            // The picture went round what cannot be read; the reference does not.
+            // The picture replaces unreadable bricks by their parents; the reference does not.
             Failure::Data(message) => Failure::Data(format!("--check: {message}")),
             other => other,
         })?);
@@ -579,7 +578,7 @@ pub fn picture(
     Ok(stats)
 }
 
-/// Writes a picture, with what is to be drawn beside the volume; where it shows nothing, that is said with the reason.
+/// Writes a picture with its decorations, and warns if it is empty.
 pub fn write_picture(
     subject: &Subject<'_>,
     resolved: &ResolvedScene,
@@ -595,13 +594,13 @@ pub fn write_picture(
     output.write(&decorated, resolved.background)
 }
 
-/// Says why a picture shows nothing, where it does.
+/// Warns with the reason if the picture is empty.
 pub fn warn_of_nothing(image: &Image, resolved: &ResolvedScene, facts: &VolumeFacts) -> Result<(), Failure> {
     let Some(why) = warnings::reason(image, resolved, facts) else { return Ok(()) };
     warn(&format!("the picture shows nothing but its background: {why}"))
 }
 
-/// Says which of its cuts a picture would be the same without.
+/// Warns of cuts without effect.
 fn warn_of_idle_cuts(resolved: &ResolvedScene, facts: &VolumeFacts) -> Result<(), Failure> {
     warnings::idle_cuts(resolved, facts).iter().try_for_each(|cut| {
         warn(&format!(
@@ -614,7 +613,7 @@ fn warn(what: &str) -> Result<(), Failure> {
     writeln!(terminal::stderr(), "supervol: warning: {what}").map_err(with_output)
 }
 
-/// What a picture that could not be made is to the one who wanted it.
+/// Failure of a picture that could not be drawn.
 pub fn with_render(error: RenderError) -> Failure {
     let message = error.to_string();
     match error {
@@ -639,7 +638,7 @@ pub fn with_render(error: RenderError) -> Failure {
     }
 }
 
-/// Which backend was chosen and why, where it was not asked for; that the one that was is slow, where it is.
+/// Message about the automatically chosen backend and the reason, or about a slow requested one.
 fn about_backend(asked: Backend, stats: &FrameStats) -> Option<String> {
     let adapter = stats.adapter.as_deref().unwrap_or("a graphics adapter");
     match asked {
@@ -716,7 +715,7 @@ fn print(output: &Path, stats: &FrameStats) -> std::io::Result<()> {
         )?;
     }
     for failure in &stats.failures {
-        // Most reasons begin with the brick.
+        // Removes the name of the brick, with which most reasons begin.
         let reason =
             failure.reason.strip_prefix(&failure.brick).map_or(&*failure.reason, |rest| rest.trim_start_matches(": "));
         writeln!(out, "not readable, replaced by its parent: {}: {reason}", failure.brick)?;

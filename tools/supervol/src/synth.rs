@@ -1,4 +1,4 @@
-//! `supervol synth`: synthetic volumes, as a container or as a raw file.
+//! `supervol synth`: writes a synthetic volume as a container or a raw file.
 
 use std::io::Write;
 use std::path::Path;
@@ -49,10 +49,10 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.output.build(output, &source, origin)
 }
 
-/// Most bytes that are made before they are written, and the least: more makes nothing faster, less everything slower.
+/// Least and greatest number of bytes computed before they are written. More is not faster; less is slower.
 const BATCH_BYTES: [u64; 2] = [64 << 10, 64 << 20];
 
-/// Makes as many boxes at a time as there are threads, and writes them under a temporary name that the finished file loses.
+/// Computes one box for each thread at a time. The file has a temporary name until it is complete.
 fn write_raw(arguments: &Arguments, output: &Path, source: &dyn VolumeSource) -> Result<(), Failure> {
     use rayon::prelude::*;
     let write_error = |e| Failure::from(BuildError::write(output, e));

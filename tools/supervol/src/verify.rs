@@ -44,7 +44,7 @@ pub struct Arguments {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    // Said, so that nobody takes it for a check of its own.
+    // `deep` is ignored on purpose: `verify` always checks everything.
     let Arguments { containers, compare_with, deep: _, memory, source } = arguments;
     let reading = source.reading(*memory)?;
     let Some(input) = compare_with else {
@@ -59,7 +59,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     compare_with_source(path, &container, input, &reading, *memory)
 }
 
-/// Compares a container with what it was built from. Compressed voxels are decoded into a temporary file.
+/// Compares a container with its source. Compressed voxels are decoded into a temporary file.
 fn compare_with_source(
     path: &Path,
     container: &Container,
@@ -85,7 +85,7 @@ fn compare_with_source(
     writeln!(supervol_arguments::terminal::remarks(), "{remark}").map_err(with_output)
 }
 
-/// Every rule that a container can be held to alone.
+/// Checks a container against every rule that needs no source.
 fn verify(path: &Path, memory_bytes: u64) -> Result<Container, Failure> {
     let input = Input::named(path)?;
     let bar = Reporter::over_bricks();

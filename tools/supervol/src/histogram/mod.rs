@@ -112,7 +112,7 @@ fn write(arguments: &Arguments, facts: &VolumeFacts, shown: &TransferFunction, u
     Ok(())
 }
 
-/// A number in few digits.
+/// Formats a number with few digits.
 fn short(value: f64) -> String {
     if value != 0.0 && !(1e-3..1e7).contains(&value.abs()) { format!("{value:.4e}") } else { format!("{value:.4}") }
 }

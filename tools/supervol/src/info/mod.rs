@@ -82,9 +82,9 @@ struct LevelInfo {
     error: f64,
     uniform_bricks: u64,
     absent_bricks: u64,
-    /// Share of the amplitudes (RMS) of the level before that halving x, y or z alone would keep, where the build measured it.
+    /// Share of the amplitudes (RMS) that would remain if the level halved only x, y or z; `None` if not measured.
     rms_kept: Option<[f64; 3]>,
-    /// Data units; `None` where means are as exact as the voxel type.
+    /// Rounding of averages in data units; `None` if they are as exact as the voxel type.
     rounded_to: Option<f64>,
 }
 
@@ -127,7 +127,7 @@ fn describe(path: &Path, arguments: &Arguments) -> Result<(), Failure> {
     printed.map_err(with_output)
 }
 
-/// What to say of a file that is no container and cannot be read as a volume file.
+/// Error message for a file that is neither a container nor a volume file.
 fn neither(no_volume: Failure, reading: &Reading) -> Failure {
     match no_volume {
         Failure::Data(why) | Failure::Command(why) if reading.is_default() => Failure::Data(format!(
@@ -137,13 +137,13 @@ fn neither(no_volume: Failure, reading: &Reading) -> Failure {
     }
 }
 
-/// The unfinished files of a folder, and the volume that it is, if it is one.
+/// Describes the unfinished files of a folder, and the volume in it, if it is one.
 fn describe_folder(folder: &Path, arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { json, text_header, source, .. } = arguments;
     if *text_header {
         return print_text_header(folder, None);
     }
-    // Most folders are no volume, and are not asked to be one.
+    // Most folders hold no volume, which is no error.
     let described = source::Described::of(folder, &source.reading(source::MEMORY_BYTES)?);
     list_unfinished(folder, *json, described.as_ref())?;
     match described {
@@ -161,7 +161,7 @@ fn print_text_header(path: &Path, survey: Option<&Survey>) -> Result<(), Failure
     survey.text_header.lines().try_for_each(|line| writeln!(out, "{}", line.trim_end())).map_err(with_output)
 }
 
-/// Names what builds and other commands have not finished, or never will.
+/// Lists unfinished files of builds and other commands.
 fn list_unfinished(folder: &Path, json: bool, volume: Result<&source::Described, &Failure>) -> Result<(), Failure> {
     let found =
         unfinished::list(folder).map_err(|e| Failure::Machine(format!("cannot read {}: {e}", folder.display())))?;
@@ -194,7 +194,7 @@ fn list_unfinished(folder: &Path, json: bool, volume: Result<&source::Described,
         .map_err(with_output)
 }
 
-/// The state of a partial's writer, for programs and for people.
+/// State of the writer of an unfinished file: for JSON, and as text.
 fn words_for(writer: Writer) -> (&'static str, &'static str) {
     match writer {
         Writer::Alive => ("alive", "a running command writes it"),
@@ -211,7 +211,7 @@ fn gather(container: &Container) -> Result<Info<'_>, supervol_format::container:
     let manifest = container.manifest();
     let pyramid = container.pyramid();
     let recognised = kind::recognise(container);
-    // Of the levels from 1 on.
+    // Both lists start at level 1.
     let rms_kept = rms_kept_of(manifest).unwrap_or_default();
     let steps = steps_of(manifest, descriptor.voxel_type).unwrap_or_default();
     let mut levels = Vec::new();
@@ -272,7 +272,7 @@ fn gather(container: &Container) -> Result<Info<'_>, supervol_format::container:
     })
 }
 
-/// Where voxels lie, and what the axes are called: of a container, or of a volume file.
+/// Grid and axes of a container or of a volume file.
 struct Place<'a> {
     dims: Dims,
     dtype: &'static str,
@@ -356,7 +356,7 @@ fn print(info: &Info<'_>, container: &Container, survey: Option<&Survey>, out: &
     Ok(())
 }
 
-/// What halving each axis would keep, where the build measured it.
+/// Prints the share of amplitudes that halving each axis would keep, if the build measured it.
 fn print_kept(levels: &[LevelInfo], out: &mut impl Write) -> std::io::Result<()> {
     let measured = levels.iter().enumerate().filter_map(|(lod, level)| Some((lod, level.rms_kept?)));
     for (i, (lod, [x, y, z])) in measured.enumerate() {
@@ -368,7 +368,7 @@ fn print_kept(levels: &[LevelInfo], out: &mut impl Write) -> std::io::Result<()>
     Ok(())
 }
 
-/// Which way the grid lies, and where the survey is.
+/// Prints the orientation of the grid and the position of a survey.
 fn print_orientation(place: &Place<'_>, out: &mut impl Write) -> std::io::Result<()> {
     let Place { geometry, space, survey, .. } = place;
     let d = geometry.direction;
@@ -401,7 +401,7 @@ fn print_orientation(place: &Place<'_>, out: &mut impl Write) -> std::io::Result
     Ok(())
 }
 
-/// Names of a survey's corners, in the order in which they are kept.
+/// Names of the corners of a survey, in stored order.
 const CORNERS: [&str; 4] = [
     "first inline, first crossline",
     "first inline, last crossline",

@@ -111,13 +111,13 @@ pub struct LookArguments {
     supersample: Option<u32>,
 }
 
-/// Opacity of all surfaces but the last.
+/// Opacity of all surfaces except the last.
 const CLEAR_SURFACE: f64 = 0.35;
-/// Their colours, from the first on.
+/// Colours of these surfaces, starting with the first.
 const CLEAR_COLORS: [[f64; 3]; 4] = [[0.82, 0.50, 0.38], [0.35, 0.60, 0.85], [0.45, 0.75, 0.40], [0.85, 0.75, 0.35]];
 
 impl LookArguments {
-    /// The volume as it is drawn: of the given or recognised kind, with the requested vertical exaggeration.
+    /// The volume for drawing: of the given or recognised kind, with the requested vertical exaggeration.
     pub fn placed(&self, container: Container, scene: &Scene) -> Result<PlacedVolume, Failure> {
         let volume = Volume::of(container);
         let volume = match self.kind {
@@ -128,13 +128,13 @@ impl LookArguments {
         volume.placed_for(&Scene { vertical_exaggeration, ..Scene::default() }).map_err(Failure::command)
     }
 
-    /// Whether an overview of the volume has a say in [`Self::scene`]: in where the camera stands, or what projections show.
+    /// Tests if [`Self::scene`] needs an overview of the volume: for the camera or the values of projections.
     pub fn asks_overview(&self, scene: &Scene) -> bool {
         let leaves_open = scene.camera.is_none() || scene.transfer_function.is_none();
         leaves_open || self.camera.is_some() || self.zoom.is_some()
     }
 
-    /// Where several slices are asked for: each by itself, and how they lie side by side.
+    /// If several slices are requested: the options of each slice, and the grid of panels.
     pub fn panels(&self, scene: &Scene) -> Result<Option<(Vec<Self>, Grid)>, Failure> {
         let cuts = &self.slices.cuts;
         if self.slices.are_panels() {
@@ -156,22 +156,22 @@ impl LookArguments {
         Ok(Some((cuts.iter().map(alone).collect(), grid)))
     }
 
-    /// Whether slices are shown face on.
+    /// True if slices are shown face on.
     pub fn shows_panels(&self) -> bool {
         self.slices.are_panels()
     }
 
-    /// Whether a colour behind the volume is asked for.
+    /// True if a background colour is requested.
     pub fn has_background(&self) -> bool {
         self.background.is_some()
     }
 
-    /// The slice that the picture shows, in words.
+    /// Names of the shown slices.
     pub fn name(&self) -> String {
         self.slices.cuts.iter().map(ToString::to_string).collect::<Vec<_>>().join(" ")
     }
 
-    /// Refuses what says how a volume is shown, where a slice is shown face on.
+    /// Refuses options of volumes if slices are shown face on.
     fn check_panels(&self) -> Result<(), Failure> {
         let of_volumes = [
             ("--mode", self.mode.is_some()),
@@ -189,7 +189,7 @@ impl LookArguments {
         }
     }
 
-    /// The scene with what is asked for, everything written out.
+    /// The complete scene with all options applied.
     pub fn scene(
         &self,
         scene: &Scene,
@@ -212,7 +212,7 @@ impl LookArguments {
         self.set_mode(&mut scene, facts, overview);
         self.add_surfaces(&mut scene, facts)?;
         if !self.surface.is_empty() && !says_light {
-            // Surfaces are nothing without light, whatever suits the kind of data.
+            // Surfaces need lighting to be visible, whatever the kind of data.
             scene.shading = Some(Some(ShadingSpec::default()));
         }
         if let Some(text) = &self.tf {
@@ -258,7 +258,7 @@ impl LookArguments {
         let has_surfaces = !self.surface.is_empty() && scene.mode.is_none_or(|mode| mode == Mode::Dvr);
         let mode = mode.or(has_surfaces.then_some(Mode::Dvr));
         let Some(mode) = mode else { return };
-        // The look of the kind where it is of this mode, light and all.
+        // Uses the look of the kind, including its lighting, if it has this mode.
         let usual = Scene { image: scene.image.clone(), clip: scene.clip.clone(), ..Scene::default() };
         let usual = usual.complete(facts, overview);
         if scene.mode.is_none() && scene.transfer_function.is_none() && usual.mode == Some(mode) && self.iso.is_empty()
@@ -272,7 +272,7 @@ impl LookArguments {
         let keeps_surfaces = mode == Mode::Dvr && scene.mode == Some(Mode::Dvr);
         scene.mode = Some(mode);
         if keeps_surfaces {
-            // They are inside the volume as before.
+            // The surfaces inside the volume stay.
         } else if mode != Mode::Iso {
             scene.iso.clear();
         } else if !self.iso.is_empty() {
@@ -282,7 +282,7 @@ impl LookArguments {
         }
     }
 
-    /// Surfaces inside the volume that are asked for: instead of the scene's.
+    /// Replaces the surfaces inside the volume by the requested ones.
     fn add_surfaces(&self, scene: &mut Scene, facts: &VolumeFacts) -> Result<(), Failure> {
         if !self.iso.is_empty() && scene.mode != Some(Mode::Iso) {
             return Err(Failure::Command(
@@ -305,13 +305,13 @@ impl LookArguments {
         Ok(())
     }
 
-    /// The camera of a scene that is complete, for going around what is seen: from there, all of it is in every picture.
+    /// Camera for a turntable: every picture shows the whole visible region.
     pub fn turning_camera(&self, scene: &Scene, facts: &VolumeFacts, overview: Option<&Overview>) -> CameraSpec {
         let framed = scene.framed(facts, overview);
         self.view(facts, &framed).turning_camera(&framed, [scene.image.width, scene.image.height], upright(facts))
     }
 
-    /// The direction to look from that is asked for, or the usual one.
+    /// The requested view direction, or the default one.
     fn view(&self, facts: &VolumeFacts, framed: &Framed) -> View {
         let usual = View::facing(facts, framed);
         let wish =
@@ -323,13 +323,13 @@ impl LookArguments {
         if self.slices.are_panels() {
             return;
         }
-        // What is framed depends on what is shown.
+        // The framed region depends on the visible region.
         let shown = Scene { camera: None, ..scene.clone() }.complete(facts, overview);
         let framed = shown.framed(facts, overview);
         scene.camera = Some(self.view(facts, &framed).camera(&framed, [scene.image.width, scene.image.height]));
     }
 
-    /// Window, colours and opacities of the transfer function that is drawn with.
+    /// Applies the options of the transfer function: window, colours, opacities.
     fn repaint(&self, scene: &mut Scene, facts: &VolumeFacts) -> Result<(), Failure> {
         let mode = scene.mode.unwrap_or_default();
         let asked = [
@@ -367,7 +367,7 @@ impl LookArguments {
             *spec = PointsSpec { unit_distance: spec.unit_distance, ..PointsSpec::of(&points, 1.0) };
         }
         if let Some(factor) = self.opacity {
-            // So many times the extinction.
+            // Multiplies the extinction.
             spec.points.iter_mut().for_each(|p| p.alpha = 1.0 - (1.0 - p.alpha).powf(factor));
         }
         Ok(())
@@ -381,7 +381,7 @@ impl LookArguments {
     }
 }
 
-/// Surfaces of these values: the last opaque, those before it clear.
+/// Surfaces at these values: the last one is opaque, the others are semi-transparent.
 fn surfaces(values: &[f64], usual: [f64; 3]) -> Vec<IsoSpec> {
     let last = values.len().saturating_sub(1);
     let surface = |(i, &value): (usize, &f64)| IsoSpec {

@@ -1,4 +1,4 @@
-//! Looks as people write them: colours, cameras, planes, transfer functions.
+//! Parsers of colours, cameras, planes and transfer functions.
 
 use std::path::{Path, PathBuf};
 
@@ -10,28 +10,28 @@ use supervol_scene::preset::transfer_file::TransferFile;
 use supervol_scene::preset::view::Direction;
 use supervol_scene::scene::{BoxSpec, CylinderSpec, PlaneSpec, PointSpec, PointsSpec, SolidSpec, SphereSpec};
 
-/// Where a camera is wanted.
+/// Requested camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CameraWish {
-    /// From which direction.
+    /// Direction of the camera from the middle.
     pub direction: Direction,
-    /// How far from the middle, world units.
+    /// Distance from the middle in world units; `None`: chosen.
     pub distance: Option<f64>,
 }
 
-/// What the volume is cut with.
+/// Plane or solid that clips the volume.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Cutter {
-    /// Half of the world.
+    /// Keeps one side of a plane.
     Plane(PlaneSpec),
-    /// The inside or the outside of a solid.
+    /// Keeps the inside or the outside of a solid.
     Solid(Box<SolidSpec>),
 }
 
-/// Before the name of a solid of which the outside is kept.
+/// Prefix of a solid that keeps its outside.
 const OUTSIDE: &str = "outside-";
 
-/// Colours that have a name here.
+/// Named colours.
 const COLORS: [(&str, [f64; 3]); 10] = [
     ("black", [0.0; 3]),
     ("white", [1.0; 3]),
@@ -122,7 +122,7 @@ pub fn cutter(text: &str) -> Result<Cutter, String> {
         ("cylinder", &[x0, y0, z0, x1, y1, z1, radius]) => {
             solid.cylinder = Some(CylinderSpec { from: [x0, y0, z0], to: [x1, y1, z1], radius });
         }
-        // The scene that is printed may go anywhere.
+        // The printed scene may be used in another folder.
         ("mesh", _) if !rest.is_empty() => {
             solid.mesh = Some(std::path::absolute(rest).map_err(|e| format!("{rest}: {e}"))?)
         }
@@ -146,9 +146,9 @@ fn plane(text: &str) -> Result<PlaneSpec, String> {
 /// A colour map: its name, or the file that holds it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum ColorMapWish {
-    /// One of those that are known by name.
+    /// Built-in colour map.
     Named(String),
-    /// Of a file.
+    /// Colour map of a file.
     File(PathBuf),
 }
 
@@ -176,7 +176,7 @@ impl ColorMapWish {
     }
 }
 
-/// Whether a text is the name of a file with a transfer function or a colour map.
+/// Tests if the text names a file with a transfer function or a colour map.
 fn names_file(text: &str) -> bool {
     [".json", ".1dt"].iter().any(|end| text.to_lowercase().ends_with(end)) || Path::new(text).is_file()
 }
@@ -200,12 +200,12 @@ pub fn color(text: &str) -> Result<[f64; 3], String> {
     }
 }
 
-/// A surface inside the volume as it is asked for.
+/// Requested surface inside the volume.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SurfaceWish {
     /// Data value.
     pub value: f64,
-    /// Colour, each channel in [0, 1], where it is said.
+    /// Colour, each channel in [0, 1]; `None`: default.
     pub color: Option<[f64; 3]>,
     /// Opacity in [0, 1].
     pub alpha: f64,

@@ -81,17 +81,17 @@ fn filter(text: &str) -> Result<FilterSpec, String> {
 }
 
 impl SliceArguments {
-    /// Whether each slice is a picture of its own, face on.
+    /// True if each slice is a picture of its own, face on.
     pub fn are_panels(&self) -> bool {
         !self.cuts.is_empty() && self.slices == Where::Panels
     }
 
-    /// The same of one slice.
+    /// The options with only this slice.
     pub fn only(&self, cut: &Cut) -> Self {
         Self { cuts: vec![cut.clone()], ..self.clone() }
     }
 
-    /// The scene with nothing but this slice, face on.
+    /// Scene that shows only this slice, face on.
     pub fn panel(
         &self,
         scene: &Scene,
@@ -120,7 +120,7 @@ impl SliceArguments {
         face_on(scene, facts, slice, zoom).ok_or_else(nothing)
     }
 
-    /// Puts all slices into the picture of the volume.
+    /// Adds all slices to the picture of the volume.
     pub fn add_to(&self, scene: &mut Scene, container: &Container, facts: &VolumeFacts) -> Result<(), Failure> {
         if self.cuts.is_empty() {
             return Ok(());
@@ -129,7 +129,7 @@ impl SliceArguments {
         for cut in &self.cuts {
             scene.slices.push(self.spec(cut, container, facts)?);
         }
-        // Projections know no depth: where nobody asked for one, the volume is drawn as a body.
+        // Projections have no depth. If no mode was requested, the volume is drawn in mode dvr.
         let is_projected = !matches!(Look::of(facts).mode, Mode::Dvr | Mode::Iso);
         if scene.mode.is_none() && scene.iso.is_empty() && is_projected {
             scene.mode = Some(Mode::Dvr);
@@ -172,7 +172,7 @@ impl SliceArguments {
     }
 }
 
-/// Moves the colours of a slice to another window, and paints them otherwise, each where it is asked for.
+/// Changes window and colours of a slice, as far as they are given.
 pub fn repaint(
     slice: &mut SliceSpec,
     window: Option<[f64; 2]>,
@@ -183,7 +183,7 @@ pub fn repaint(
     }
     let point = |value, color| ControlPoint { value, color, alpha: 1.0 };
     let points: Vec<ControlPoint> = match (&slice.colors[..], window) {
-        // What a filter makes of values has another range.
+        // Filtered values have another range.
         ([], None) => {
             return Err(Failure::Command(
                 "--colormap needs --window here: this --filter changes the range of values".into(),

@@ -57,7 +57,7 @@ fn a_volume_file_is_built_once_and_drawn_as_its_container_is() {
         ["histogram", "a.raw", "--cache", "cache", "--spacing", "1,1,2"].into_iter().chain(SHAPE).collect();
     assert!(folder.said(&spaced).contains("building a container"));
     assert_eq!(folder.kept().len(), 2);
-    // What changes a file's reading changes nothing in a container.
+    // Options for volume files change nothing in a container.
     let message = folder.expect(2, &["render", "a.svol", "--spacing", "1,1,2", "-o", "4.npy"]);
     assert!(message.contains("expected a volume file, found a container"), "{message}");
     // A picture never takes the place of the file that it shows.

@@ -370,7 +370,7 @@ fn sections_have_places_along_their_edges() {
     // The lowest rows hold the first and the last place, the axis, and round places between them.
     let columns = (0..240).filter(|x| (166..180).any(|y| differs(*x, y))).count();
     assert!(columns > 100, "{columns}");
-    // What stands at the left of the section is its other edge.
+    // The left edge of the section is its other edge.
     let rows = (30..150).filter(|y| (10..36).any(|x| differs(x, *y))).count();
     assert!(rows > 30, "{rows}");
 }
@@ -434,7 +434,7 @@ fn a_place_given_by_hand_is_kept_with_its_unit() {
         let unit = again["axes"][2]["unit"].as_str();
         assert_eq!((again["spacing"][2].as_f64(), unit), (Some(2000.0), Some("um")), "{name}");
     }
-    // What a file says of itself can be overruled, with a note.
+    // Options override the data of a file, with a note.
     folder.expect(0, &["build", "v.nrrd", "--spacing", "3,3,3", "-o", "w.svol"]);
     assert!(folder.expect(0, &["info", "w.svol"]).contains("note       the spacing was given by hand"));
     assert!(folder.expect(2, &["build", "v.nrrd", "--spacing", "3,3,-3", "-o", "x.svol"]).contains("spacing"));

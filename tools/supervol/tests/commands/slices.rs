@@ -1,4 +1,5 @@
-//! Slices in any direction, with filters, within the volume; axes with names and units; scenes that hold all of a picture.
+//! Slices in any direction, with filters, inside the volume; axes with names and units; scenes that hold a whole
+//! picture.
 
 use crate::support;
 use support::{Folder, json};
@@ -97,7 +98,7 @@ fn slices_within_the_volume_are_in_the_scene_that_is_printed() {
     assert_eq!((&slices[1]["opacity"], slices.as_array().map(Vec::len)), (&0.5.into(), Some(2)));
     std::fs::write(folder.path("scene.json"), printed).expect("room");
     assert_eq!(picture, folder.pixels(&["--scene", "scene.json"]));
-    // Of what is projected by default a body is made, but only for slices' sake.
+    // A volume whose default mode is a projection is drawn as a body, but only if slices need a depth.
     let mode = |more: &[&str]| {
         let options = [&["render", "v.svol", "--kind", "fluorescence", "--print-scene"], more].concat();
         json(&folder.expect(0, &options))["mode"].to_string()
