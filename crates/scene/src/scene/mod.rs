@@ -62,40 +62,40 @@ pub enum SceneError {
     Mesh { key: String, reason: Box<MeshFileError> },
 }
 
-/// A scene as written.
+/// A scene: description of a picture. Every key is optional.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Default, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Scene {
-    /// Where the picture is taken from; `None`: so that all that can be seen is in it.
+    /// Camera; if missing, it frames the visible part of the volume.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub camera: Option<CameraSpec>,
-    /// Pixels and background.
+    /// Size of the picture in pixels, and background.
     pub image: ImageSpec,
-    /// What a ray gathers; `None`: what suits the data where the transfer function is left out too, else `dvr`.
+    /// Rendering mode; if missing, the mode for the kind of data if `transfer_function` and `iso` are missing too,
+    /// `iso` if `iso` has surfaces, else `dvr`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mode: Option<Mode>,
-    /// Colours and opacities, or the name of a preset; `None`: the preset of the data's kind.
+    /// Colours and opacities, or the name of a preset; if missing, the preset for the kind of data.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub transfer_function: Option<TransferFunctionSpec>,
-    /// Shading, or null for none; left out: that of the data's kind where mode and transfer function are left out too, the
-    /// default one where there are iso surfaces, else none.
+    /// Shading; null: none. If missing: that of the kind of data if `mode` and `transfer_function` are missing too,
+    /// default shading if `iso` has surfaces, else none.
     #[serde(skip_serializing_if = "Option::is_none", deserialize_with = "said")]
     #[schemars(with = "Option<ShadingSpec>")]
     pub shading: Option<Option<ShadingSpec>>,
-    /// Iso surfaces: all that is drawn in mode `iso`; in mode `dvr` inside the semi-transparent volume.
+    /// Iso surfaces. Mode `iso` draws only them; mode `dvr` draws them inside the semi-transparent volume.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub iso: Vec<IsoSpec>,
-    /// Planes within the picture, in modes `dvr` and `iso`, and all that there is in mode `slice`.
+    /// Slices: planes inside the picture in modes `dvr` and `iso`. Mode `slice` draws only them.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub slices: Vec<SliceSpec>,
-    /// What is kept of the volume.
+    /// Clipping: the part of the volume to keep.
     pub clip: ClipSpec,
-    /// How many times as large heights or depths are drawn: the volume has to be opened so
-    /// ([`placed`](crate::preset::placing::placed)), and all world coordinates of the scene are of that.
+    /// Factor of heights or depths. All world coordinates of the scene are those of the exaggerated volume.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub vertical_exaggeration: Option<f64>,
-    /// Rays per pixel: a square number; they lie on a regular sub-grid. `None`: what suits the data where the look is left
-    /// open, else 1.
+    /// Rays per pixel on a regular grid: a square number. If missing: chosen for the kind of data if the look is
+    /// missing too, else 1.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub samples_per_pixel: Option<u32>,
 }
@@ -105,17 +105,17 @@ fn said<'de, D: Deserializer<'de>, T: Deserialize<'de>>(deserializer: D) -> Resu
     T::deserialize(deserializer).map(Some)
 }
 
-/// `camera`: exactly one of `fov_y` and `height`.
+/// Camera with exactly one of `fov_y` and `height`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CameraSpec {
-    /// World position.
+    /// World position of the camera.
     pub eye: [f64; 3],
-    /// World position that the camera looks at.
+    /// World position in the middle of the picture.
     pub target: [f64; 3],
-    /// World vector that points up in the picture.
+    /// World direction that points up in the picture.
     pub up: [f64; 3],
-    /// Perspective: vertical angle of view in degrees.
+    /// Perspective: vertical angle of view, degrees, between 0 and 180.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fov_y: Option<f64>,
     /// Orthographic: world height of the picture.
@@ -123,13 +123,13 @@ pub struct CameraSpec {
     pub height: Option<f64>,
 }
 
-/// `image`.
+/// Size of the picture, and background.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ImageSpec {
-    /// Pixels along x.
+    /// Width, pixels.
     pub width: u32,
-    /// Pixels along y.
+    /// Height, pixels.
     pub height: u32,
     /// Colour behind the volume, each channel in [0, 1].
     pub background: [f64; 3],
@@ -141,47 +141,47 @@ impl Default for ImageSpec {
     }
 }
 
-/// `mode`: what a ray gathers.
+/// Rendering mode: quantity that a ray computes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Default, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Mode {
-    /// Emission and absorption.
+    /// Direct volume rendering: emission and absorption.
     #[default]
     Dvr,
-    /// The greatest value.
+    /// Maximum value along the ray.
     Mip,
-    /// The least value.
+    /// Minimum value along the ray.
     Minip,
-    /// The mean value over the present length.
+    /// Mean value over the present length of the ray.
     Mean,
-    /// First crossings of iso values.
+    /// Iso surfaces: crossings of the values in `iso`.
     Iso,
-    /// Nothing but the slices.
+    /// Slices only.
     Slice,
 }
 
-/// `transfer_function`: a preset's name, or the function itself.
+/// Transfer function: name of a preset, or control points.
 #[derive(Debug, Clone, PartialEq, JsonSchema)]
 #[schemars(untagged)]
 pub enum TransferFunctionSpec {
-    /// Name of a preset; see [`preset::NAMES`].
+    /// Name of a preset, for example `ct` or `seismic`.
     Preset(String),
     /// Control points.
     Points(PointsSpec),
 }
 
-/// A transfer function written out.
+/// Transfer function given by control points.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PointsSpec {
-    /// World length over which `alpha` is gathered; `None`: the smallest spacing.
+    /// World length over which `alpha` holds; if missing, the smallest spacing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unit_distance: Option<f64>,
-    /// Control points, sorted by value.
+    /// Control points in ascending order of value; two at one value make a step.
     pub points: Vec<PointSpec>,
 }
 
-/// One control point.
+/// Control point of a transfer function.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PointSpec {
@@ -226,19 +226,19 @@ impl<'de> Deserialize<'de> for TransferFunctionSpec {
     }
 }
 
-/// `shading`: two-sided Blinn-Phong (RENDERING-MODEL, section 5).
+/// Two-sided Blinn-Phong shading (RENDERING-MODEL, section 5).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ShadingSpec {
-    /// ka.
+    /// Ambient coefficient ka.
     pub ambient: f64,
-    /// kd.
+    /// Diffuse coefficient kd.
     pub diffuse: f64,
-    /// ks.
+    /// Specular coefficient ks.
     pub specular: f64,
-    /// Exponent of the highlight.
+    /// Exponent of the specular highlight.
     pub shininess: f64,
-    /// Directional lights; `None`: one along the camera's forward axis.
+    /// Directional lights; if missing, one along the camera's view direction.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lights: Option<Vec<LightSpec>>,
 }
@@ -249,22 +249,22 @@ impl Default for ShadingSpec {
     }
 }
 
-/// One directional light.
+/// Directional light.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LightSpec {
     /// World direction in which the light travels.
     pub direction: [f64; 3],
-    /// Factor of its diffuse and specular terms.
+    /// Factor of the diffuse and specular light.
     #[serde(default = "one")]
     pub intensity: f64,
 }
 
-/// One iso surface.
+/// Iso surface.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct IsoSpec {
-    /// Data value.
+    /// Data value of the surface.
     pub value: f64,
     /// Colour, each channel in [0, 1].
     pub color: [f64; 3],
@@ -277,27 +277,27 @@ fn one() -> f64 {
     1.0
 }
 
-/// `clip`.
+/// Clipping: the picture shows the part of the volume that box, planes and solids all keep.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Default, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ClipSpec {
-    /// Least and greatest corner, index coordinates.
+    /// Least and greatest corner in voxels of level 0; faces of voxels are at halves.
     #[serde(rename = "box", skip_serializing_if = "Option::is_none")]
     pub index_box: Option<[[f64; 3]; 2]>,
-    /// Half-spaces that are kept.
+    /// Half-spaces to keep.
     pub planes: Vec<PlaneSpec>,
-    /// Solids of which the inside or the outside is kept; of several, what all of them keep.
+    /// Solids, each of which keeps its inside or its outside.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub solids: Vec<SolidSpec>,
 }
 
-/// One clip plane: keeps `normal . x >= offset`.
+/// Clip plane: keeps the points p with normal . p >= offset.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PlaneSpec {
-    /// World vector.
+    /// World direction of any length.
     pub normal: [f64; 3],
-    /// See above.
+    /// World length times the normal's length.
     pub offset: f64,
 }
 
@@ -372,7 +372,7 @@ pub struct Shading {
     pub lights: Vec<Light>,
 }
 
-/// One directional light.
+/// Directional light.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Light {
     /// Unit world vector l from the sample to the light.

@@ -17,45 +17,45 @@ use crate::units::Units;
 /// Greatest magnitude of the cosine of an angle that counts as a right angle, between two axes of a box.
 const RIGHT_ANGLE: f64 = 1e-6;
 
-/// One solid: exactly one of `sphere`, `box`, `cylinder` and `mesh`.
+/// Solid: exactly one of `sphere`, `box`, `cylinder` and `mesh`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Default, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SolidSpec {
-    /// What is kept of the volume: what lies in the solid, or what lies around it.
+    /// Part of the volume to keep: inside or outside of the solid.
     pub keep: Keep,
-    /// A sphere.
+    /// Sphere.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sphere: Option<SphereSpec>,
-    /// A box, turned in any direction.
+    /// Box in any orientation.
     #[serde(rename = "box", skip_serializing_if = "Option::is_none")]
     pub cuboid: Option<BoxSpec>,
-    /// A cylinder with flat ends.
+    /// Cylinder with flat ends.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cylinder: Option<CylinderSpec>,
-    /// File of a closed triangle mesh in world coordinates (.ply, .stl, .obj); a relative path begins at the scene's file.
+    /// File of a closed triangle mesh in world coordinates (.ply, .stl, .obj); relative to the folder of the scene.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mesh: Option<PathBuf>,
 }
 
-/// All points nearer to `center` than `radius`.
+/// Sphere: all points nearer to `center` than `radius`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SphereSpec {
-    /// World position.
+    /// World position of the centre.
     pub center: [f64; 3],
-    /// World length.
+    /// Radius, world length.
     pub radius: f64,
 }
 
-/// All points within half an edge of `center` along each axis.
+/// Box: all points within half an edge of `center` along each axis.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BoxSpec {
-    /// World position.
+    /// World position of the centre.
     pub center: [f64; 3],
-    /// World lengths of its edges.
+    /// World lengths of the edges.
     pub edges: [f64; 3],
-    /// World directions of its edges, at right angles to each other.
+    /// World directions of the edges, at right angles to each other.
     #[serde(default = "world_axes")]
     pub axes: [[f64; 3]; 3],
 }
@@ -64,19 +64,19 @@ fn world_axes() -> [[f64; 3]; 3] {
     DVec3::AXES.map(|axis| axis.to_array())
 }
 
-/// All points nearer to the line from `from` to `to` than `radius`, between the planes across its ends.
+/// Cylinder: all points nearer than `radius` to the line from `from` to `to`, between the planes across its ends.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CylinderSpec {
-    /// World position.
+    /// World position of the middle of one end.
     pub from: [f64; 3],
-    /// World position.
+    /// World position of the middle of the other end.
     pub to: [f64; 3],
-    /// World length.
+    /// Radius, world length.
     pub radius: f64,
 }
 
-/// The one shape that is given for a solid.
+/// The shape of a solid.
 enum Given<'a> {
     Sphere(&'a SphereSpec),
     Cuboid(&'a BoxSpec),

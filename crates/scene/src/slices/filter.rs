@@ -26,30 +26,31 @@ const EDGE_SHARE: f32 = 0.75;
 /// Share of the texels that the colours of a filter leave out at the ends of the value range.
 const CLIPPED: f64 = 0.01;
 
-/// A filter, as written in a scene.
+/// Image filter of a slice.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FilterSpec {
-    /// Which.
+    /// Name of the filter.
     pub kind: FilterKind,
-    /// Texels: standard deviation of `gaussian` and `marr-hildreth`, radius of the window of `median`; the others have none.
+    /// Size in texels: standard deviation of `gaussian` and `marr-hildreth`, radius of the window of `median`; others
+    /// have none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub size: Option<f64>,
 }
 
-/// Which filter.
+/// Name of an image filter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum FilterKind {
-    /// Blurs.
+    /// Gaussian blur.
     Gaussian,
-    /// The middle value of a square window: takes single bright and dark voxels away.
+    /// Median of a square window: removes single bright and dark voxels.
     Median,
-    /// Size of the gradient.
+    /// Magnitude of the gradient.
     Sobel,
-    /// Sum of the second derivatives.
+    /// Laplacian: sum of the second derivatives.
     Laplacian,
-    /// Edges: zeros of the Laplacian of what a Gaussian leaves (Marr and Hildreth 1980), 1, and 0 elsewhere.
+    /// Edges: 1 at zeros of the Laplacian of the Gaussian blur (Marr and Hildreth 1980), 0 elsewhere.
     MarrHildreth,
 }
 

@@ -25,24 +25,24 @@ pub const SLICE_LIMIT: usize = 8;
 /// slice.
 const END_SHARE: f64 = 1e-9;
 
-/// One slice, as written in a scene.
+/// Slice: a plane that shows the values on it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SliceSpec {
-    /// World vector: the slice is all points p with normal . p = offset.
+    /// World direction: the slice is all points p with normal . p = offset.
     pub normal: [f64; 3],
     /// World length times the normal's length.
     pub offset: f64,
     /// Opacity, in [0, 1].
     #[serde(default = "opaque")]
     pub opacity: f64,
-    /// How values between voxels are found.
+    /// Interpolation between voxels.
     #[serde(default)]
     pub interpolation: Interpolation,
-    /// What is made of the values on the plane.
+    /// Image filter of the values on the plane; if missing, none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub filter: Option<FilterSpec>,
-    /// Colours in ascending order of value; empty: those that slices of the data's kind have, or that suit the filter.
+    /// Colours in ascending order of value, linear between; if empty, chosen for the kind of data or the filter.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub colors: Vec<ColorSpec>,
 }
@@ -51,26 +51,26 @@ fn opaque() -> f64 {
     1.0
 }
 
-/// A colour of a slice.
+/// Colour of a value on a slice.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ColorSpec {
-    /// Data value, or what the filter makes of it.
+    /// Data value, or result of the filter.
     pub value: f64,
     /// Colour, each channel in [0, 1].
     pub color: [f64; 3],
 }
 
-/// How values between voxels are found.
+/// Interpolation between voxels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Default, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Interpolation {
-    /// That of the nearest voxel.
+    /// Value of the nearest voxel.
     Nearest,
-    /// Linear along each axis, as volumes are drawn.
+    /// Linear along each axis, as in volumes.
     #[default]
     Linear,
-    /// Cubic along each axis, through the voxels' values.
+    /// Cubic along each axis, through the values of the voxels.
     Cubic,
 }
 
