@@ -55,7 +55,7 @@ pub fn read_scene(file: &Path) -> Result<Scene, Failure> {
     // Relative paths in a scene start at the folder of the scene file, wherever the printed scene is used.
     scene.map(|mut scene| {
         let file = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
-        scene.begin_paths_at(file.parent().unwrap_or_else(|| Path::new("")));
+        scene.make_paths_relative_to(file.parent().unwrap_or_else(|| Path::new("")));
         scene
     })
 }

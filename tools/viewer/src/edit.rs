@@ -2,9 +2,9 @@
 
 use glam::DVec3;
 use supervol_scene::facts::{DataKind, VolumeFacts};
-use supervol_scene::preset::section::Slice;
 use supervol_scene::preset::view::{Direction, View};
 use supervol_scene::preset::{colormap, domain, domain_corners, looks, ramps};
+use supervol_scene::scene::section::Slice;
 use supervol_scene::scene::{CameraSpec, Mode, PointSpec, PointsSpec, Scene, ShadingSpec, TransferFunctionSpec};
 
 use crate::navigate::Stage;

@@ -7,8 +7,8 @@ use glam::DVec3;
 use supervol_format::Geometry;
 use supervol_scene::camera::unit_vector;
 use supervol_scene::facts::VolumeFacts;
-use supervol_scene::preset::section::plane_across;
 use supervol_scene::preset::{colormap, domain_corners, ramps};
+use supervol_scene::scene::section::plane_across;
 use supervol_scene::scene::{Mode, PointSpec, PointsSpec, Scene};
 use supervol_scene::slices::{ColorSpec, Interpolation, SLICE_LIMIT, SliceSpec};
 

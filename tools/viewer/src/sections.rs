@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use supervol_runtime::render::renderer::Picked;
 use supervol_runtime::render::stats::FrameStats;
 use supervol_scene::facts::VolumeFacts;
-use supervol_scene::preset::section::{face_on, plane_across};
+use supervol_scene::scene::section::{face_on, plane_across};
 use supervol_scene::scene::{CameraSpec, ImageSpec, Scene};
 use supervol_scene::slices::{Interpolation, SliceSpec};
 

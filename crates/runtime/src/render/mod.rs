@@ -6,6 +6,7 @@
 //! - [`renderer`]: successive pictures, interruptible, with all data kept between them;
 //! - [`stats`], [`process`]: the cost of a frame.
 
+mod enlarge;
 pub mod error;
 pub mod frame;
 pub mod options;

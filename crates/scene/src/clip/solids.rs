@@ -11,8 +11,8 @@ use glam::DVec3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::interval::{Segment, clip_slab};
 use super::mesh::ClosedMesh;
-use super::{Segment, clip_slab};
 use crate::camera::Ray;
 
 /// Most solids of one scene.

@@ -15,6 +15,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::camera::Ray;
+use crate::cast;
 use crate::clip::Segment;
 use crate::transfer_function::TransferFunction;
 use filter::FilterSpec;
@@ -126,7 +127,7 @@ pub fn crossings(slices: &[SlicePlane], ray: &Ray, segment: Segment) -> Vec<(f64
 #[must_use]
 pub fn interpolate(p: [f64; 3], how: Interpolation, voxel: impl Fn([i64; 3]) -> f64) -> f64 {
     match how {
-        Interpolation::Nearest => voxel(p.map(|x| (x + 0.5).floor() as i64)),
+        Interpolation::Nearest => voxel(p.map(|x| cast::integer((x + 0.5).floor()))),
         Interpolation::Linear => weighted::<2>(p, 0, |x| [1.0 - x, x], &voxel),
         Interpolation::Cubic => {
             let cubic = weighted::<4>(p, -1, catmull_rom, &voxel);
@@ -145,7 +146,7 @@ fn weighted<const N: usize>(
 ) -> f64 {
     let cell = p.map(f64::floor);
     let along: [[f64; N]; 3] = std::array::from_fn(|a| weights(p[a] - cell[a]));
-    let [x, y, z] = cell.map(|c| c as i64 + first);
+    let [x, y, z] = cell.map(|c| cast::integer(c) + first);
     let mut sum = 0.0;
     for k in 0..N {
         for j in 0..N {
@@ -153,7 +154,7 @@ fn weighted<const N: usize>(
             for (i, weight) in along[0].iter().enumerate() {
                 let weight = weight * across;
                 if weight != 0.0 {
-                    sum += weight * voxel([x + i as i64, y + j as i64, z + k as i64]);
+                    sum += weight * voxel([x + cast::signed(i), y + cast::signed(j), z + cast::signed(k)]);
                 }
             }
         }

@@ -22,6 +22,7 @@ use super::resident::Resident;
 use crate::engines::maps::{Maps, of_work};
 use crate::engines::totals::ErrorsByReason;
 use crate::lod::by_error::ANY_ERROR;
+use crate::render::enlarge::Enlarge;
 use crate::render::error::RenderError;
 use crate::render::frame::cpu::CpuCaster;
 use crate::render::frame::cpu_frame_of;

@@ -9,9 +9,9 @@ use std::time::Instant;
 use rayon::prelude::*;
 use supervol_format::brick::APRON;
 use supervol_format::{BrickIndex, BrickKey, Geometry, Lod, Pyramid};
-use supervol_scene::facts::value_map;
 use supervol_scene::slices::{Interpolation, interpolate};
 use supervol_scene::value_map::ValueMap;
+use supervol_scene::value_map::value_map;
 
 use super::layers::scale_of;
 use crate::render::error::RenderError;
