@@ -12,7 +12,7 @@ use supervol_scene::scene::section::plane_across;
 use supervol_scene::scene::{Mode, PointSpec, PointsSpec, Scene};
 use supervol_scene::slices::{ColorSpec, Interpolation, SLICE_LIMIT, SliceSpec};
 
-use crate::worker::Opened;
+use crate::worker::OpenVolume;
 
 /// Greatest distance between unit normals that count as equal: numbers in scene files are rounded.
 const SAME_NORMAL: f64 = 1e-9;
@@ -40,7 +40,7 @@ pub fn has_depth(mode: Mode) -> bool {
 
 /// Name of an axis of the grid. For patients, the name of the section across it.
 #[must_use]
-pub fn axis_name(opened: &Opened, axis: usize) -> String {
+pub fn axis_name(opened: &OpenVolume, axis: usize) -> String {
     let name = &opened.container.manifest().axes[axis].name;
     let name = if name.is_empty() { ["i", "j", "k"][axis].into() } else { name.clone() };
     if !opened.facts.frame.is_patient() {

@@ -8,7 +8,7 @@ use supervol_scene::camera_path::{CameraPath, FRAME_LIMIT, KeyFrame};
 use supervol_scene::image::ImageFormat;
 use supervol_scene::scene::{CameraSpec, RAY_LIMIT};
 
-use super::dialogs::{SIDE_LIMIT, beside, path_field, window};
+use super::dialogs::{SIDE_LIMIT, path_beside, path_field, window};
 use crate::viewer::Viewer;
 use crate::worker::{Animation, Motion};
 
@@ -48,9 +48,9 @@ pub(crate) struct AnimationDialog {
 
 /// Key frames taken by the user. They persist while the dialog is closed.
 #[derive(Default)]
-pub(crate) struct Keys(Vec<KeyFrame>);
+pub(crate) struct KeyFrames(Vec<KeyFrame>);
 
-impl Keys {
+impl KeyFrames {
     fn add(&mut self, camera: &CameraSpec) {
         let frame = self.0.last().map_or(0, |last| last.frame + STEP_FRAMES);
         if self.0.len() < KEY_LIMIT && frame < FRAME_LIMIT {
@@ -79,7 +79,7 @@ impl Keys {
 impl AnimationDialog {
     pub(super) fn new(viewer: &Viewer) -> Self {
         let image = &viewer.scene.image;
-        let folder = beside(viewer.opened.as_deref(), "frames");
+        let folder = path_beside(viewer.opened.as_deref(), "frames");
         Self {
             kind: Kind::Turntable,
             frames: TURN_FRAMES,
@@ -208,7 +208,7 @@ mod tests {
             fov_y: Some(30.0),
             height: None,
         };
-        let mut keys = Keys::default();
+        let mut keys = KeyFrames::default();
         keys.add(&camera(0.0));
         assert!(keys.path().unwrap_err().contains("two views"));
         (1..4).for_each(|x| keys.add(&camera(f64::from(x))));

@@ -4,7 +4,7 @@ use eframe::egui::{DragValue, Ui};
 use supervol_scene::clip::solids::Keep;
 use supervol_scene::scene::{PlaneSpec, SolidSpec};
 
-use super::browse::{Browser, Wanted};
+use super::browse::{Browser, FileKind};
 use super::heading;
 use crate::cutting::{self, NewSolid};
 use crate::edit;
@@ -22,7 +22,7 @@ pub(super) fn controls(viewer: &mut Viewer, ui: &mut Ui) {
         return;
     };
     let words = "Shows handles of crop box, planes, slices and solids in the picture: drag them (B)";
-    ui.checkbox(&mut viewer.looks.are_handles_shown, "Handles in the picture").on_hover_text(words);
+    ui.checkbox(&mut viewer.panel_state.are_handles_shown, "Handles in the picture").on_hover_text(words);
     let mut added = None;
     ui.horizontal_wrapped(|ui| {
         let words = "Removes the front half of the volume, as seen now (--clip)";
@@ -37,11 +37,11 @@ pub(super) fn controls(viewer: &mut Viewer, ui: &mut Ui) {
         }
         let words = "Clips with a closed triangle mesh in world coordinates (.ply, .stl, .obj)";
         if ui.button("+ mesh ...").on_hover_text(words).clicked() {
-            viewer.dialogs.browser = Some(Browser::new(Wanted::Mesh, Some(&opened)));
+            viewer.dialogs.browser = Some(Browser::new(FileKind::Mesh, Some(&opened)));
         }
     });
     match added {
-        Some(Ok(())) => viewer.looks.are_handles_shown = true,
+        Some(Ok(())) => viewer.panel_state.are_handles_shown = true,
         Some(Err(why)) => viewer.message = Some(Message::Failure(why)),
         None => {}
     }

@@ -12,12 +12,12 @@ use supervol_scene::scene::{Mode, RAY_LIMIT, Scene};
 use xxhash_rust::xxh3::xxh3_64;
 
 use super::animate::AnimationDialog;
-use super::browse::{Browser, Wanted};
+use super::browse::{Browser, FileKind};
 use super::{animate, browse, transfer};
 use crate::command::{BINDINGS, MOUSE, words_of};
 use crate::folders::{self, Folders};
 use crate::viewer::Viewer;
-use crate::worker::{Decorations, Export, Message, Opened, Settings};
+use crate::worker::{Decorations, Export, Message, OpenVolume, Settings};
 
 /// Most scene files kept for copied commands.
 const SCENE_LIMIT: usize = 200;
@@ -57,42 +57,43 @@ struct ExportDialog {
 }
 
 /// Default path for an output file: beside the volume, with another extension.
-pub(super) fn beside(opened: Option<&Opened>, ending: &str) -> String {
+pub(super) fn path_beside(opened: Option<&OpenVolume>, ending: &str) -> String {
     let path = opened.map(|opened| opened.source.with_extension(ending)).unwrap_or_default();
     std::path::absolute(&path).unwrap_or(path).display().to_string()
 }
 
 impl Dialogs {
     /// Opens the file dialog in the folder of the open volume.
-    pub(crate) fn begin_open(&mut self, opened: Option<&Opened>) {
-        self.browser = Some(Browser::new(Wanted::Volume, opened));
+    pub(crate) fn begin_open(&mut self, opened: Option<&OpenVolume>) {
+        self.browser = Some(Browser::new(FileKind::Volume, opened));
     }
 
     /// Opens the dialog to save the scene.
-    pub(crate) fn begin_save(&mut self, opened: Option<&Opened>) {
-        self.save = Some(SaveDialog { path: beside(opened, "scene.json"), replace: false, scene: None });
+    pub(crate) fn begin_save(&mut self, opened: Option<&OpenVolume>) {
+        self.save = Some(SaveDialog { path: path_beside(opened, "scene.json"), replace: false, scene: None });
     }
 
     /// Opens the dialog to save the scene of a section.
-    pub(crate) fn begin_save_section(&mut self, opened: &Opened, scene: Scene) {
-        let path = beside(Some(opened), "section.json");
+    pub(crate) fn begin_save_section(&mut self, opened: &OpenVolume, scene: Scene) {
+        let path = path_beside(Some(opened), "section.json");
         self.save = Some(SaveDialog { path, replace: false, scene: Some(scene) });
     }
 
     /// Opens the dialog to export a section.
-    pub(crate) fn begin_export_section(&mut self, opened: &Opened, scene: Scene) {
+    pub(crate) fn begin_export_section(&mut self, opened: &OpenVolume, scene: Scene) {
         self.begin_export(Some(opened), &scene);
         if let Some(dialog) = &mut self.export {
-            dialog.path = beside(Some(opened), "section.png");
+            dialog.path = path_beside(Some(opened), "section.png");
             dialog.scene = Some(scene);
         }
     }
 
     /// Opens the dialog to export a picture, with the size of the picture on the screen.
-    pub(crate) fn begin_export(&mut self, opened: Option<&Opened>, scene: &Scene) {
+    pub(crate) fn begin_export(&mut self, opened: Option<&OpenVolume>, scene: &Scene) {
         let size = [scene.image.width, scene.image.height];
         let aspect = f64::from(size[0]) / f64::from(size[1]);
-        self.export = Some(ExportDialog { path: beside(opened, "png"), replace: false, size, aspect, scene: None });
+        self.export =
+            Some(ExportDialog { path: path_beside(opened, "png"), replace: false, size, aspect, scene: None });
     }
 }
 
@@ -239,7 +240,7 @@ fn export(viewer: &mut Viewer, ctx: &egui::Context) {
 
 /// The command that draws this picture. Its scene is written to a file in the cache folder, named by its checksum.
 pub(crate) fn command_line(
-    opened: &Opened,
+    opened: &OpenVolume,
     scene: &Scene,
     settings: &Settings,
     folders: &Folders,

@@ -4,7 +4,7 @@ use eframe::egui::{Align2, Color32, FontId, Rect, Stroke, Ui};
 use glam::DVec3;
 use supervol_scene::preset::colormap;
 
-use super::handles::{EDGES, Sight};
+use super::handles::{EDGES, Projector};
 use super::picture::color;
 use crate::viewer::Viewer;
 use crate::worker::{Inspect, MARK_LIMIT};
@@ -25,11 +25,11 @@ pub(super) fn paint(viewer: &Viewer, ui: &Ui, rect: Rect) {
         return;
     };
     let painter = ui.painter().with_clip_rect(rect);
-    let (see, world) = (Sight { camera, rect }, opened.facts.geometry.world_from_index());
+    let (projector, world) = (Projector { camera, rect }, opened.facts.geometry.world_from_index());
     for mark in &picture.marks {
         let corner = |n: usize| {
             let at: [f64; 3] = std::array::from_fn(|a| mark.corners[n >> a & 1][a]);
-            see.place(world.transform_point3(DVec3::from_array(at)))
+            projector.place(world.transform_point3(DVec3::from_array(at)))
         };
         let stroke = if mark.is_failed { Stroke::new(2.0, FAILED) } else { Stroke::new(1.0, of_level(mark.level)) };
         for (from, to) in EDGES {

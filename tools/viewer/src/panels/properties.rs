@@ -12,7 +12,7 @@ use super::{editor, heading, transfer};
 use crate::edit;
 use crate::sections::short;
 use crate::viewer::Viewer;
-use crate::worker::{Inspect, Opened};
+use crate::worker::{Inspect, OpenVolume};
 
 /// Default width of the panel, in points.
 const WIDTH: f32 = 300.0;
@@ -80,7 +80,7 @@ pub(crate) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     });
 }
 
-fn volume(opened: &Opened, ui: &mut Ui) {
+fn volume(opened: &OpenVolume, ui: &mut Ui) {
     heading(ui, "Volume");
     let (facts, manifest) = (&opened.facts, opened.container.manifest());
     let [x, y, z] = facts.dims.0;
@@ -100,7 +100,7 @@ fn volume(opened: &Opened, ui: &mut Ui) {
 
 /// Draws the channel and time point of a source file. Their numbers are known only after reading: an invalid choice is
 /// refused with the valid range.
-fn parts(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
+fn parts(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
     if opened.source == opened.path || opened.preview_of.is_some() {
         return;
     }
@@ -150,7 +150,7 @@ fn part_number(part: Option<u64>, (name, words): (&str, &str), ui: &mut Ui) -> O
 }
 
 /// Lines and samples of a survey; for other volumes, the voxel spacing.
-fn extent(opened: &Opened) -> Vec<String> {
+fn extent(opened: &OpenVolume) -> Vec<String> {
     let axes = &opened.container.manifest().axes;
     let Some(survey) = &opened.survey else {
         let [x, y, z] = opened.container.stored_geometry().spacing.map(short);
@@ -162,7 +162,7 @@ fn extent(opened: &Opened) -> Vec<String> {
     vec![format!("{}, {}", range(1), range(0)), format!("{} {}", range(2), axes[2].unit).trim_end().into()]
 }
 
-fn look(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
+fn look(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
     heading(ui, "Look");
     ui.horizontal(|ui| {
         ui.label("Preset");
@@ -176,7 +176,7 @@ fn look(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
             .accessible_name("Preset");
         if let Some(kind) = box_.inner.flatten() {
             viewer.scene = edit::with_kind(&viewer.scene, opened, kind);
-            viewer.looks = super::Looks::of(&viewer.scene);
+            viewer.panel_state = super::PanelState::of(&viewer.scene);
         }
     });
     ui.horizontal_wrapped(|ui| {
@@ -207,7 +207,7 @@ fn look(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
     });
 }
 
-fn colors(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
+fn colors(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
     heading(ui, "Colours and opacity");
     let facts = &opened.facts;
     editor::show(viewer, opened, ui);
@@ -220,7 +220,7 @@ fn colors(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
         box_.response.accessible_name("Colour map").on_hover_text("Applies a colour map; opacities stay");
         if let Some(name) = box_.inner.flatten() {
             edit::set_colors(&mut viewer.scene, name);
-            viewer.looks.chosen = None;
+            viewer.panel_state.chosen = None;
         }
     });
     if let Some([low, high]) = edit::window(&viewer.scene) {
@@ -238,7 +238,7 @@ fn colors(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
     }
     ui.horizontal(|ui| {
         ui.label("Clip");
-        let percent = &mut viewer.looks.clip_percent;
+        let percent = &mut viewer.panel_state.clip_percent;
         let drag = DragValue::new(percent)
             .speed(0.05)
             .range(0.0..=49.0)
@@ -258,7 +258,7 @@ fn colors(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
 
 /// Draws the density: the unit distance of the volume's first picture divided by the present one.
 fn density(viewer: &mut Viewer, ui: &mut Ui) {
-    let Some(first) = viewer.looks.unit_distance else { return };
+    let Some(first) = viewer.panel_state.unit_distance else { return };
     let Some(spec) = edit::points_mut(&mut viewer.scene) else { return };
     let Some(unit) = spec.unit_distance.filter(|unit| *unit > 0.0) else { return };
     let mut density = first / unit;
@@ -277,7 +277,7 @@ fn density(viewer: &mut Viewer, ui: &mut Ui) {
 }
 
 /// Draws the iso surfaces of mode `iso`; at least one stays.
-fn surfaces(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
+fn surfaces(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
     heading(ui, "Surfaces");
     let is_lone = viewer.scene.iso.len() == 1;
     list_of_surfaces(&mut viewer.scene.iso, opened, !is_lone, ui);
@@ -287,7 +287,7 @@ fn surfaces(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
 }
 
 /// Draws the iso surfaces inside the semi-transparent volume.
-fn inner_surfaces(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
+fn inner_surfaces(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
     heading(ui, "Surfaces in the volume");
     list_of_surfaces(&mut viewer.scene.iso, opened, true, ui);
     let has_room = viewer.scene.iso.len() < INNER_SURFACE_LIMIT;
@@ -299,7 +299,7 @@ fn inner_surfaces(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
 }
 
 /// Draws colour, value and opacity of each surface, with a button to remove it if `may_go` is set.
-fn list_of_surfaces(surfaces: &mut Vec<IsoSpec>, opened: &Opened, may_go: bool, ui: &mut Ui) {
+fn list_of_surfaces(surfaces: &mut Vec<IsoSpec>, opened: &OpenVolume, may_go: bool, ui: &mut Ui) {
     let range = opened.facts.value_range;
     let words = format!("Value of the surface {}", opened.container.manifest().unit);
     let mut removed = None;
@@ -357,7 +357,7 @@ fn light(viewer: &mut Viewer, ui: &mut Ui) {
         return;
     }
     let Some(camera) = &viewer.scene.camera else { return };
-    let angles = &mut viewer.looks.light;
+    let angles = &mut viewer.panel_state.light;
     let mut changed = shading.lights.is_none();
     for (angle, name) in angles.iter_mut().zip(["from the right", "from above"]) {
         let slider =

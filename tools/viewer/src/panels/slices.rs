@@ -9,7 +9,7 @@ use supervol_scene::slices::{Interpolation, SLICE_LIMIT, SliceSpec};
 use super::{heading, wide_slider};
 use crate::planes::{self, Place};
 use crate::viewer::Viewer;
-use crate::worker::{Message, Opened};
+use crate::worker::{Message, OpenVolume};
 
 /// Interpolations with names for the user.
 const INTERPOLATIONS: [(Interpolation, &str); 3] =
@@ -38,7 +38,7 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
                 let what = planes::place_of(slice, &opened.facts).axis;
                 let what = what.map_or("oblique".into(), |axis| planes::axis_name(&opened, axis));
                 let words = "Selects this slice: Alt and the wheel over the picture move it";
-                ui.radio_value(&mut viewer.looks.held_slice, i, format!("{number}: {what}")).on_hover_text(words);
+                ui.radio_value(&mut viewer.panel_state.held_slice, i, format!("{number}: {what}")).on_hover_text(words);
                 let button = ui.small_button("x").on_hover_text("Removes this slice");
                 if button.accessible_name(format!("Slice {number}, remove")).clicked() {
                     removed = Some(i);
@@ -57,11 +57,11 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     viewer.scene = scene;
     if let Some(i) = removed {
         viewer.scene.slices.remove(i);
-        viewer.looks.held_slice = viewer.looks.held_slice.min(viewer.scene.slices.len().saturating_sub(1));
+        viewer.panel_state.held_slice = viewer.panel_state.held_slice.min(viewer.scene.slices.len().saturating_sub(1));
     }
 }
 
-fn adders(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
+fn adders(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
     for axis in [Some(0), Some(1), Some(2), None] {
         let name = axis.map_or("oblique".into(), |axis| planes::axis_name(opened, axis));
         let words = match axis {
@@ -70,14 +70,14 @@ fn adders(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
         };
         if ui.button(format!("+ {name}")).on_hover_text(words).clicked() {
             match planes::add(&mut viewer.scene, &opened.facts, axis) {
-                Ok(()) => viewer.looks.held_slice = viewer.scene.slices.len() - 1,
+                Ok(()) => viewer.panel_state.held_slice = viewer.scene.slices.len() - 1,
                 Err(why) => viewer.message = Some(Message::Failure(why)),
             }
         }
     }
 }
 
-fn place(slice: &mut SliceSpec, opened: &Opened, number: usize, ui: &mut Ui) {
+fn place(slice: &mut SliceSpec, opened: &OpenVolume, number: usize, ui: &mut Ui) {
     let Place { axis, mut at, range: [least, most], .. } = planes::place_of(slice, &opened.facts);
     wide_slider(ui);
     let slider = Slider::new(&mut at, least..=most).clamping(SliderClamping::Edits);
@@ -126,7 +126,7 @@ pub(super) fn interpolation(slice: &mut SliceSpec, what: &str, ui: &mut Ui) {
 }
 
 /// Draws filter and colours; `what` names the slice for accessibility.
-pub(super) fn filter(slice: &mut SliceSpec, opened: &Opened, what: &str, ui: &mut Ui) {
+pub(super) fn filter(slice: &mut SliceSpec, opened: &OpenVolume, what: &str, ui: &mut Ui) {
     let now = slice.filter.map(|filter| filter.kind);
     let named = |kind: Option<FilterKind>| {
         FilterKind::NAMES.iter().find(|(_, known)| Some(*known) == kind).map_or("none", |(name, _)| name)
@@ -160,7 +160,7 @@ pub(super) fn filter(slice: &mut SliceSpec, opened: &Opened, what: &str, ui: &mu
     }
 }
 
-fn colors(slice: &mut SliceSpec, opened: &Opened, what: &str, ui: &mut Ui) {
+fn colors(slice: &mut SliceSpec, opened: &OpenVolume, what: &str, ui: &mut Ui) {
     ui.label("colours");
     let box_ = ComboBox::from_id_salt("colours")
         .width(70.0)

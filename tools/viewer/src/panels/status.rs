@@ -13,7 +13,7 @@ const MARGIN: f32 = 10.0;
 /// is longer than that of an unfinished one. If it took another line, the picture would shrink, start again, and so on
 /// without end.
 #[derive(Default)]
-pub(crate) struct Room {
+pub(crate) struct StatusHeight {
     width: f32,
     height: f32,
 }
@@ -22,17 +22,17 @@ pub(crate) struct Room {
 pub(crate) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     egui::Panel::bottom("status").show(ui, |ui| {
         let width = ui.available_width();
-        if width != viewer.status_room.width {
-            viewer.status_room = Room { width, height: 0.0 };
+        if width != viewer.status_height.width {
+            viewer.status_height = StatusHeight { width, height: 0.0 };
         }
-        ui.set_min_height(viewer.status_room.height);
+        ui.set_min_height(viewer.status_height.height);
         let shown = ui.horizontal_wrapped(|ui| match &viewer.picture {
             Some(picture) => numbers(viewer, ui, picture),
             None => {
                 ui.label("no picture yet");
             }
         });
-        let room = &mut viewer.status_room;
+        let room = &mut viewer.status_height;
         room.height = room.height.max(shown.response.rect.height());
     });
 }

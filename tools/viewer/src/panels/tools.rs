@@ -7,7 +7,7 @@ use super::{heading, wide_slider};
 use crate::command::{Command, keys_of};
 use crate::edit;
 use crate::planes::axis_name;
-use crate::remembered::Theme;
+use crate::saved_settings::Theme;
 use crate::viewer::{Viewer, set_theme};
 use crate::worker::Decorations;
 
@@ -51,7 +51,7 @@ fn command(viewer: &mut Viewer, ui: &mut Ui, command: Command, label: &str) {
 fn files(viewer: &mut Viewer, ui: &mut Ui) {
     heading(ui, "File");
     command(viewer, ui, Command::Open, "Open ...");
-    let recent = viewer.remembered.recent.clone();
+    let recent = viewer.saved.recent.clone();
     ui.add_enabled_ui(!recent.is_empty(), |ui| {
         ui.menu_button("Recent files", |ui| {
             for path in &recent {
@@ -99,7 +99,7 @@ fn view(viewer: &mut Viewer, ui: &mut Ui) {
     let words = "Draws box with axes, orientation, scale, colour legend and name (--decorate)";
     if ui.checkbox(&mut are_on, "Box, scale, colours").on_hover_text(words).changed() {
         viewer.settings.decorations = if are_on { Decorations::On } else { Decorations::Off };
-        viewer.remembered.decorations = viewer.settings.decorations;
+        viewer.saved.decorations = viewer.settings.decorations;
     }
     if viewer.opened.is_some() && viewer.scene.camera.is_none() {
         ui.small(
@@ -117,7 +117,7 @@ fn view(viewer: &mut Viewer, ui: &mut Ui) {
     let response = response.accessible_name("Vertical exaggeration");
     // Reopening the volume is expensive: only at the end of a drag.
     if response.changed() && !response.dragged() || response.drag_stopped() {
-        viewer.exaggerate(factor);
+        viewer.set_exaggeration(factor);
     } else {
         viewer.exaggeration = factor;
     }
@@ -191,7 +191,7 @@ fn crop(viewer: &mut Viewer, ui: &mut Ui) {
 fn theme(viewer: &mut Viewer, ui: &mut Ui) {
     ui.horizontal(|ui| {
         for (theme, label) in [(Theme::System, "System"), (Theme::Light, "Light"), (Theme::Dark, "Dark")] {
-            if ui.selectable_value(&mut viewer.remembered.theme, theme, label).changed() {
+            if ui.selectable_value(&mut viewer.saved.theme, theme, label).changed() {
                 set_theme(ui.ctx(), theme);
             }
         }

@@ -14,8 +14,8 @@ use supervol_scene::image::ImageFormat;
 use supervol_scene::preset::view::upright;
 use supervol_scene::scene::{CameraSpec, Scene};
 
-use super::easel::{Easel, options};
-use super::{Busy, Decorations, Desk, Message, Settings, lock};
+use super::drawing::{DrawingState, options};
+use super::{Busy, Decorations, Message, Settings, Shared, lock};
 
 /// Motion of the camera.
 #[derive(Debug, Clone, PartialEq)]
@@ -58,11 +58,11 @@ impl Motion {
     }
 }
 
-impl Easel {
+impl DrawingState {
     /// Draws the missing pictures until all are written or the user cancels.
     pub(super) fn animate(
         &mut self,
-        desk: &Arc<Desk>,
+        shared: &Arc<Shared>,
         animation: &Animation,
         settings: &Settings,
     ) -> Result<Message, String> {
@@ -88,18 +88,18 @@ impl Easel {
             Existing::Replace => Others::Replace,
             _ => Others::Keep("tick `Overwrite other pictures`"),
         };
-        let missing = frames.begin(&options(desk, settings), others).map_err(|e| e.to_string())?;
-        lock(&desk.wishes).export_canceller = Some(self.renderer.canceller());
+        let missing = frames.begin(&options(shared, settings), others).map_err(|e| e.to_string())?;
+        lock(&shared.requests).export_canceller = Some(self.renderer.canceller());
         let mut drawn = Ok(true);
         for (done, frame) in missing.iter().enumerate() {
             let progress = [cameras.len() - missing.len() + done, cameras.len()];
-            desk.tell(|news| news.busy = Some(Busy::Animating(animation.folder.clone(), progress)));
-            drawn = self.draw_frame(desk, (&frames, *frame), settings);
+            shared.send(|messages| messages.busy = Some(Busy::Animating(animation.folder.clone(), progress)));
+            drawn = self.draw_frame(shared, (&frames, *frame), settings);
             if !matches!(drawn, Ok(true)) {
                 break;
             }
         }
-        self.resume(desk, settings);
+        self.resume(shared, settings);
         let folder = animation.folder.display();
         drawn.map(|is_done| match is_done {
             true => Message::Done(format!(
@@ -115,7 +115,7 @@ impl Easel {
     /// Draws and writes one picture. Returns false if the user has cancelled.
     fn draw_frame(
         &mut self,
-        desk: &Arc<Desk>,
+        shared: &Arc<Shared>,
         (frames, frame): (&Frames<'_>, usize),
         settings: &Settings,
     ) -> Result<bool, String> {
@@ -123,7 +123,7 @@ impl Easel {
         check_distinct(&path, frames.inputs.iter().copied()).map_err(|e| e.to_string())?;
         let output = OutputFile::begin(&path, Existing::ReplacePicture).map_err(|e| e.to_string())?;
         let scene = frames.scene(frame).resolve(&self.opened.facts).map_err(|e| e.to_string())?;
-        self.aim(desk, scene.clone(), settings);
+        self.aim(shared, scene.clone(), settings);
         let step = self.renderer.advance(None).map_err(|e| e.to_string())?;
         let Some(picture) = self.renderer.picture().filter(|_| !step.is_cancelled && step.is_finished) else {
             return Ok(false);

@@ -10,7 +10,7 @@ use crate::support;
 use support::{Session, headless};
 
 fn done(session: &mut Session) -> String {
-    session.until("it is done", |s| s.viewer().message().is_some() && s.viewer().is_at_rest());
+    session.until("it is done", |s| s.viewer().message().is_some() && s.viewer().is_idle());
     match session.viewer().message() {
         Some(Message::Done(text)) => text.clone(),
         other => panic!("{other:?}"),

@@ -152,7 +152,7 @@ fn pictures_may_be_drawn_by_a_graphics_device() {
     // A section is exported while a GPU draws the picture.
     let path = session.folder.path().join("section.png");
     session.export(Export { scene: section.clone(), path: path.clone(), existing: Existing::Keep });
-    session.until("the section is written", |s| path.exists() && s.viewer().is_at_rest());
+    session.until("the section is written", |s| path.exists() && s.viewer().is_idle());
     for (scene, backend) in [(section, "cpu"), (volume, "gpu")] {
         session.edit(|edited| *edited = scene);
         session.rest();

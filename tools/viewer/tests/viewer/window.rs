@@ -148,7 +148,7 @@ fn an_exported_picture_is_the_one_that_render_writes() {
     session.press(Modifiers::COMMAND, Key::E);
     session.click("Export");
     let written = session.folder.path().join("vessels.png");
-    session.until("the file is written", |session| written.exists() && session.viewer().is_at_rest());
+    session.until("the file is written", |session| written.exists() && session.viewer().is_idle());
     let expected = session.folder.path().join("expected.png");
     let (image, background) = headless(session.viewer(), session.viewer().scene());
     image.write(&expected, background).expect("a file");
