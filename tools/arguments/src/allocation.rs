@@ -9,23 +9,23 @@ use std::io::Write;
 const SENTENCE_BYTES: usize = 256;
 
 /// System allocator; a failed allocation ends the program.
-pub struct OrEnd;
+pub struct ExitOnOutOfMemory;
 
 // SAFETY: every call goes to the system allocator unchanged; if it fails, the process ends and nothing is returned.
-unsafe impl GlobalAlloc for OrEnd {
+unsafe impl GlobalAlloc for ExitOnOutOfMemory {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         // SAFETY: the caller's promises are the system allocator's conditions.
-        or_end(unsafe { System.alloc(layout) }, layout.size())
+        or_exit(unsafe { System.alloc(layout) }, layout.size())
     }
 
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
         // SAFETY: the caller's promises are the system allocator's conditions.
-        or_end(unsafe { System.alloc_zeroed(layout) }, layout.size())
+        or_exit(unsafe { System.alloc_zeroed(layout) }, layout.size())
     }
 
     unsafe fn realloc(&self, block: *mut u8, layout: Layout, new_size: usize) -> *mut u8 {
         // SAFETY: the caller's promises are the system allocator's conditions.
-        or_end(unsafe { System.realloc(block, layout, new_size) }, new_size)
+        or_exit(unsafe { System.realloc(block, layout, new_size) }, new_size)
     }
 
     unsafe fn dealloc(&self, block: *mut u8, layout: Layout) {
@@ -34,7 +34,7 @@ unsafe impl GlobalAlloc for OrEnd {
     }
 }
 
-fn or_end(block: *mut u8, bytes: usize) -> *mut u8 {
+fn or_exit(block: *mut u8, bytes: usize) -> *mut u8 {
     if block.is_null() { end(bytes) } else { block }
 }
 

@@ -20,19 +20,19 @@ pub enum Failure {
     /// The machine failed us: 3.
     Machine(String),
     /// Standard output was closed by its reader: 141, as if SIGPIPE had ended the program.
-    Unread,
+    OutputClosed,
     /// The message was printed already; only the exit code remains.
-    Said(u8),
+    Reported(u8),
 }
 
 impl Failure {
     /// Prints the message and returns the exit code.
     pub fn report(self) -> ExitCode {
-        ExitCode::from(self.say())
+        ExitCode::from(self.print())
     }
 
     /// Prints the message and returns the exit code as a number.
-    pub fn say(self) -> u8 {
+    pub fn print(self) -> u8 {
         let code = self.code();
         if let Some(message) = self.message() {
             // If standard error cannot be written either, the exit code still reports the failure.
@@ -47,8 +47,8 @@ impl Failure {
             Self::Data(_) => 1,
             Self::Command(_) => 2,
             Self::Machine(_) => 3,
-            Self::Unread => 141,
-            Self::Said(code) => *code,
+            Self::OutputClosed => 141,
+            Self::Reported(code) => *code,
         }
     }
 
@@ -56,7 +56,7 @@ impl Failure {
     pub fn message(&self) -> Option<&str> {
         match self {
             Self::Data(message) | Self::Command(message) | Self::Machine(message) => Some(message),
-            Self::Unread | Self::Said(_) => None,
+            Self::OutputClosed | Self::Reported(_) => None,
         }
     }
 
@@ -111,7 +111,7 @@ pub fn with_container(path: &std::path::Path, error: ContainerError) -> Failure 
 /// A failure to write to standard output or a small file.
 pub fn with_output(error: std::io::Error) -> Failure {
     match error.kind() {
-        ErrorKind::BrokenPipe => Failure::Unread,
+        ErrorKind::BrokenPipe => Failure::OutputClosed,
         _ => Failure::Machine(format!("cannot write: {error}")),
     }
 }

@@ -88,9 +88,9 @@ pub fn for_each(paths: &[PathBuf], run: impl Fn(&Path) -> Result<(), Failure>) -
     for path in paths {
         match run(path) {
             Ok(()) => {}
-            Err(Failure::Unread) => return Err(Failure::Unread),
-            Err(failure) => code = code.max(failure.say()),
+            Err(Failure::OutputClosed) => return Err(Failure::OutputClosed),
+            Err(failure) => code = code.max(failure.print()),
         }
     }
-    if code == 0 { Ok(()) } else { Err(Failure::Said(code)) }
+    if code == 0 { Ok(()) } else { Err(Failure::Reported(code)) }
 }

@@ -34,7 +34,7 @@ struct Batch<'a> {
 }
 
 /// Outcome of an input without failure.
-enum Came {
+enum Outcome {
     /// The container exists, and nothing has changed.
     Unchanged,
     Built,
@@ -62,11 +62,11 @@ pub fn run(batch: &Path, output: &OutputArguments, source: &SourceArguments) -> 
     for (i, (input, name)) in paths.iter().zip(&names).enumerate() {
         let place = format!("[{}/{}] {}", i + 1, paths.len(), input.display());
         match batch.one(input, name, &mut results) {
-            Ok(Came::Unchanged) => {
+            Ok(Outcome::Unchanged) => {
                 unchanged += 1;
                 announce(&format!("{place}: unchanged, done before"));
             }
-            Ok(Came::Built) => {
+            Ok(Outcome::Built) => {
                 built += 1;
                 let record = &results.records()[&*input.to_string_lossy()];
                 let bytes = show_bytes(record.container_bytes.unwrap_or(0));
@@ -83,9 +83,9 @@ pub fn run(batch: &Path, output: &OutputArguments, source: &SourceArguments) -> 
                 code = code.max(failure.code());
                 batch.note_failure(input, name, &mut results, &failure);
                 announce(&place);
-                failure.say();
+                failure.print();
                 if is_full {
-                    return Err(Failure::Said(code));
+                    return Err(Failure::Reported(code));
                 }
             }
         }
@@ -97,7 +97,7 @@ pub fn run(batch: &Path, output: &OutputArguments, source: &SourceArguments) -> 
         counted(passed_over, "other file"),
         folder.join(FILE_NAME).display()
     ));
-    if code == 0 { Ok(()) } else { Err(Failure::Said(code)) }
+    if code == 0 { Ok(()) } else { Err(Failure::Reported(code)) }
 }
 
 fn find(batch: &Path, output: &Path, headerless: Headerless) -> Result<Inputs, Failure> {
@@ -117,7 +117,7 @@ fn find(batch: &Path, output: &Path, headerless: Headerless) -> Result<Inputs, F
 
 impl Batch<'_> {
     /// Builds one volume, or finds that it is built already.
-    fn one(&self, input: &Path, name: &str, results: &mut Results) -> Result<Came, BuildError> {
+    fn one(&self, input: &Path, name: &str, results: &mut Results) -> Result<Outcome, BuildError> {
         let output = self.folder.join(name);
         let Some(source_name) = input.to_str() else {
             return Err(BuildError::Options(format!(
@@ -132,7 +132,7 @@ impl Batch<'_> {
                 if let Some(known) = known.filter(|record| record.status != Status::Done) {
                     results.add(Record { status: Status::Done, error: None, ..known })?;
                 }
-                return Ok(Came::Unchanged);
+                return Ok(Outcome::Unchanged);
             }
             Ok(Standing::New) => self.output.existing(),
             Ok(Standing::Interrupted) => Existing::Replace,
@@ -172,7 +172,7 @@ impl Batch<'_> {
             notes: report.notes,
             ..begun
         })?;
-        Ok(Came::Built)
+        Ok(Outcome::Built)
     }
 
     /// Records the failure of an input. The record of an existing container stays.
@@ -182,7 +182,7 @@ impl Batch<'_> {
         let known = known.unwrap_or_else(|| Record { source, container: name.into(), ..Record::default() });
         let error = failure.message().map(str::to_owned);
         if let Err(error) = results.add(Record { status: Status::Failed, error, ..known }) {
-            Failure::from(error).say();
+            Failure::from(error).print();
         }
     }
 

@@ -26,7 +26,7 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use clap::{Parser, Subcommand};
-use supervol_arguments::allocation::OrEnd;
+use supervol_arguments::allocation::ExitOnOutOfMemory;
 use supervol_arguments::program::CommandLine;
 use supervol_arguments::{bench, chart, view};
 
@@ -71,7 +71,7 @@ enum Command {
 }
 
 #[global_allocator]
-static ALLOCATOR: OrEnd = OrEnd;
+static ALLOCATOR: ExitOnOutOfMemory = ExitOnOutOfMemory;
 
 fn main() -> ExitCode {
     let begun = Instant::now();

@@ -6,7 +6,7 @@ use std::num::NonZero;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use supervol_arguments::allocation::OrEnd;
+use supervol_arguments::allocation::ExitOnOutOfMemory;
 use supervol_arguments::failure::Failure;
 use supervol_arguments::program::CommandLine;
 use supervol_arguments::scene::read_scene;
@@ -25,7 +25,7 @@ enum Command {
 }
 
 #[global_allocator]
-static ALLOCATOR: OrEnd = OrEnd;
+static ALLOCATOR: ExitOnOutOfMemory = ExitOnOutOfMemory;
 
 fn main() -> ExitCode {
     CommandLine::<Command>::parse().run(|| (), |Command::View(arguments)| view(&arguments))

@@ -107,7 +107,8 @@ fn describe(path: &Path, arguments: &Arguments) -> Result<(), Failure> {
     let reading = source.reading(source::MEMORY_BYTES)?;
     let container = match Container::open(input.path()) {
         Err(_) if !is_container(input.path()) => {
-            let described = source::Described::of(input.path(), &reading).map_err(|why| neither(why, &reading))?;
+            let described =
+                source::Described::of(input.path(), &reading).map_err(|why| unknown_file_error(why, &reading))?;
             return if *text_header { print_text_header(path, described.survey()) } else { described.print(*json) };
         }
         opened => opened.map_err(|e| with_container(path, e))?,
@@ -128,7 +129,7 @@ fn describe(path: &Path, arguments: &Arguments) -> Result<(), Failure> {
 }
 
 /// Error message for a file that is neither a container nor a volume file.
-fn neither(no_volume: Failure, reading: &Reading) -> Failure {
+fn unknown_file_error(no_volume: Failure, reading: &Reading) -> Failure {
     match no_volume {
         Failure::Data(why) | Failure::Command(why) if reading.is_default() => Failure::Data(format!(
             "no Supervol container (`supervol build` makes one from a volume file), and no readable volume file: {why}"

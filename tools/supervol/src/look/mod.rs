@@ -22,7 +22,7 @@ use supervol_scene::scene::{
     CameraSpec, ImageSpec, IsoSpec, Mode, PointsSpec, Scene, ShadingSpec, SolidSpec, TransferFunctionSpec,
 };
 
-use self::parse::{CameraWish, ColorMapWish, Cutter, SurfaceWish};
+use self::parse::{CameraRequest, ClipShape, ColorMapRequest, SurfaceRequest};
 use self::places::{Crop, Cut};
 use self::slices::SliceArguments;
 use crate::panels::{Grid, PANEL_LIMIT};
@@ -48,7 +48,7 @@ pub struct LookArguments {
     /// A third number is the distance from the volume in world units, for example 30,20,1500. Without it, the volume
     /// fills the picture.
     #[arg(long, value_name = "DIRECTION|AZ,EL[,DIST]", value_parser = parse::camera, allow_hyphen_values = true)]
-    camera: Option<CameraWish>,
+    camera: Option<CameraRequest>,
     /// Magnification: 1 shows the volume as large as it fits, 2 twice as large
     #[arg(long, value_name = "FACTOR", value_parser = parse::positive, allow_negative_numbers = true)]
     zoom: Option<f64>,
@@ -62,7 +62,7 @@ pub struct LookArguments {
     ///
     /// Names: grey, seismic, viridis, magma, inferno, plasma, cividis, turbo, cubehelix, warm, cool and spectral.
     #[arg(long, value_name = "NAME|FILE", value_parser = parse::color_map)]
-    colormap: Option<ColorMapWish>,
+    colormap: Option<ColorMapRequest>,
     /// Range of data values that colours and opacities span, for example -100,400
     #[arg(long, value_name = "LOW,HIGH", value_parser = parse::window, allow_hyphen_values = true)]
     window: Option<[f64; 2]>,
@@ -80,7 +80,7 @@ pub struct LookArguments {
     /// Example: 300:white:0.5. Repeat the option for up to 8 surfaces.
     #[arg(long, value_name = "VALUE[:COLOUR[:OPACITY]]", value_parser = parse::surface, allow_hyphen_values = true)]
     #[arg(conflicts_with = "iso")]
-    surface: Vec<SurfaceWish>,
+    surface: Vec<SurfaceRequest>,
     /// Show only this box: voxels I0:I1,J0:J1,K0:K1 (ends are excluded), or ranges AXIS=FROM:TO,...
     ///
     /// Axes: i, j, k (voxels); x, y, z (world); inline, crossline, time or depth; sagittal, coronal, axial (world).
@@ -93,8 +93,8 @@ pub struct LookArguments {
     /// cylinder:X0,Y0,Z0,X1,Y1,Z1,R, and mesh:FILE (a closed triangle mesh: .ply, .stl or .obj). The prefix
     /// `outside-`, as in outside-sphere:, keeps the outside. Repeat the option for several cuts: the picture shows
     /// their intersection.
-    #[arg(long, value_name = "NX,NY,NZ,D|SOLID", value_parser = parse::cutter, allow_hyphen_values = true)]
-    clip: Vec<Cutter>,
+    #[arg(long, value_name = "NX,NY,NZ,D|SOLID", value_parser = parse::clip_shape, allow_hyphen_values = true)]
+    clip: Vec<ClipShape>,
     #[command(flatten)]
     slices: SliceArguments,
     /// Draw without lighting
@@ -202,10 +202,10 @@ impl LookArguments {
         if let Some(crop) = &self.crop {
             scene.clip.index_box = Some(crop.in_voxels(container, facts)?);
         }
-        for cutter in &self.clip {
-            match cutter {
-                Cutter::Plane(plane) => scene.clip.planes.push(*plane),
-                Cutter::Solid(solid) => scene.clip.solids.push(SolidSpec::clone(solid)),
+        for clip_shape in &self.clip {
+            match clip_shape {
+                ClipShape::Plane(plane) => scene.clip.planes.push(*plane),
+                ClipShape::Solid(solid) => scene.clip.solids.push(SolidSpec::clone(solid)),
             }
         }
         let says_light = scene.shading.is_some();
@@ -238,7 +238,7 @@ impl LookArguments {
         let mut scene = scene.complete(facts, overview);
         self.repaint(&mut scene, facts)?;
         if self.unlit {
-            self.put_out_light(&mut scene)?;
+            self.remove_shading(&mut scene)?;
         }
         scene.validate().map_err(Failure::command)?;
         Ok(scene)
@@ -299,8 +299,11 @@ impl LookArguments {
             ));
         }
         let usual = looks::default_surface(facts).color;
-        let spec =
-            |wish: &SurfaceWish| IsoSpec { value: wish.value, color: wish.color.unwrap_or(usual), alpha: wish.alpha };
+        let spec = |request: &SurfaceRequest| IsoSpec {
+            value: request.value,
+            color: request.color.unwrap_or(usual),
+            alpha: request.alpha,
+        };
         scene.iso = self.surface.iter().map(spec).collect();
         Ok(())
     }
@@ -314,9 +317,11 @@ impl LookArguments {
     /// The requested view direction, or the default one.
     fn view(&self, facts: &VolumeFacts, framed: &Framed) -> View {
         let usual = View::facing(facts, framed);
-        let wish =
-            self.camera.as_ref().map(|wish| View { distance: wish.distance, ..View::from(facts, wish.direction) });
-        View { zoom: self.zoom.unwrap_or(1.0), ..wish.unwrap_or(usual) }
+        let request = self
+            .camera
+            .as_ref()
+            .map(|request| View { distance: request.distance, ..View::from(facts, request.direction) });
+        View { zoom: self.zoom.unwrap_or(1.0), ..request.unwrap_or(usual) }
     }
 
     fn set_camera(&self, scene: &mut Scene, facts: &VolumeFacts, overview: Option<&Overview>) {
@@ -358,7 +363,7 @@ impl LookArguments {
             };
         };
         let window = self.window.or(self.clip_percent.map(|percent| ramps::clipped_window(facts, percent)));
-        let colors = self.colormap.as_ref().map(ColorMapWish::colors).transpose()?;
+        let colors = self.colormap.as_ref().map(ColorMapRequest::colors).transpose()?;
         for slice in &mut scene.slices {
             slices::repaint(slice, window, colors.as_deref())?;
         }
@@ -373,7 +378,7 @@ impl LookArguments {
         Ok(())
     }
 
-    fn put_out_light(&self, scene: &mut Scene) -> Result<(), Failure> {
+    fn remove_shading(&self, scene: &mut Scene) -> Result<(), Failure> {
         match scene.shading.replace(None) {
             Some(Some(_)) => Ok(()),
             _ => Err(Failure::Command("--unlit changes nothing: this picture has no lighting".into())),

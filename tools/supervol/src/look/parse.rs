@@ -12,7 +12,7 @@ use supervol_scene::scene::{BoxSpec, CylinderSpec, PlaneSpec, PointSpec, PointsS
 
 /// Requested camera.
 #[derive(Debug, Clone, PartialEq)]
-pub struct CameraWish {
+pub struct CameraRequest {
     /// Direction of the camera from the middle.
     pub direction: Direction,
     /// Distance from the middle in world units; `None`: chosen.
@@ -21,7 +21,7 @@ pub struct CameraWish {
 
 /// Plane or solid that clips the volume.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Cutter {
+pub enum ClipShape {
     /// Keeps one side of a plane.
     Plane(PlaneSpec),
     /// Keeps the inside or the outside of a solid.
@@ -46,8 +46,8 @@ const COLORS: [(&str, [f64; 3]); 10] = [
 ];
 
 /// A direction's name, or `AZ,EL[,DIST]`.
-pub fn camera(text: &str) -> Result<CameraWish, String> {
-    let named = |direction| Ok(CameraWish { direction, distance: None });
+pub fn camera(text: &str) -> Result<CameraRequest, String> {
+    let named = |direction| Ok(CameraRequest { direction, distance: None });
     match text {
         "front" => named(Direction::Front),
         "back" => named(Direction::Back),
@@ -64,10 +64,10 @@ pub fn camera(text: &str) -> Result<CameraWish, String> {
             let numbers = finite_numbers(text).ok_or_else(expected)?;
             match numbers[..] {
                 [azimuth, elevation] => {
-                    Ok(CameraWish { direction: Direction::Angles([azimuth, elevation]), distance: None })
+                    Ok(CameraRequest { direction: Direction::Angles([azimuth, elevation]), distance: None })
                 }
                 [azimuth, elevation, distance] if distance > 0.0 => {
-                    Ok(CameraWish { direction: Direction::Angles([azimuth, elevation]), distance: Some(distance) })
+                    Ok(CameraRequest { direction: Direction::Angles([azimuth, elevation]), distance: Some(distance) })
                 }
                 _ => Err(expected()),
             }
@@ -102,8 +102,8 @@ pub fn window(text: &str) -> Result<[f64; 2], String> {
 }
 
 /// NX,NY,NZ,D, or a solid: its name, a colon, and its numbers or file.
-pub fn cutter(text: &str) -> Result<Cutter, String> {
-    let Some((name, rest)) = text.split_once(':') else { return plane(text).map(Cutter::Plane) };
+pub fn clip_shape(text: &str) -> Result<ClipShape, String> {
+    let Some((name, rest)) = text.split_once(':') else { return plane(text).map(ClipShape::Plane) };
     let (keep, name) = match name.strip_prefix(OUTSIDE) {
         Some(name) => (Keep::Outside, name),
         None => (Keep::Inside, name),
@@ -133,7 +133,7 @@ pub fn cutter(text: &str) -> Result<Cutter, String> {
             ));
         }
     }
-    Ok(Cutter::Solid(Box::new(solid)))
+    Ok(ClipShape::Solid(Box::new(solid)))
 }
 
 fn plane(text: &str) -> Result<PlaneSpec, String> {
@@ -145,7 +145,7 @@ fn plane(text: &str) -> Result<PlaneSpec, String> {
 
 /// A colour map: its name, or the file that holds it.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum ColorMapWish {
+pub enum ColorMapRequest {
     /// Built-in colour map.
     Named(String),
     /// Colour map of a file.
@@ -153,17 +153,17 @@ pub enum ColorMapWish {
 }
 
 /// The name of a colour map, or a file.
-pub fn color_map(text: &str) -> Result<ColorMapWish, String> {
+pub fn color_map(text: &str) -> Result<ColorMapRequest, String> {
     if colormap::NAMES.contains(&text) {
-        return Ok(ColorMapWish::Named(text.into()));
+        return Ok(ColorMapRequest::Named(text.into()));
     }
     if names_file(text) {
-        return Ok(ColorMapWish::File(text.into()));
+        return Ok(ColorMapRequest::File(text.into()));
     }
     Err(format!("'{text}': expected a file (.json, .1dt), or one of {}", colormap::NAMES.join(", ")))
 }
 
-impl ColorMapWish {
+impl ColorMapRequest {
     /// Colours at places from 0 to 1.
     pub fn colors(&self) -> Result<Vec<(f64, [f64; 3])>, Failure> {
         match self {
@@ -202,7 +202,7 @@ pub fn color(text: &str) -> Result<[f64; 3], String> {
 
 /// Requested surface inside the volume.
 #[derive(Debug, Clone, PartialEq)]
-pub struct SurfaceWish {
+pub struct SurfaceRequest {
     /// Data value.
     pub value: f64,
     /// Colour, each channel in [0, 1]; `None`: default.
@@ -212,14 +212,14 @@ pub struct SurfaceWish {
 }
 
 /// `VALUE[:COLOUR[:OPACITY]]`.
-pub fn surface(text: &str) -> Result<SurfaceWish, String> {
+pub fn surface(text: &str) -> Result<SurfaceRequest, String> {
     let expected = || format!("'{text}': expected VALUE, VALUE:COLOUR or VALUE:COLOUR:OPACITY, such as 300:white:0.5");
     let mut parts = text.split(':');
     let value = parts.next().and_then(|value| value.trim().parse().ok()).filter(|v: &f64| v.is_finite());
     let color = parts.next().map(color).transpose()?;
     let alpha = parts.next().map_or(Ok(1.0), share)?;
     match (value, parts.next()) {
-        (Some(value), None) => Ok(SurfaceWish { value, color, alpha }),
+        (Some(value), None) => Ok(SurfaceRequest { value, color, alpha }),
         _ => Err(expected()),
     }
 }
@@ -274,19 +274,19 @@ mod tests {
         assert!(window("7,-5").is_err() && window("1").is_err());
         assert_eq!(percent("2.5%"), Ok(2.5));
         assert!(percent("50").is_err() && plane("0,0,0,1").is_err() && positive("0").is_err());
-        let Ok(Cutter::Solid(solid)) = cutter("outside-box:0,0,0,2,4,6") else { panic!("a box") };
+        let Ok(ClipShape::Solid(solid)) = clip_shape("outside-box:0,0,0,2,4,6") else { panic!("a box") };
         let cuboid = solid.cuboid.expect("a box");
         assert_eq!((solid.keep, cuboid.center, cuboid.edges), (Keep::Outside, [1.0, 2.0, 3.0], [2.0, 4.0, 6.0]));
-        assert!(matches!(cutter("1,0,0,5"), Ok(Cutter::Plane(_))) && cutter("mesh:a:b.ply").is_ok());
-        assert!(["sphere:1,2,3", "ball:1,2,3,4", "mesh:", "1,2,3"].iter().all(|text| cutter(text).is_err()));
-        let wish = SurfaceWish { value: -3.5, color: Some([1.0; 3]), alpha: 0.25 };
-        assert_eq!(surface("-3.5:white:0.25"), Ok(wish));
-        assert_eq!(surface("7").map(|wish| (wish.color, wish.alpha)), Ok((None, 1.0)));
+        assert!(matches!(clip_shape("1,0,0,5"), Ok(ClipShape::Plane(_))) && clip_shape("mesh:a:b.ply").is_ok());
+        assert!(["sphere:1,2,3", "ball:1,2,3,4", "mesh:", "1,2,3"].iter().all(|text| clip_shape(text).is_err()));
+        let request = SurfaceRequest { value: -3.5, color: Some([1.0; 3]), alpha: 0.25 };
+        assert_eq!(surface("-3.5:white:0.25"), Ok(request));
+        assert_eq!(surface("7").map(|request| (request.color, request.alpha)), Ok((None, 1.0)));
         assert!(["", "a", "1:", "1:white:2", "1:white:1:1"].iter().all(|text| surface(text).is_err()));
         let read = points("0:black:0,100:#ffffff:0.5").expect("two points").points;
         assert_eq!((read.len(), read[1].color, read[1].alpha), (2, [1.0; 3], 0.5));
         assert!(points("0:black").is_err() && points("0:black:2").is_err());
-        assert_eq!(color_map("viridis"), Ok(ColorMapWish::Named("viridis".into())));
-        assert!(matches!(color_map("Map.JSON"), Ok(ColorMapWish::File(_))) && color_map("jet").is_err());
+        assert_eq!(color_map("viridis"), Ok(ColorMapRequest::Named("viridis".into())));
+        assert!(matches!(color_map("Map.JSON"), Ok(ColorMapRequest::File(_))) && color_map("jet").is_err());
     }
 }
