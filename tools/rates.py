@@ -191,7 +191,7 @@ class Volume:
 
     def ours(self, error):
         for codec in error["codecs"]:
-            # What is decoded is all that is stored; only what does not repeat counts.
+            # All stored voxels are decoded; only those without repetition count.
             seconds = [self.stored_voxels * self.itemsize / 1e6 / codec[f"{way}_mb_s"] for way in ("encode", "decode")]
             self.record(error["share"], f"ours {codec['codec']}", error["asked"], error["found"], error["psnr"], codec["bytes"], *seconds)
 
@@ -366,7 +366,7 @@ LINES = {
     "SZ3 equal": ("SZ3, equal error", "#1f77b4", "none"),
     "ours auto": ("ours, auto", "#d62728", "none"),
 }
-# Where an error of 0 stands on an axis of logarithms.
+# Position of an error of 0 on a logarithmic axis.
 NO_ERROR = 1e-5
 COLUMNS_OF_CHART, PANEL, GAP, ROW = 3, (104, 92), 34, 140
 

@@ -98,7 +98,7 @@ def by_nibabel(path, _):
 
 
 def by_analyze(path, _):
-    # What nibabel takes for the place in the world is a convention of its own.
+    # nibabel uses a convention of its own for the position in the world.
     return by_nibabel(path, _)[0], None, None
 
 
@@ -141,7 +141,7 @@ def by_tensorstore(path, _):
 def by_pynrrd(path, _):
     array, header = nrrd.read(str(path))
     directions = header.get("space directions")
-    # Of several volumes the first; its axis has no direction.
+    # The first of several volumes; the axis of the volumes has no direction.
     if directions is not None and array.ndim == 4:
         time = next(axis for axis, direction in enumerate(directions) if np.isnan(direction).any())
         array, directions = np.take(array, 0, axis=time), np.delete(directions, time, axis=0)
@@ -205,7 +205,7 @@ def by_pydicom(path, _):
     array = data.pixel_array
     if data.SamplesPerPixel == 3:
         array = np.round(array @ [0.299, 0.587, 0.114]).astype(array.dtype)
-    # What lies behind a scaling is a voxel's value.
+    # The value of a voxel is the scaled number.
     slope, offset = float(data.get("RescaleSlope", 1)), float(data.get("RescaleIntercept", 0))
     if "DoseGridScaling" in data:
         slope = float(data.DoseGridScaling)
@@ -231,7 +231,8 @@ def by_pictures(path, _):
 
 
 READERS = [
-    # What SimpleITK and zarr-python do not read: one axis, four in a space of three, spacings beside a space, a transposition's old spelling.
+    # Files that SimpleITK and zarr-python cannot read: one axis, four axes in a space of three, spacings beside a space, an old
+    # spelling of a transposition.
     ("nrrd/odd/test1d_ascii", by_pynrrd), ("nrrd/odd/test_simple4d_raw", by_pynrrd), ("raw/headsq_64x64x93_i16le/quarter", by_slices),
     ("zarr/v3/3d.chunked.mixed.i2.F", by_tensorstore), ("n5/", by_tensorstore),
     ("segy/odd/rotated-small-rev2", by_numpy_segy), ("segy/odd/trace-header-extension1", by_numpy_segy),

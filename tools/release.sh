@@ -25,7 +25,7 @@ else
     packages+=(supervol-viewer)
     programs+=(supervol-view)
 fi
-# What is built for the machine itself lies where other builds lie, and is not built twice.
+# A build for the host itself uses the usual build folder, so that nothing is built twice.
 host=$(rustc -vV | sed -n 's/^host: //p')
 built=${CARGO_TARGET_DIR:-target}
 if [ "$target" = "$host" ]; then
@@ -49,7 +49,7 @@ for name in "${programs[@]}"; do
     strip "$folder/$name"
 done
 
-# What the programs need of the machine that they run on.
+# Libraries that the programs need on the machine that runs them.
 for name in "${programs[@]}"; do
     if readelf -d "$folder/$name" | grep -q NEEDED; then
         echo "$name is linked dynamically. It needs Linux x86-64 with:"

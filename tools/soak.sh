@@ -134,7 +134,7 @@ full_disk() {
     run build 1.raw --dims "$DIMS" --dtype f32 -o "$disk/full.svol"
     if [ "$code" = 3 ]; then
         grep -q "disk is full" said || lost "a full disk is not named"
-        # What is kept of a build is named, and with more room the same command goes on with it.
+        # The message names the kept parts of a build. With more room, the same command continues it.
         for kept in "$disk"/.[!.]* "$disk"/*; do
             if [ -e "$kept" ] && ! grep -qF "is kept, about" said; then
                 lost "$kept is left on a full disk without a word"

@@ -102,7 +102,7 @@ xdotool key --window 0 question
 until_true "the window of keys opens" has_changed keyed
 xdotool key --window 0 Escape
 
-# What is seen is what the command draws that the viewer copies. The command writes a message over the picture, hence before it.
+# The copied command draws the picture on the screen. The picture is taken first: copying shows a message over it.
 shot seen
 xdotool key --window 0 ctrl+shift+c
 until_true "the command's scene is written" has_command

@@ -7,7 +7,7 @@ use glam::{DMat3, DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
 use crate::camera::unit_vector;
-use crate::scene::CameraSpec;
+use crate::spec::CameraSpec;
 
 /// Most frames of a path.
 pub const FRAME_LIMIT: u32 = 100_000;

@@ -13,6 +13,7 @@ use glam::DVec3;
 use supervol_format::space::HALF_VOXEL;
 use supervol_format::{Container, Dims, Geometry, ValueRange};
 
+use crate::cast;
 use crate::facts::{DataKind, VolumeFacts};
 
 /// Binary exponents of a voxel's shortest edge for which world lengths are kept. Together with [`PLAIN_VALUES`], the
@@ -48,8 +49,7 @@ pub struct Units {
 
 /// The binary exponent of a positive number; subnormal numbers are allowed.
 fn exponent(number: f64) -> i32 {
-    // `as` saturates.
-    number.log2().floor() as i32
+    cast::exponent(number.log2().floor())
 }
 
 /// Two to this power, clamped to [`UNIT_LIMIT`].
@@ -85,6 +85,15 @@ impl Units {
     #[must_use]
     pub fn point(&self, world: DVec3) -> DVec3 {
         (world - self.anchor) / self.length
+    }
+
+    /// The plane of all world points p with normal . p = offset, in units: normal and offset. The normal is scaled by a
+    /// power of two, so that nothing is rounded.
+    #[must_use]
+    pub fn plane(&self, normal: [f64; 3], offset: f64) -> (DVec3, f64) {
+        let scale = DVec3::from_array(normal).abs().max_element().log2().floor().exp2();
+        let normal = DVec3::from_array(normal) / scale;
+        (normal, (offset / scale - normal.dot(self.anchor)) / self.length)
     }
 
     /// A data value in units.

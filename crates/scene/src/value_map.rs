@@ -4,9 +4,10 @@
 //! - A *render value* is an `f32`: `stored * scale + offset`. Transfer functions are applied to render values.
 //! - A *data value* is an `f64` in the data's own units: `render value + shift`.
 
-use supervol_format::{ValueRange, VoxelType};
+use supervol_format::{Container, ValueRange, VoxelType};
 
-use crate::units::VALUE_LIMIT;
+use crate::cast;
+use crate::units::{InUnits, VALUE_LIMIT};
 
 /// Map from stored numbers to render values and data values; one for the whole container.
 ///
@@ -55,7 +56,7 @@ impl ValueMap {
                 let (low, high) = voxel_type.limits();
                 let hole = nodata.filter(|v| v.fract() == 0.0 && (low..=high).contains(v));
                 let offset = (source_offset - shift) - bias * source_scale;
-                (source_scale as f32, offset as f32, hole.map(|v| (v + bias) as u16))
+                (cast::single(source_scale), cast::single(offset), hole.map(|v| cast::short(v + bias)))
             }
             // Values of these types become render values when a brick is decoded, in `f64`.
             None => (1.0, 0.0, None),
@@ -89,10 +90,19 @@ impl ValueMap {
     #[must_use]
     pub fn from_container(&self, voxel_type: VoxelType, value: f64) -> f32 {
         match integer_bias(voxel_type) {
-            Some(bias) => self.from_stored_number((value + bias) as f32),
+            Some(bias) => self.from_stored_number(cast::single(value + bias)),
             None => self.from_data(value * self.source_scale + self.source_offset),
         }
     }
+}
+
+/// Map from stored numbers to render values for a container.
+#[must_use]
+pub fn value_map(container: &Container) -> ValueMap {
+    let d = container.descriptor();
+    let InUnits { scale, offset, value_range, .. } = InUnits::of(container);
+    let range = if container.manifest().value_range.is_some() { value_range } else { ValueRange::EMPTY };
+    ValueMap::for_container(d.voxel_type, scale, offset, d.absence.nodata, range)
 }
 
 /// Bias added to an integer of at most 16 bits to store it unsigned; `None` for types rendered as `f32`.
@@ -107,5 +117,5 @@ fn integer_bias(voxel_type: VoxelType) -> Option<f64> {
 
 /// The nearest `f32`, clamped so that differences do not overflow; NaN stays NaN.
 fn to_f32(value: f64) -> f32 {
-    value.clamp(-VALUE_LIMIT, VALUE_LIMIT) as f32
+    cast::single(value.clamp(-VALUE_LIMIT, VALUE_LIMIT))
 }

@@ -16,8 +16,8 @@ use supervol::runtime::engines::totals::EngineTotals;
 use supervol::runtime::stream::priority::BrickOrder;
 use supervol::runtime::stream::residency::{BrickView, DecodedBrick, Resident, Voxels};
 use supervol::runtime::stream::streamer::HostView;
-use supervol::scene::facts::value_map;
 use supervol::scene::value_map::ValueMap;
+use supervol::scene::value_map::value_map;
 use supervol::{BrickKey, Container, LevelChoice, Lod, Options, Scene, Volume};
 
 /// Voxels that a brick holds beside its core, on each side.

@@ -1,31 +1,31 @@
-//! What happens when the system has no memory left: a sentence and exit code 3, with nothing half written left behind.
+//! Allocator that ends the program if the system has no memory left: one message, exit code 3, no unfinished files.
 //!
-//! Rust's own answer is to abort, from wherever the memory was wanted: in our code, or in that of a library.
+//! By default, Rust aborts wherever the allocation failed: in our code or in that of a library.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::io::Write;
 
-/// Room for what is said.
+/// Greatest length of the message.
 const SENTENCE_BYTES: usize = 256;
 
-/// The system's allocator; the program ends when it has nothing to give.
-pub struct OrEnd;
+/// System allocator; a failed allocation ends the program.
+pub struct ExitOnOutOfMemory;
 
-// SAFETY: every call goes to the system's allocator unchanged; where it fails the process ends, and nothing is returned.
-unsafe impl GlobalAlloc for OrEnd {
+// SAFETY: every call goes to the system allocator unchanged; if it fails, the process ends and nothing is returned.
+unsafe impl GlobalAlloc for ExitOnOutOfMemory {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         // SAFETY: the caller's promises are the system allocator's conditions.
-        or_end(unsafe { System.alloc(layout) }, layout.size())
+        or_exit(unsafe { System.alloc(layout) }, layout.size())
     }
 
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
         // SAFETY: the caller's promises are the system allocator's conditions.
-        or_end(unsafe { System.alloc_zeroed(layout) }, layout.size())
+        or_exit(unsafe { System.alloc_zeroed(layout) }, layout.size())
     }
 
     unsafe fn realloc(&self, block: *mut u8, layout: Layout, new_size: usize) -> *mut u8 {
         // SAFETY: the caller's promises are the system allocator's conditions.
-        or_end(unsafe { System.realloc(block, layout, new_size) }, new_size)
+        or_exit(unsafe { System.realloc(block, layout, new_size) }, new_size)
     }
 
     unsafe fn dealloc(&self, block: *mut u8, layout: Layout) {
@@ -34,19 +34,19 @@ unsafe impl GlobalAlloc for OrEnd {
     }
 }
 
-fn or_end(block: *mut u8, bytes: usize) -> *mut u8 {
+fn or_exit(block: *mut u8, bytes: usize) -> *mut u8 {
     if block.is_null() { end(bytes) } else { block }
 }
 
-/// Takes little memory itself: what was refused is nearly always a large buffer.
+/// Uses little memory itself: the refused allocation is nearly always a large buffer.
 #[cold]
 fn end(bytes: usize) -> ! {
     let _none_begins = supervol_files::unfinished::remove_all();
-    // On the stack: nothing is to be allocated for it.
+    // On the stack, because allocation has failed.
     let mut sentence = std::io::Cursor::new([0; SENTENCE_BYTES]);
     let _ = writeln!(
         sentence,
-        "supervol: the system has no memory left ({bytes} bytes were asked for). Allow less with --memory or --host-memory"
+        "supervol: out of memory: the system refused {bytes} bytes. Use a lower --memory or --host-memory"
     );
     let written = sentence.position() as usize;
     let _ = std::io::stderr().write_all(&sentence.get_ref()[..written]);

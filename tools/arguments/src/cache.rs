@@ -1,4 +1,4 @@
-//! Volume files where containers are asked for: built into the cache folder first.
+//! Cache folder: a command that needs a container builds one from a volume file, and keeps it here.
 
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -12,27 +12,31 @@ use crate::progress::{Reporter, announce};
 use crate::quantity::{self, show_bytes};
 use crate::source::refuse_for_container;
 
-/// Where containers of volume files are kept.
+/// Options of the cache folder.
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Volume files instead of containers")]
 pub struct CacheArguments {
-    /// Folder in which containers of volume files are kept; by default $XDG_CACHE_HOME/supervol or ~/.cache/supervol (macOS:
-    /// ~/Library/Caches/supervol, Windows: %LOCALAPPDATA%\\supervol\\cache)
+    /// Cache folder: keeps containers that were built from volume files [default: supervol in the cache folder of the
+    /// user]
+    ///
+    /// The default is $XDG_CACHE_HOME/supervol or ~/.cache/supervol on Linux, ~/Library/Caches/supervol on macOS, and
+    /// %LOCALAPPDATA%\\supervol\\cache on Windows.
     #[arg(long, value_name = "DIR")]
     pub cache: Option<PathBuf>,
-    /// Most bytes of containers that are kept there: those that were used longest ago are removed, never the one that is shown
-    /// [default: 32GiB]
+    /// Size limit of the cache folder, for example 100GiB [default: 32GiB]
+    ///
+    /// Above the limit, the least recently used containers are removed. The container in use always stays.
     #[arg(long, value_name = "BYTES", value_parser = quantity::bytes)]
     cache_limit: Option<u64>,
 }
 
 impl CacheArguments {
-    /// See `--cache-limit`.
+    /// Value of `--cache-limit`, bytes.
     pub fn limit_bytes(&self) -> u64 {
         self.cache_limit.unwrap_or(CACHE_LIMIT_BYTES)
     }
 
-    /// The container that is meant: the file itself where it is one, else what is kept of it, or is built now.
+    /// Container of an input: the input itself if it is a container, else a kept one, else a new one.
     pub fn container_of(
         &self,
         input: &Path,
@@ -53,7 +57,7 @@ impl CacheArguments {
             match told {
                 Told::Building(path) => {
                     announce(&format!(
-                        "{} is no container: one is built first, and kept as {} (at most {} there)",
+                        "{}: building a container of this volume file; it is kept as {} (limit of the cache folder: {})",
                         input.display(),
                         path.display(),
                         show_bytes(self.limit_bytes())

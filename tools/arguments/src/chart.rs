@@ -6,26 +6,29 @@ use clap::Args;
 
 use crate::output::Force;
 
-/// What to measure, how much of it, and where to write.
+/// Measurements of the report, their extent, and its folder.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Smaller volumes and pictures, fewer transfer functions: minutes instead of tens of minutes
+    /// Use smaller volumes, smaller pictures and fewer transfer functions: takes minutes instead of tens of minutes
     #[arg(long)]
     pub quick: bool,
-    /// Measure this scene only; may be given several times
+    /// Measure only this scene; repeat the option for several scenes
     #[arg(long, value_name = "NAME", conflicts_with = "stability")]
     pub scene: Vec<String>,
-    /// Measure where methods fail instead, and hold the default to its promises
+    /// Measure the regimes in which methods of volume rendering fail, and check the gates of the default method
     #[arg(long)]
     pub stability: bool,
-    /// Measure this regime only, S01 to S48; may be given several times
+    /// Measure only this regime: S01 to S48; repeat the option for several regimes
     #[arg(long, value_name = "ID", requires = "stability")]
     pub only: Vec<String>,
-    /// A report small enough to be kept with the program: all plots and findings, few pictures; no table of all points,
-    /// and neither points.csv nor points.json
+    /// Write a short report: all plots and findings, few pictures
+    ///
+    /// It has no table of all points. The files points.csv and points.json are not written.
     #[arg(long, conflicts_with = "stability")]
     pub summary: bool,
-    /// Folder for report.html, points.csv and points.json, or stability.html and stability.json; made if it is not there
+    /// Folder for the report; it is created if it does not exist
+    ///
+    /// Files: report.html, points.csv and points.json; with --stability, stability.html and stability.json.
     #[arg(short, long, value_name = "DIR")]
     pub output: PathBuf,
     /// `--force`.
@@ -34,7 +37,8 @@ pub struct Arguments {
 }
 
 impl Arguments {
-    /// The command as a person would type it again. The folder stands by its own name, which tells nothing of the machine.
+    /// Command line that repeats the measurement. It names the folder without its path, which would identify the
+    /// machine.
     #[must_use]
     pub fn command_line(&self) -> String {
         let mut words = vec!["supervol chart".to_string()];

@@ -10,7 +10,7 @@ use supervol_preprocess::BuildError;
 
 use crate::{flags, terminal};
 
-/// Whose fault it is decides the exit code.
+/// Failure of a command; its kind determines the exit code.
 #[derive(Debug)]
 pub enum Failure {
     /// The data is wrong: 1.
@@ -19,48 +19,48 @@ pub enum Failure {
     Command(String),
     /// The machine failed us: 3.
     Machine(String),
-    /// Nobody reads standard output any more: 141, as of a program that the signal ends which stands for this.
-    Unread,
-    /// What has been said already, with this exit code.
-    Said(u8),
+    /// Standard output was closed by its reader: 141, as if SIGPIPE had ended the program.
+    OutputClosed,
+    /// The message was printed already; only the exit code remains.
+    Reported(u8),
 }
 
 impl Failure {
     /// Prints the message and returns the exit code.
     pub fn report(self) -> ExitCode {
-        ExitCode::from(self.say())
+        ExitCode::from(self.print())
     }
 
-    /// Prints the message; the exit code that it stands for.
-    pub fn say(self) -> u8 {
+    /// Prints the message and returns the exit code as a number.
+    pub fn print(self) -> u8 {
         let code = self.code();
         if let Some(message) = self.message() {
-            // Nobody is left to tell where standard error cannot be written either; the exit code still says it.
+            // If standard error cannot be written either, the exit code still reports the failure.
             let _ = writeln!(terminal::stderr(), "supervol: {message}");
         }
         code
     }
 
-    /// The exit code that it stands for.
+    /// Exit code of the failure.
     pub fn code(&self) -> u8 {
         match self {
             Self::Data(_) => 1,
             Self::Command(_) => 2,
             Self::Machine(_) => 3,
-            Self::Unread => 141,
-            Self::Said(code) => *code,
+            Self::OutputClosed => 141,
+            Self::Reported(code) => *code,
         }
     }
 
-    /// What is to be said; nothing to who has read enough, or has been told.
+    /// Message to print; `None` if it was printed already or nobody reads the output.
     pub fn message(&self) -> Option<&str> {
         match self {
             Self::Data(message) | Self::Command(message) | Self::Machine(message) => Some(message),
-            Self::Unread | Self::Said(_) => None,
+            Self::OutputClosed | Self::Reported(_) => None,
         }
     }
 
-    /// A wrong command, with the file that holds the mistake named first, where there is one.
+    /// Puts the file name before the message of a wrong command, if there is a file.
     pub fn named(self, file: Option<&std::path::Path>) -> Self {
         match (self, file) {
             (Self::Command(message), Some(file)) => Self::Command(format!("{}: {message}", file.display())),
@@ -93,7 +93,7 @@ impl From<OutputError> for Failure {
     }
 }
 
-/// A failure with a container, named by its file.
+/// Failure of opening or reading a container; the message names the file.
 pub fn with_container(path: &std::path::Path, error: ContainerError) -> Failure {
     let is_missing = matches!(&error, ContainerError::Io { source, .. } if source.kind() == ErrorKind::NotFound);
     if is_missing && !path.exists() {
@@ -101,7 +101,7 @@ pub fn with_container(path: &std::path::Path, error: ContainerError) -> Failure 
     }
     if path.is_dir() {
         return Failure::Command(format!(
-            "{}: expected a file, found a folder; `supervol build` makes a container of a folder of slices or images",
+            "{}: expected a file, found a folder; for a folder of slices or images, run `supervol build` first",
             path.display()
         ));
     }
@@ -111,7 +111,7 @@ pub fn with_container(path: &std::path::Path, error: ContainerError) -> Failure 
 /// A failure to write to standard output or a small file.
 pub fn with_output(error: std::io::Error) -> Failure {
     match error.kind() {
-        ErrorKind::BrokenPipe => Failure::Unread,
+        ErrorKind::BrokenPipe => Failure::OutputClosed,
         _ => Failure::Machine(format!("cannot write: {error}")),
     }
 }

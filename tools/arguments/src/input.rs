@@ -1,4 +1,4 @@
-//! What commands read beside volumes: small files that people write, and containers that come through a pipe.
+//! Inputs of commands other than volumes: small text files, and containers from standard input.
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -8,22 +8,22 @@ use tempfile::NamedTempFile;
 
 use crate::failure::Failure;
 
-/// Most bytes of a scene or a camera path: some ten thousand times what one takes.
+/// Size limit of a scene or a camera path, about ten thousand times a usual size.
 const LIMIT_BYTES: u64 = 1_000_000;
-/// The name that stands for standard input.
+/// Name of standard input on the command line.
 const STANDARD_INPUT: &str = "-";
 
-/// Whether a name stands for standard input.
+/// Tests if the name means standard input.
 pub fn is_piped(path: &Path) -> bool {
     path == Path::new(STANDARD_INPUT)
 }
 
-/// The text of a small file, or of standard input for `-`; `what` it should hold is said where it cannot be read.
+/// Text of a small file, or of standard input for `-`. `what` names the expected content in error messages.
 pub fn read_text(file: &Path, what: &str) -> Result<String, Failure> {
     read_text_up_to(LIMIT_BYTES, file, what)
 }
 
-/// The same, of at most so many bytes.
+/// Like [`read_text`], with a limit of bytes.
 pub fn read_text_up_to(limit_bytes: u64, file: &Path, what: &str) -> Result<String, Failure> {
     let cannot = |e: std::io::Error| Failure::Command(format!("cannot read {what} {}: {e}", file.display()));
     let is_piped = is_piped(file);
@@ -45,7 +45,7 @@ pub fn read_text_up_to(limit_bytes: u64, file: &Path, what: &str) -> Result<Stri
     Ok(text)
 }
 
-/// What a person has named: a file, or standard input, which is kept in a file as long as this is.
+/// Input file of a command. Standard input is kept in a temporary file as long as this value lives.
 #[derive(Debug)]
 pub struct Input {
     path: PathBuf,
@@ -53,12 +53,12 @@ pub struct Input {
 }
 
 impl Input {
-    /// The file of this name, or what standard input gives for `-`, kept where the system keeps such files.
+    /// The named file; for `-`, a copy of standard input in the temporary folder of the system.
     pub fn named(path: &Path) -> Result<Self, Failure> {
         Self::kept_in(path, &std::env::temp_dir())
     }
 
-    /// The same; standard input is kept in this folder.
+    /// Like [`Self::named`], with a folder for the copy of standard input.
     pub fn kept_in(path: &Path, folder: &Path) -> Result<Self, Failure> {
         if !is_piped(path) {
             return Ok(Self { path: path.into(), _piped: None });
@@ -68,19 +68,18 @@ impl Input {
             Ok(file)
         });
         let kept = kept.map_err(|e| {
-            Failure::Machine(format!("cannot keep standard input in a file in {}: {e}", folder.display()))
+            Failure::Machine(format!("cannot copy standard input to a file in {}: {e}", folder.display()))
         })?;
         Ok(Self { path: kept.path().into(), _piped: Some(kept) })
     }
 
-    /// Where it can be opened.
+    /// Path to open.
     pub fn path(&self) -> &Path {
         &self.path
     }
 }
 
-/// Does something with every input. Where some fail, that is said, the others are done all the same, and the exit code is the
-/// greatest.
+/// Runs a command on every input, also after failures. Failures are printed; the exit code is the greatest.
 pub fn for_each(paths: &[PathBuf], run: impl Fn(&Path) -> Result<(), Failure>) -> Result<(), Failure> {
     if let [path] = paths {
         return run(path);
@@ -89,9 +88,9 @@ pub fn for_each(paths: &[PathBuf], run: impl Fn(&Path) -> Result<(), Failure>) -
     for path in paths {
         match run(path) {
             Ok(()) => {}
-            Err(Failure::Unread) => return Err(Failure::Unread),
-            Err(failure) => code = code.max(failure.say()),
+            Err(Failure::OutputClosed) => return Err(Failure::OutputClosed),
+            Err(failure) => code = code.max(failure.print()),
         }
     }
-    if code == 0 { Ok(()) } else { Err(Failure::Said(code)) }
+    if code == 0 { Ok(()) } else { Err(Failure::Reported(code)) }
 }

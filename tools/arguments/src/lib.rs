@@ -1,18 +1,18 @@
 //! The command line that the executables of Supervol share.
 //!
-//! `supervol` runs most commands itself. `supervol-view` (the viewer) and `supervol-measure` (`bench`, `chart`) run the
-//! others; they have dependencies that nobody needs who builds and renders. `supervol` reads the arguments of all
-//! commands, so that help, completions and man pages are whole without these executables.
+//! `supervol` runs most commands itself. `supervol-view` (the viewer) and `supervol-measure` (`bench`, `chart`) run
+//! the others, because these need many more dependencies. `supervol` parses the arguments of all commands. So help,
+//! completions and man pages are complete without the other executables.
 //!
-//! - [`program`]: start and end of each executable; [`failure`]: messages and exit codes; [`flags`]: flags in messages; [`signals`], [`allocation`]:
-//!   ends that come from the system;
+//! - [`program`]: start and end of each executable; [`failure`]: messages and exit codes; [`flags`]: flags in messages; [`signals`],
+//!   [`allocation`]: ends caused by the system;
 //! - [`terminal`], [`progress`]: standard output and standard error; [`output`]: files that commands write;
-//!   [`input`]: files that commands read; [`sample`]: the volume that comes with the program;
+//!   [`input`]: files that commands read; [`sample`]: the built-in sample volume;
 //! - [`quantity`]: numbers with units;
-//! - [`source`], [`cache`], [`scene`]: options that several commands have;
+//! - [`source`], [`cache`], [`scene`]: options that several commands share;
 //! - [`bench`](mod@bench), [`chart`], [`view`]: arguments of the commands that other executables run.
 //!
-//! Nothing here draws, builds or measures.
+//! This crate draws, builds and measures nothing.
 
 pub mod allocation;
 pub mod bench;

@@ -1,6 +1,6 @@
-//! What commands write, by the one rule of [`supervol_files`]: pictures, statistics, and folders of reports.
+//! Outputs of commands: pictures, statistics and folders of reports, by the rules of [`supervol_files`].
 //!
-//! An output is begun before anything is computed, so that one that cannot be written costs no time.
+//! An output is opened before anything is computed. So a command fails early if its output cannot be written.
 
 use std::io::{self, Cursor, IsTerminal, Write};
 use std::path::{Path, PathBuf};
@@ -15,40 +15,43 @@ use supervol_scene::image::{EncodeError, Image, ImageFormat};
 use crate::failure::{Failure, with_output};
 use crate::terminal;
 
-/// `--force`, for commands whose outputs replace their own kind without it.
+/// Option `--force` of commands that overwrite files of their own kind without it.
 #[derive(Debug, Clone, Copy, Args)]
 pub struct Force {
-    /// Overwrite files of any kind; without it, only what this command has written itself is replaced
+    /// Overwrite existing files of any kind
+    ///
+    /// By default, only a file of the same kind is overwritten: a picture by a picture, statistics by statistics, a
+    /// report by a report.
     #[arg(long)]
     force: bool,
 }
 
 impl Force {
-    /// Whether it was given.
+    /// True if `--force` was given.
     pub fn is_given(self) -> bool {
         self.force
     }
 
-    /// What is done with an output that exists, where `kind` is replaced unasked.
+    /// Rule for an existing output. `kind` is the rule without `--force`.
     pub fn or(self, kind: Existing) -> Existing {
         if self.force { Existing::Replace } else { kind }
     }
 }
 
-/// The name that stands for standard output.
+/// Name of standard output on the command line.
 const STANDARD_OUTPUT: &str = "-";
 
-/// Whether a picture goes to standard output.
+/// Tests if the picture goes to standard output.
 pub fn is_standard(output: &Path) -> bool {
     output == Path::new(STANDARD_OUTPUT)
 }
 
-/// Where a command says what it has done: not where it writes its picture.
+/// Stream for remarks: standard error if the picture goes to standard output.
 pub fn remarks_on(output: &Path) -> Box<dyn Write> {
     if is_standard(output) && !terminal::is_quiet() { Box::new(terminal::stderr()) } else { terminal::remarks() }
 }
 
-/// A picture that will be written.
+/// Picture file to be written.
 #[derive(Debug)]
 pub struct PictureFile {
     /// `None` is standard output.
@@ -58,11 +61,12 @@ pub struct PictureFile {
 }
 
 impl PictureFile {
-    /// Begins a picture; the name decides the format.
+    /// Opens the output of a picture. The file name determines the format.
     pub fn begin(path: &Path, force: Force) -> Result<Self, Failure> {
         if is_standard(path) {
             if io::stdout().is_terminal() {
-                let message = "-o -: expected a pipe or a file on standard output, found a terminal; name a file";
+                let message =
+                    "-o -: expected a pipe or a file on standard output, found a terminal; write to a file instead";
                 return Err(Failure::Command(message.into()));
             }
             return Ok(Self { file: None, format: ImageFormat::Png, path: path.into() });
@@ -72,7 +76,7 @@ impl PictureFile {
         Ok(Self { file: Some(file), format, path: path.into() })
     }
 
-    /// Writes what is known of each pixel beside its colour: numbers where the format holds them, else colours for people to look at.
+    /// Writes a map of numbers for each pixel: as floats if the format holds them, else in colours.
     pub fn write_map(self, map: Image, in_colors: impl FnOnce(Image) -> Image) -> Result<(), Failure> {
         let map = if self.format == ImageFormat::Png { in_colors(map) } else { map };
         self.write(&map, [0.0; 3])
@@ -83,7 +87,7 @@ impl PictureFile {
         let encoded = match &self.file {
             Some(file) if !file.is_stream() => image.encode(self.format, background, &mut file.file()),
             stream => {
-                // OpenEXR is not written from its beginning to its end.
+                // OpenEXR files are not written sequentially.
                 let mut bytes = Cursor::new(Vec::new());
                 image.encode(self.format, background, &mut bytes).and_then(|()| {
                     match stream {
@@ -103,7 +107,7 @@ impl PictureFile {
     }
 }
 
-/// A text that will be written.
+/// Text file to be written.
 #[derive(Debug)]
 pub struct TextFile {
     file: OutputFile,
@@ -111,12 +115,12 @@ pub struct TextFile {
 }
 
 impl TextFile {
-    /// Begins statistics of a picture.
+    /// Opens the output of statistics.
     pub fn begin_statistics(path: &Path, force: Force) -> Result<Self, Failure> {
         Self::begin(path, force.or(Existing::ReplaceStatistics))
     }
 
-    /// Begins a text.
+    /// Opens the output of a text.
     pub fn begin(path: &Path, existing: Existing) -> Result<Self, Failure> {
         Ok(Self { file: OutputFile::begin(path, existing)?, path: path.into() })
     }
@@ -129,19 +133,19 @@ impl TextFile {
     }
 }
 
-/// What `render` writes.
+/// Outputs of `render`.
 #[derive(Debug)]
 pub struct RenderOutputs {
     /// The picture.
     pub picture: PictureFile,
-    /// What its pixels may be off by, and what their rays cost, where that is wanted.
+    /// Error map and work map, if requested.
     pub maps: [Option<PictureFile>; 2],
-    /// Its statistics, where they are wanted.
+    /// Statistics, if requested.
     pub statistics: Option<TextFile>,
 }
 
 impl RenderOutputs {
-    /// Begins the picture, and beside it a map of errors, one of work, and statistics: none is one of the inputs, nor another one.
+    /// Opens picture, error map, work map and statistics. No output may be an input or another output.
     pub fn begin(
         picture: &Path,
         [error_map, work_map, statistics]: [Option<&Path>; 3],
@@ -159,24 +163,24 @@ impl RenderOutputs {
     }
 }
 
-/// A folder with the reports of one command, each replacing only a report of its own kind.
+/// Folder for the reports of one command. Each report only overwrites a report of its own kind.
 #[derive(Debug)]
 pub struct ReportFolder<'a> {
-    /// Where it is.
+    /// Path of the folder.
     pub folder: &'a Path,
     force: Force,
 }
 
 impl<'a> ReportFolder<'a> {
-    /// Makes the folder where it is not there.
+    /// Creates the folder if it does not exist.
     pub fn begin(folder: &'a Path, force: Force) -> Result<Self, Failure> {
         std::fs::create_dir_all(folder)
             .map_err(|e| Failure::Machine(format!("cannot write {}: {e}", folder.display())))?;
         Ok(Self { folder, force })
     }
 
-    /// Writes reports of these names. Where one would replace another kind of file, all go into a new folder beside it:
-    /// what took half an hour to measure is not lost either.
+    /// Writes reports under these names. If one would overwrite a file of another kind, all go into a new folder
+    /// inside this one. So the results of a long measurement are not lost.
     pub fn write(&self, reports: &[(String, Vec<u8>)], inputs: &[&Path]) -> Result<(), Failure> {
         let check = |(name, bytes): &(String, Vec<u8>)| {
             let path = self.folder.join(name);
@@ -190,7 +194,7 @@ impl<'a> ReportFolder<'a> {
         Err(Failure::Command(format!("{refused}. The reports are in {}", aside.display())))
     }
 
-    /// Has `write` fill a temporary folder, and writes what it has put there.
+    /// Lets `write` fill a temporary folder, and writes the files of that folder as reports.
     pub fn write_with<E: Into<Failure>>(
         &self,
         inputs: &[&Path],

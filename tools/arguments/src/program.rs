@@ -1,8 +1,8 @@
 //! Start and end of each executable.
 //!
-//! All executables read the same command line, `[--quiet] COMMAND ...`; each knows some of the commands. `supervol`
-//! knows all of them, checks the arguments of all, and starts the executable that runs the command, with the same
-//! arguments.
+//! All executables parse the same command line, `[--quiet] COMMAND ...`. Each knows some of the commands. `supervol`
+//! knows all commands and checks their arguments. For a command of another executable, it starts this executable with
+//! the same arguments.
 
 use std::process::ExitCode;
 
@@ -13,7 +13,7 @@ use supervol_files::unfinished::wait_for_end;
 use crate::failure::Failure;
 use crate::{signals, terminal};
 
-/// The command line of `supervol`, with the commands that one executable knows.
+/// Command line of `supervol`, restricted to the commands of one executable.
 #[derive(Debug, Parser)]
 #[command(
     name = "supervol",
@@ -22,7 +22,7 @@ use crate::{signals, terminal};
 )]
 #[command(long_about = None)]
 pub struct CommandLine<C: Subcommand> {
-    /// No progress, notes or summaries: only results, warnings and errors
+    /// Print only results, warnings and errors: no progress, notes or summaries
     #[arg(short, long, global = true)]
     pub quiet: bool,
     /// The command, with its arguments.
@@ -31,10 +31,10 @@ pub struct CommandLine<C: Subcommand> {
 }
 
 impl<C: Subcommand> CommandLine<C> {
-    /// Runs the command; the exit code of the process.
+    /// Runs the command and returns the exit code of the process.
     ///
-    /// A signal ends the process at once. `end_programs` then ends the programs that the command has started; what it
-    /// returns is held until the end.
+    /// A signal ends the process at once. Before that, `end_programs` ends the child programs of the command. Its
+    /// result is kept until the end.
     pub fn run<G>(
         self,
         end_programs: impl FnOnce() -> G + Send + 'static,
@@ -47,7 +47,7 @@ impl<C: Subcommand> CommandLine<C> {
             return failure.report();
         }
         let result = run(self.command);
-        // A signal that has come meanwhile decides how the program ends.
+        // If a signal has arrived, it determines the end of the program.
         wait_for_end();
         match result {
             Ok(()) => ExitCode::SUCCESS,
@@ -56,8 +56,8 @@ impl<C: Subcommand> CommandLine<C> {
     }
 }
 
-/// Starts the threads that commands share. Left to the first use, a thread that cannot be started is a panic.
+/// Starts the shared threads. A failure to start them at first use would be a panic.
 fn start_threads() -> Result<(), Failure> {
     let started = ThreadPoolBuilder::new().build_global();
-    started.map_err(|e| Failure::Machine(format!("cannot start a thread for each processor: {e}")))
+    started.map_err(|e| Failure::Machine(format!("cannot start the worker threads, one per processor: {e}")))
 }

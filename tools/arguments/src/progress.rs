@@ -1,4 +1,4 @@
-//! Progress of long commands: a bar with bytes, rate and time left for people, a JSON object per line for programs.
+//! Progress of long commands: a bar with bytes, rate and time left, or JSON lines for programs.
 
 use std::io::Write;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -17,15 +17,15 @@ use crate::quantity::show_bytes;
 /// Least time between two JSON lines.
 const JSON_INTERVAL: Duration = Duration::from_millis(200);
 
-/// Files that a scene names and that are at least so large take long enough to read that it is said.
+/// Files of a scene from this size on are announced, because reading them takes long.
 const LARGE_FILE_BYTES: u64 = 8 << 20;
 
-/// Time between two moves of a bar over rays.
+/// Interval between two updates of a bar over rays.
 const BAR_INTERVAL: Duration = Duration::from_millis(100);
 
-/// Where progress goes.
+/// Output of progress.
 pub enum Reporter {
-    /// A bar on standard error; nothing where that is no terminal.
+    /// A bar on standard error; hidden if standard error is no terminal.
     Bar(ProgressBar),
     /// JSON lines on standard output.
     Json(Mutex<Option<Instant>>),
@@ -56,12 +56,12 @@ impl Reporter {
         bar("{wide_bar} {pos}/{len} pictures {eta} left")
     }
 
-    /// A bar over rays that are cast again.
+    /// A bar over the pixels of `--check`.
     pub fn over_rays() -> ProgressBar {
         bar("check {wide_bar} {pos}/{len} pixels {eta} left")
     }
 
-    /// Shows where a build is.
+    /// Shows the progress of a build.
     pub fn show(&self, progress: Progress) {
         match self {
             Self::Bar(bar) => {
@@ -80,14 +80,14 @@ impl Reporter {
                 let done = progress.bricks_done == progress.bricks_total;
                 if done || last.is_none_or(|at| at.elapsed() >= JSON_INTERVAL) {
                     *last = Some(Instant::now());
-                    // A reader that went away is no reason to stop building.
+                    // A closed output does not stop the build.
                     let _ = writeln!(crate::terminal::stdout(), "{}", serde_json::json!({ "progress": progress }));
                 }
             }
         }
     }
 
-    /// Takes the bar off the screen.
+    /// Removes the bar from the screen.
     pub fn finish(&self) {
         if let Self::Bar(bar) = self {
             bar.finish_and_clear();
@@ -95,14 +95,15 @@ impl Reporter {
     }
 }
 
-/// A bar over the rays of a picture, which moves while they are cast; gone when dropped.
+/// A bar over the rays of a picture, updated while they are cast. Dropping it removes the bar.
 pub struct RayBar {
     bar: ProgressBar,
-    /// Rays that packets have finished, and those of finished rows where nobody counts them.
+    /// Finished rays: counted by packets (`finished`), and estimated from finished rows (`of_rows`). The bar shows
+    /// the greater number.
     finished: Arc<AtomicU64>,
     of_rows: Arc<AtomicU64>,
     rays: u64,
-    /// Dropped to end the thread that moves the bar.
+    /// Thread that updates the bar; dropping the sender ends it.
     mover: Option<(mpsc::SyncSender<()>, JoinHandle<()>)>,
 }
 
@@ -121,7 +122,7 @@ impl RayBar {
         this
     }
 
-    /// Without a thread the bar does not move, which is no reason to draw no picture.
+    /// Without a thread the bar is not updated; the picture is drawn all the same.
     fn start_mover(&self) -> Option<(mpsc::SyncSender<()>, JoinHandle<()>)> {
         let (end, ended) = mpsc::sync_channel(1);
         let (bar, counts) = (self.bar.clone(), [self.finished.clone(), self.of_rows.clone()]);
@@ -155,17 +156,17 @@ impl Drop for RayBar {
     fn drop(&mut self) {
         if let Some((end, thread)) = self.mover.take() {
             drop(end);
-            // A thread that panicked has moved a bar, and nothing else.
+            // The thread only updates the bar, so its panic has no further effect.
             let _ = thread.join();
         }
         self.bar.finish_and_clear();
     }
 }
 
-/// Says that large files are read that a scene names, before that is done.
+/// Announces large files of a scene before they are read.
 pub fn announce_files(scene: &Scene) {
     for file in scene.files() {
-        // What cannot be read is said by who reads it.
+        // Unreadable files are reported by their reader.
         let bytes = std::fs::metadata(file).map_or(0, |metadata| metadata.len());
         if bytes >= LARGE_FILE_BYTES {
             announce(&format!("reading {} ({})", file.display(), show_bytes(bytes)));
@@ -173,12 +174,12 @@ pub fn announce_files(scene: &Scene) {
     }
 }
 
-/// One line of progress on standard error, unless all is to be quiet.
+/// Prints one line of progress on standard error, unless `--quiet` is set.
 pub fn announce(line: &str) {
     if crate::terminal::is_quiet() {
         return;
     }
-    // Progress that cannot be written is progress that nobody reads.
+    // Errors are ignored: nobody reads this output.
     let _ = writeln!(crate::terminal::stderr(), "{line}");
 }
 

@@ -1,4 +1,4 @@
-//! Numbers as people write them: with units, fractions, percent, and lists.
+//! Parsers of numbers: with units, fractions, percent, and lists.
 
 use std::num::NonZero;
 use std::str::FromStr;
@@ -16,10 +16,10 @@ use crate::failure::Failure;
 /// 8 EiB, more than any memory or file.
 const MOST_BYTES: f64 = (1u64 << 63) as f64;
 
-/// What `--offset` says: bytes of a headerless file, or traces of a SEG-Y file.
+/// Value of `--offset`: bytes of a raw file, or traces of a SEG-Y file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Offset {
-    /// The mean over all.
+    /// Mean over all offsets.
     Stack,
     /// As it was written.
     Given(String),
@@ -31,7 +31,7 @@ pub fn offset(text: &str) -> Result<Offset, String> {
         return Ok(Offset::Stack);
     }
     if text.parse::<i32>().is_err() {
-        bytes(text).map_err(|e| format!("{e}; or a whole number, or `stack`"))?;
+        bytes(text).map_err(|e| format!("{e}, a whole number, or `stack`"))?;
     }
     Ok(Offset::Given(text.into()))
 }
@@ -40,12 +40,14 @@ impl Offset {
     /// Bytes before the voxels.
     pub fn bytes(&self) -> Result<u64, Failure> {
         match self {
-            Self::Stack => Err(Failure::command("--offset stack: expected bytes, since the file is raw (--dims)")),
+            Self::Stack => Err(Failure::command(
+                "--offset stack: expected a number of bytes for a raw file (--dims); `stack` is for SEG-Y",
+            )),
             Self::Given(text) => bytes(text).map_err(|e| Failure::command(format!("--offset: {e}"))),
         }
     }
 
-    /// Traces of a file that has not been stacked; bytes with a unit are not meant for it.
+    /// Traces of an unstacked file. A number with a unit is a number of bytes and selects no traces.
     pub fn traces(&self) -> Offsets {
         match self {
             Self::Stack => Offsets::Stack,
@@ -91,10 +93,10 @@ pub fn milliseconds(text: &str) -> Result<u64, String> {
         _ => return Err(format!("unit '{unit}': expected ms, s or min")),
     };
     let value = number * factor;
-    if (0.0..1e12).contains(&value) { Ok(value as u64) } else { Err(format!("{text}: expected a time from 0 on")) }
+    if (0.0..1e12).contains(&value) { Ok(value as u64) } else { Err(format!("{text}: expected a time of at least 0")) }
 }
 
-/// Number and the unit behind it.
+/// Splits a text into number and unit.
 fn split_unit(text: &str) -> Result<(f64, &str), String> {
     let text = text.trim();
     let end = text.find(|c: char| !(c.is_ascii_digit() || ".+-eE".contains(c))).unwrap_or(text.len());
@@ -106,12 +108,12 @@ fn split_unit(text: &str) -> Result<(f64, &str), String> {
 
 /// A list of N numbers: `1,2,3`.
 fn list<T: FromStr, const N: usize>(text: &str, what: &str) -> Result<[T; N], String> {
-    let wrong = || format!("'{text}': expected {N} {what} with commas between");
+    let wrong = || format!("'{text}': expected {N} {what}, separated by commas");
     let values: Vec<T> = text.split(',').map(|v| v.trim().parse().map_err(|_| wrong())).collect::<Result<_, _>>()?;
     values.try_into().map_err(|_| wrong())
 }
 
-/// Most threads that can be asked for: more than any machine has processors, and few enough to be started.
+/// Greatest number of threads: above the processors of any machine, and small enough to start them all.
 const MOST_THREADS: usize = 1024;
 
 /// A number of threads.
@@ -137,7 +139,7 @@ pub fn image_size(text: &str) -> Result<[u32; 2], String> {
 pub fn pixel(text: &str) -> Result<[u32; 2], String> {
     let number = |t: &str| t.trim().parse::<u32>().ok();
     let pixel = text.split_once(',').and_then(|(x, y)| Some([number(x)?, number(y)?]));
-    pixel.ok_or_else(|| format!("'{text}': expected a pixel X,Y, the one at the top left being 0,0"))
+    pixel.ok_or_else(|| format!("'{text}': expected a pixel X,Y; 0,0 is at the top left"))
 }
 
 /// `X,Y,Z`.
@@ -150,7 +152,7 @@ pub fn matrix(text: &str) -> Result<[f64; 9], String> {
     list(text, "numbers")
 }
 
-/// Lengths between voxels, with the unit that they are in; empty where none is given.
+/// Distances between voxels, with their unit; an empty unit means none.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Spacing {
     /// Along x, y, z.
@@ -159,7 +161,7 @@ pub struct Spacing {
     pub unit: String,
 }
 
-/// Units of length, in nanometres: whole numbers, so that one is exact in another.
+/// Units of length in nanometres: whole numbers, so that conversions are exact.
 const LENGTHS: [(&str, f64); 8] =
     [("nm", 1.0), ("um", 1e3), ("µm", 1e3), ("mm", 1e6), ("cm", 1e7), ("m", 1e9), ("km", 1e12), ("ft", 304_800_000.0)];
 
@@ -170,12 +172,12 @@ pub fn unit(text: &str) -> Result<String, String> {
     if known.contains(&text) { Ok(text.into()) } else { Err(format!("'{text}': expected one of {}", known.join(", "))) }
 }
 
-/// `1,1,2`, `1mm,1mm,2mm` or `500um,500um,2mm`: all in the first one's unit then, or in none.
+/// `1,1,2`, `1mm,1mm,2mm` or `500um,500um,2mm`. The result is in the unit of the first length, or without unit.
 pub fn spacing(text: &str) -> Result<Spacing, String> {
     let parts: [String; 3] = list(text, "lengths")?;
     let expected = || {
         let units: Vec<&str> = LENGTHS.iter().map(|(name, _)| *name).collect();
-        format!("'{text}': expected three lengths, without units or each with one of {}", units.join(", "))
+        format!("'{text}': expected three lengths, all without units or all with one of {}", units.join(", "))
     };
     let nanometres = |unit: &str| LENGTHS.iter().find(|(name, _)| *name == unit).map(|(_, length)| *length);
     let unit = split_unit(&parts[0]).map_err(|_| expected())?.1.to_owned();
@@ -191,19 +193,19 @@ pub fn spacing(text: &str) -> Result<Spacing, String> {
     Ok(Spacing { lengths, unit })
 }
 
-/// A box of voxels as it is written: along each axis where it begins, and where it ends if that is said.
+/// Box of voxels as on the command line: start, and optionally end, along each axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct WrittenBox([(u64, Option<u64>); 3]);
 
 impl WrittenBox {
-    /// The box in a grid of this size; what was left open ends where the grid does.
+    /// The box in a grid of this size. A missing end is the end of the grid.
     pub fn within(self, dims: Dims) -> VoxelBox {
         let end = |axis: usize| self.0[axis].1.unwrap_or(dims.0[axis]);
         VoxelBox { start: self.0.map(|(start, _)| start), end: [0, 1, 2].map(end) }
     }
 }
 
-/// `I0:I1,J0:J1,K0:K1`, ends not included; a side may be left out (`:` is all), and `50` is `50:51`.
+/// `I0:I1,J0:J1,K0:K1`, ends excluded. Both ends are optional (`:` is all), and `50` means `50:51`.
 pub fn voxel_box(text: &str) -> Result<WrittenBox, String> {
     let ranges: [String; 3] = list(text, "ranges I0:I1")?;
     let read = |range: &String| voxel_range(range.trim());
@@ -211,7 +213,7 @@ pub fn voxel_box(text: &str) -> Result<WrittenBox, String> {
 }
 
 fn voxel_range(text: &str) -> Result<(u64, Option<u64>), String> {
-    let wrong = || format!("'{text}': expected I0:I1 with I0 < I1, either of which may be left out, or one voxel");
+    let wrong = || format!("'{text}': expected I0:I1 with I0 < I1 (both are optional), or one voxel number");
     let number = |part: &str| part.trim().parse::<u64>().map_err(|_| wrong());
     let Some((start, end)) = text.split_once(':') else {
         let voxel = number(text)?;
@@ -227,11 +229,11 @@ fn voxel_range(text: &str) -> Result<(u64, Option<u64>), String> {
 pub struct Dtype {
     /// Type of a voxel.
     pub voxel_type: VoxelType,
-    /// Byte order; little where it is not said.
+    /// Byte order; little endian by default.
     pub endian: Endian,
 }
 
-/// Names that other programs give to voxel types.
+/// Names of voxel types in other programs, and ours.
 const OTHER_NAMES: [(&str, &str); 10] = [
     ("uint8", "u8"),
     ("int8", "i8"),
@@ -245,7 +247,7 @@ const OTHER_NAMES: [(&str, &str); 10] = [
     ("double", "f64"),
 ];
 
-/// See [`Dtype`].
+/// Parses a [`Dtype`].
 pub fn dtype(text: &str) -> Result<Dtype, String> {
     let lower = text.trim().to_ascii_lowercase();
     let (name, endian) = match (lower.strip_suffix("be"), lower.strip_suffix("le")) {
@@ -255,23 +257,23 @@ pub fn dtype(text: &str) -> Result<Dtype, String> {
     };
     let name = OTHER_NAMES.iter().find(|(other, _)| *other == name).map_or(name, |(_, ours)| ours);
     let voxel_type = VoxelType::from_name(name).ok_or_else(|| {
-        format!("'{text}': expected u8, i8, u16, i16, u32, i32, f32 or f64 (or uint8, ..., float64), with be or le behind it")
+        format!("'{text}': expected u8, i8, u16, i16, u32, i32, f32 or f64 (or uint8, ..., float64), optionally followed by be or le")
     })?;
     Ok(Dtype { voxel_type, endian })
 }
 
-/// A bound on an error: in data units (`0.5`), as a fraction (`0.5/255`), or in percent of the value range (`1%`).
+/// Error bound: in data units (`0.5`), as a fraction (`0.5/255`), or in percent of the value range (`1%`).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ErrorBound {
-    /// Data units; [`picture_error`] takes it as a share of full scale.
+    /// Data units; [`picture_error`] interprets it as a fraction of full scale.
     Absolute(f64),
     /// Percent of the value range.
     Percent(f64),
 }
 
-/// See [`ErrorBound`].
+/// Parses an [`ErrorBound`].
 pub fn error_bound(text: &str) -> Result<ErrorBound, String> {
-    let wrong = || format!("'{text}': expected a number that is not negative, like 0.5, 0.5/255 or 1%");
+    let wrong = || format!("'{text}': expected a number that is not negative, such as 0.5, 0.5/255 or 1%");
     let number = |t: &str| t.trim().parse::<f64>().ok().filter(|v| v.is_finite() && *v >= 0.0).ok_or_else(wrong);
     if let Some(percent) = text.trim().strip_suffix('%') {
         return Ok(ErrorBound::Percent(number(percent)?));
@@ -285,9 +287,10 @@ pub fn error_bound(text: &str) -> Result<ErrorBound, String> {
     }
 }
 
-/// An error of a picture as a share of full scale: one that the renderer can be aimed at, or 1, which is any error.
+/// Parses the allowed error of a picture as a fraction of full scale: within the limits of the renderer, or 1 for any
+/// error.
 ///
-/// Whatever else there is between would be brought to these limits without a word.
+/// Other values are refused, because the renderer would silently clamp them to its limits.
 pub fn picture_error(text: &str) -> Result<f64, String> {
     let error = match error_bound(text)? {
         ErrorBound::Absolute(error) => error,
@@ -298,19 +301,18 @@ pub fn picture_error(text: &str) -> Result<f64, String> {
         return Ok(error);
     }
     let levels = |error: f64| format!("{}/255", (error * GREY_LEVELS * 1e4).round() / 1e4);
-    // Who forgets the divisor means grey levels.
+    // A number without divisor probably means grey levels.
     let means_levels = (least..=greatest).contains(&(error / GREY_LEVELS)) && text.trim().parse::<f64>().is_ok();
-    let advice = if means_levels { format!("; for {text} grey levels of 255, give {text}/255") } else { String::new() };
+    let advice = if means_levels { format!("; for {text} grey levels, give {text}/255") } else { String::new() };
     Err(format!(
-        "expected {} to {} of full scale, or {ANY_ERROR} for levels of detail by the size of a pixel alone; found {text}, which \
-         is {}{advice}",
+        "expected {} to {} of full scale, or {ANY_ERROR} (levels of detail by pixel size alone); found {text}, which is {}{advice}",
         levels(least),
         levels(greatest),
         levels(error),
     ))
 }
 
-/// Bytes for people: three digits and a binary unit.
+/// Formats bytes with three digits and a binary unit.
 pub fn show_bytes(bytes: u64) -> String {
     indicatif::BinaryBytes(bytes).to_string()
 }

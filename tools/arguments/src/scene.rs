@@ -1,4 +1,4 @@
-//! Scenes on the command line: files or text with a scene, and modes by name.
+//! Scenes on the command line: a scene file, or the scene itself, and names of modes.
 
 use std::path::Path;
 
@@ -7,18 +7,18 @@ use supervol_scene::scene::{Mode, Scene};
 
 use crate::failure::Failure;
 
-/// What rays gather.
+/// Rendering modes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum ModeName {
-    /// Emission and absorption
+    /// Direct volume rendering: emission and absorption
     Dvr,
-    /// The greatest value
+    /// Maximum value along the ray
     Mip,
-    /// The least value
+    /// Minimum value along the ray
     Minip,
-    /// The mean value
+    /// Mean value along the ray
     Mean,
-    /// Surfaces
+    /// Isosurfaces
     Iso,
 }
 
@@ -34,17 +34,17 @@ impl From<ModeName> for Mode {
     }
 }
 
-/// The scene itself, if it stands on the command line in place of the name of its file.
+/// Text of a scene that is given in place of a file name.
 fn written_out(file: &Path) -> Option<&str> {
     file.to_str().filter(|text| text.trim_start().starts_with('{'))
 }
 
-/// The name of a scene in error messages.
+/// Name of the scene for error messages.
 pub fn name_of_scene(file: &Path) -> &Path {
     if written_out(file).is_some() { Path::new("--scene") } else { file }
 }
 
-/// The scene of a scene file, or of one that is written out on the command line.
+/// Reads a scene from a file or from the command line.
 pub fn read_scene(file: &Path) -> Result<Scene, Failure> {
     let text = match written_out(file) {
         Some(text) => text.to_owned(),
@@ -52,10 +52,10 @@ pub fn read_scene(file: &Path) -> Result<Scene, Failure> {
     };
     let file = name_of_scene(file);
     let scene = Scene::from_json(&text).map_err(|e| Failure::Command(format!("{}: {e}", file.display())));
-    // Files that a scene names lie beside it, wherever the scene that is printed goes.
+    // Relative paths in a scene start at the folder of the scene file, wherever the printed scene is used.
     scene.map(|mut scene| {
         let file = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
-        scene.begin_paths_at(file.parent().unwrap_or_else(|| Path::new("")));
+        scene.make_paths_relative_to(file.parent().unwrap_or_else(|| Path::new("")));
         scene
     })
 }

@@ -1,7 +1,8 @@
-//! Ctrl-C, SIGTERM and SIGHUP: the program removes what it has not finished, and ends with exit code 128 + signal.
+//! Ctrl-C, SIGTERM and SIGHUP: the program removes its unfinished files and exits with code 128 + signal.
 //!
-//! A thread of its own waits for them, so that no loop of the program need ask. What is half written is known by name
-//! ([`supervol_files::unfinished`]); programs that were started are ended; everything else that is temporary has no name and goes with the process.
+//! A separate thread waits for signals, so no loop has to check for them. Unfinished files are known by name
+//! ([`supervol_files::unfinished`]). Child programs are ended. Other temporary files have no name, and disappear with
+//! the process.
 
 use crate::failure::Failure;
 
@@ -14,16 +15,16 @@ pub fn watch<G>(end_programs: impl FnOnce() -> G + Send + 'static) -> Result<(),
     use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
     let wanted = [SIGINT, SIGTERM, SIGHUP].into_iter().filter(|&signal| signal != SIGHUP || !is_ignored(signal));
     let mut signals = signal_hook::iterator::Signals::new(wanted)
-        .map_err(|e| Failure::Machine(format!("cannot wait for signals: {e}")))?;
+        .map_err(|e| Failure::Machine(format!("cannot install the signal handler: {e}")))?;
     let wait = move || {
         if let Some(signal) = signals.forever().next() {
             let _none_begins = (end_programs(), supervol_files::unfinished::remove_all());
-            // At once: other threads are at work, and what they use must not be taken apart under them.
+            // Exits without destructors: other threads still run and use the data.
             signal_hook::low_level::exit(128 + signal);
         }
     };
     let thread = std::thread::Builder::new().name("signals".into()).spawn(wait);
-    thread.map(drop).map_err(|e| Failure::Machine(format!("cannot start a thread that waits for signals: {e}")))
+    thread.map(drop).map_err(|e| Failure::Machine(format!("cannot start a thread for signals: {e}")))
 }
 
 /// Elsewhere the system's own handling stays.
@@ -35,7 +36,7 @@ pub fn watch<G>(_: impl FnOnce() -> G + Send + 'static) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Whether the program was started with a signal ignored, as `nohup` does with SIGHUP: it shall outlive its terminal.
+/// Tests if the signal is ignored, as `nohup` ignores SIGHUP: the program then outlives its terminal.
 #[cfg(unix)]
 fn is_ignored(signal: i32) -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();

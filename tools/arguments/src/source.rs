@@ -1,7 +1,7 @@
-//! Options for volume files: what a file does not say about itself, or says wrong.
+//! Options for volume files: values that a file does not contain, or contains wrongly.
 //!
-//! Every command that takes a volume file has these options, in the same words. [`SourceArguments::reading`] makes of
-//! them what `supervol_sources` is told. Containers need none of them, and commands refuse them there.
+//! Every command that reads a volume file has these options, in the same words. [`SourceArguments::reading`] converts
+//! them to the options of `supervol_sources`. Containers need none of them; commands refuse them for containers.
 
 use std::path::Path;
 
@@ -22,7 +22,7 @@ use supervol_sources::{Endian, ReadOption, VolumeSource};
 use crate::failure::Failure;
 use crate::quantity::{self, Dtype, Offset, Spacing};
 
-/// What a volume file may not say about itself.
+/// Values that a volume file may lack.
 #[derive(Debug, Args)]
 pub struct SourceArguments {
     #[command(flatten)]
@@ -37,24 +37,25 @@ pub struct SourceArguments {
     segy: SegyArguments,
 }
 
-/// Where the volume lies, for any format.
+/// Position, spacing and orientation, for any format.
 #[derive(Debug, Args)]
-#[command(next_help_heading = "Place, where the file does not say it or says it wrong")]
+#[command(next_help_heading = "Position and spacing, if the file lacks them or has wrong ones")]
 struct PlaceArguments {
-    /// World length between voxels, with units or without: 0.7,0.7,1.2 or 1mm,1mm,2mm
+    /// Distance between voxels along x, y and z, with or without units, for example 0.7,0.7,1.2 or 1mm,1mm,2mm
     #[arg(long, value_name = "SX,SY,SZ", value_parser = quantity::spacing)]
     spacing: Option<Spacing>,
-    /// World position of the first voxel
+    /// World position of the first voxel, in world units
     #[arg(long, value_name = "X,Y,Z", value_parser = quantity::triple, allow_hyphen_values = true)]
     origin: Option<[f64; 3]>,
-    /// Directions of the axes: the rows of a 3x3 matrix, whose columns are the axes'
+    /// Directions of the axes: a 3x3 matrix in row order; its columns are the directions of x, y and z
     #[arg(long, value_name = "D11,D12,...,D33", value_parser = quantity::matrix, allow_hyphen_values = true)]
     direction: Option<[f64; 9]>,
-    /// What the third axis of a survey is, where its text header does not say it
+    /// Meaning of the third axis of a survey, if the text header does not state it
     #[arg(long, value_enum)]
     domain: Option<DomainName>,
-    /// Unit of the numbers along the axes, of a survey's along its third one: nm, um, mm, cm, m, km, ft, or s, ms, us. Numbers stay
-    /// what they are
+    /// Unit of the axes (of a survey: of its third axis): nm, um, mm, cm, m, km, ft, s, ms or us
+    ///
+    /// The numbers along the axes stay the same.
     #[arg(long, value_name = "UNIT", value_parser = quantity::unit)]
     unit: Option<String>,
 }
@@ -87,72 +88,77 @@ impl PlaceArguments {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Raw input")]
 struct RawArguments {
-    /// Voxels along x, y, z: 512,512,300 or 512x512x300
+    /// Number of voxels along x, y and z, for example 512,512,300 or 512x512x300
     #[arg(long, value_name = "NX,NY,NZ", value_parser = quantity::dims, requires = "dtype")]
     dims: Option<Dims>,
-    /// Voxel type, with byte order: u8, i16be, f32le, uint16, float32, ...
+    /// Voxel type and byte order, for example u8, i16be, f32le, uint16 or float32; without one, little endian
     #[arg(long, value_name = "TYPE", value_parser = quantity::dtype, requires = "dims")]
     dtype: Option<Dtype>,
-    /// Bytes before the first voxel, 0 where nothing is said. Of SEG-Y that has not been stacked: the offset whose traces
-    /// are read, or `stack` for the mean over all of them
+    /// Bytes before the first voxel [default: 0]; in unstacked SEG-Y, the offset to read
+    ///
+    /// For unstacked SEG-Y, N reads the traces of this source-receiver offset. `stack` reads the mean over all
+    /// offsets.
     #[arg(long, value_name = "BYTES|N|stack", value_parser = quantity::offset, allow_hyphen_values = true)]
     offset: Option<Offset>,
-    /// Value that means "no data"
+    /// Value of voxels without data
     #[arg(long, value_name = "V", requires = "dims", allow_hyphen_values = true)]
     nodata: Option<f64>,
 }
 
-/// What is allowed to headers that name data files.
+/// Permissions of headers that name data files.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "NRRD, MetaImage and folders")]
 struct NrrdArguments {
-    /// Let a header name data files outside its folder, and links of a folder lead out of it; without it, only files
-    /// below the folder are read
+    /// Allow data files outside the folder of the header or of the slices
+    ///
+    /// By default, a header may only name files below its own folder, and links may not lead out of a folder.
     #[arg(long)]
     allow_outside: bool,
 }
 
-/// Which volume, where the input holds several.
+/// Selection of one volume of an input that holds several.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Input with several volumes")]
 struct SelectionArguments {
-    /// Time point, echo, or whatever the file counts its volumes by; the first is 0
+    /// Time point, echo or other count of volumes in the file, starting at 0
     #[arg(long, value_name = "T")]
     frame: Option<u64>,
-    /// Channel, component, or colour; the first is 0. Without it, the luminance of colours
+    /// Channel, component or colour, starting at 0 [default for colours: their luminance]
     #[arg(long, value_name = "C")]
     channel: Option<u64>,
-    /// Level of the input's own pyramid (OME-Zarr, N5); the finest is 0
+    /// Level of the pyramid of the input (OME-Zarr, N5); 0 is the finest
     #[arg(long, value_name = "N")]
     source_level: Option<u64>,
-    /// Number or UID of the DICOM series; all are listed where none is given. Of an OME-TIFF, the number of the series; the first is 0
+    /// Number or UID of the DICOM series; number of the OME-TIFF series, starting at 0
+    ///
+    /// If a DICOM folder holds several series and none is given, the error message lists them.
     #[arg(long, value_name = "N|UID")]
     series: Option<String>,
 }
 
-/// What SEG-Y headers may not say, or say wrong.
+/// Values that SEG-Y headers may lack or have wrong.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "SEG-Y input")]
 struct SegyArguments {
-    /// Byte of the trace header where the inline number begins
+    /// First byte of the inline number in the trace header, starting at 1
     #[arg(long, default_value_t = 189)]
     il_byte: u16,
-    /// Byte of the trace header where the crossline number begins
+    /// First byte of the crossline number in the trace header, starting at 1
     #[arg(long, default_value_t = 193)]
     xl_byte: u16,
-    /// Sample format code, where the header lies
+    /// Sample format code, if the header has a wrong one
     #[arg(long, value_name = "N")]
     format: Option<u16>,
-    /// Byte order, where it cannot be told
+    /// Byte order, if it cannot be recognised
     #[arg(long, value_enum)]
     endian: Option<EndianName>,
-    /// Samples of each trace, where the headers say it wrong
+    /// Number of samples of each trace, if the headers have a wrong one
     #[arg(long, value_name = "N")]
     samples: Option<u32>,
-    /// Sample interval in ms, or in units of depth, where the headers say it wrong
+    /// Sample interval in ms or in units of depth, if the headers have a wrong one
     #[arg(long, value_name = "DT")]
     interval: Option<f64>,
-    /// Byte of the trace header where the offset from source to receiver begins; with --offset N or --offset stack
+    /// First byte of the source-receiver offset in the trace header, starting at 1; for --offset N or --offset stack
     #[arg(long, default_value_t = 37)]
     offset_byte: u16,
 }
@@ -164,14 +170,14 @@ enum EndianName {
 }
 
 impl SourceArguments {
-    /// Whether they describe a headerless file.
+    /// True if the options describe a headerless file.
     pub fn is_raw(&self) -> bool {
         self.raw.dims.is_some()
     }
 
-    /// Opens a volume file of any format that is read; compressed voxels are decoded into a file in `folder`.
+    /// Opens a volume file of any supported format. Compressed voxels are decoded into a file in `folder`.
     ///
-    /// The source itself takes at most `memory_bytes`.
+    /// The source itself uses at most `memory_bytes`.
     pub fn open(
         &self,
         input: &Path,
@@ -181,7 +187,7 @@ impl SourceArguments {
         Ok(open(&self.reading(memory_bytes)?, input, folder)?)
     }
 
-    /// How a volume file is read, within so many bytes.
+    /// Options of `supervol_sources`, with a memory limit.
     pub fn reading(&self, memory_bytes: u64) -> Result<Reading, Failure> {
         let raw = match (self.raw.dims, self.raw.dtype) {
             (Some(dims), Some(dtype)) => Some(RawOptions {
@@ -221,21 +227,22 @@ impl SourceArguments {
     }
 }
 
-/// A container says all about itself: what is said of how volume files are read would change nothing.
+/// Refuses options for volume files if the input is a container: they would change nothing.
 pub fn refuse_for_container(reading: &Reading, container: &Path) -> Result<(), Failure> {
     if reading.is_default() {
         return Ok(());
     }
-    let message = "a container says all about itself: options for volume files change nothing";
+    let message =
+        "expected a volume file, found a container: remove the options that describe volume files, they change nothing";
     Err(Failure::Command(format!("{}: {message}", container.display())))
 }
 
-/// Where no file is named by an option that would name one: what is said of how it is read would change nothing.
+/// Refuses options for volume files if no option names a volume file: they would change nothing.
 pub fn refuse_without_file(reading: &Reading, option: &str) -> Result<(), Failure> {
     if reading.is_default() {
         return Ok(());
     }
-    let message = format!("options for volume files say how {option} is read: expected {option} FILE");
+    let message = format!("options that describe volume files need a file to describe: expected {option} FILE");
     Err(Failure::Command(message))
 }
 
@@ -264,7 +271,7 @@ pub fn flag(option: ReadOption) -> &'static str {
     }
 }
 
-/// Opens a volume file, and says which one it is. Its notes name the flags of the options.
+/// Opens a volume file. Returns the source and its identity. The notes of the source name the flags of the options.
 pub fn open(reading: &Reading, input: &Path, folder: &Path) -> Result<(Box<dyn VolumeSource>, Source), BuildError> {
     let source: Box<dyn VolumeSource> = Box::new(NamedSource::new(reading.open(input, folder)?, flag));
     let origin = supervol_preprocess::identify_source(input, &reading.options.selection, source.as_ref())?;

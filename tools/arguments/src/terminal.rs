@@ -1,35 +1,35 @@
-//! Standard output and standard error, without the characters that a terminal takes for orders.
+//! Standard output and standard error, without control characters.
 //!
-//! Units, notes, names and keys come from files, and files come from anybody. Control characters (line ends and
-//! tabulators excepted) and those that turn the direction of writing are shown as `\u001b`: so that they do nothing, and
-//! so that JSON that holds them stays the same JSON.
+//! Units, notes, names and keys come from files of unknown origin. Control characters could control the terminal.
+//! They are shown as `\u001b`, except line ends and tabulators; so are characters that change the writing direction.
+//! JSON with such characters stays the same JSON.
 
 use std::io::{self, IsTerminal, StderrLock, StdoutLock, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Whether only results, warnings and errors are written.
+/// True if only results, warnings and errors are printed.
 static QUIET: AtomicBool = AtomicBool::new(false);
 
-/// A stream that shows what it must not pass on.
+/// Stream that escapes control characters.
 #[derive(Debug)]
 pub struct Clean<W>(W);
 
-/// From now on, only results, warnings and errors are written.
+/// Restricts the output to results, warnings and errors.
 pub fn be_quiet() {
     QUIET.store(true, Ordering::Relaxed);
 }
 
-/// Whether [`be_quiet`] was called.
+/// True after [`be_quiet`].
 pub fn is_quiet() -> bool {
     QUIET.load(Ordering::Relaxed)
 }
 
-/// Standard output, for what is said beside the result: nothing where that is not wanted.
+/// Standard output for remarks beside the result; discards them if the output is quiet.
 pub fn remarks() -> Box<dyn Write> {
     if is_quiet() { Box::new(io::sink()) } else { Box::new(stdout()) }
 }
 
-/// Whether somebody sits there and reads.
+/// True if standard output and standard error are a terminal.
 pub fn is_at_terminal() -> bool {
     io::stdout().is_terminal() && io::stderr().is_terminal()
 }
@@ -45,7 +45,7 @@ pub fn stderr() -> Clean<StderrLock<'static>> {
 }
 
 impl<W: Write> Write for Clean<W> {
-    /// Formatted text comes in whole characters; what is no UTF-8 is shown as such.
+    /// Formatted text arrives in whole characters; bytes that are not UTF-8 become replacement characters.
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         let text = String::from_utf8_lossy(bytes);
         if text.contains(is_unsafe) {

@@ -9,33 +9,39 @@ use crate::cache::CacheArguments;
 use crate::quantity;
 use crate::source::SourceArguments;
 
-/// What to show first, and within what memory.
+/// First picture of the window, and memory limits.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Container, or a volume file, which is built into the cache folder first; without it, the window asks for one
+    /// Container or volume file; without it, the window asks for a file
+    ///
+    /// For a volume file, a container is built into the cache folder first.
     pub file: Option<PathBuf>,
-    /// Scene file (JSON) to begin with, - for standard input, or the scene itself ('{...}')
+    /// First scene: a scene file (JSON), - for standard input, or the scene itself ('{...}')
     #[arg(long, value_name = "SCENE.json")]
     pub scene: Option<PathBuf>,
-    /// Most host memory to use for bricks, rays and pictures, beside the window itself
+    /// Memory limit for bricks, rays and pictures, for example 2GiB
+    ///
+    /// The window itself uses memory beyond this limit.
     #[arg(long, default_value = "512MiB", value_parser = quantity::bytes)]
     pub host_memory: u64,
-    /// Largest error of any channel of any pixel that is aimed for, as for `render`
+    /// Largest allowed error of a pixel channel, as a fraction of full scale: 0.05/255 to 16/255, or 1; see `render`
     #[arg(long, value_name = "E", default_value = "0.5/255", value_parser = quantity::picture_error)]
     pub max_error: f64,
-    /// Time after which a change shows a picture, if coarse at first
+    /// Deadline for the first picture after a change, in ms
+    ///
+    /// The first picture may be coarse; finer ones follow.
     #[arg(long, value_name = "MS", default_value = "33", value_parser = quantity::milliseconds)]
     pub time_budget: u64,
-    /// Who casts the rays of pictures; the window has a button for it
+    /// Backend that casts the rays; a button of the window changes it
     #[arg(long, value_enum, default_value_t = BackendName::Cpu)]
     pub backend: BackendName,
-    /// Threads; all processors by default
+    /// Number of threads: 1 to 1024 [default: all processors]
     #[arg(long, value_parser = quantity::threads)]
     pub threads: Option<NonZero<usize>>,
-    /// Where containers of volume files are kept.
+    /// Options of the cache folder.
     #[command(flatten)]
     pub cache: CacheArguments,
-    /// How a volume file is read.
+    /// Options for reading a volume file.
     #[command(flatten)]
     pub source: SourceArguments,
 }
@@ -43,10 +49,10 @@ pub struct Arguments {
 /// Backends of the window's pictures.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 pub enum BackendName {
-    /// The processor, which also says how far each pixel may be off
+    /// The CPU; it also states the error of each pixel
     Cpu,
-    /// The graphics device, whichever there is
+    /// The GPU, also a software adapter
     Gpu,
-    /// A graphics device where there is one that is no processor itself, else the CPU
+    /// The GPU if there is a hardware adapter, else the CPU
     Auto,
 }

@@ -45,7 +45,7 @@ pub enum ChartError {
     #[error("{0}")]
     Command(String),
     /// A precondition of the measurement does not hold: a programming error.
-    #[error("a mistake of supervol: {0}")]
+    #[error("bug in supervol: {0}")]
     Broken(String),
 }
 

@@ -8,7 +8,7 @@ mod commands;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use supervol_arguments::allocation::OrEnd;
+use supervol_arguments::allocation::ExitOnOutOfMemory;
 use supervol_arguments::program::CommandLine;
 use supervol_arguments::{bench, chart};
 use supervol_measure::peers::environment::end_all;
@@ -20,7 +20,7 @@ enum Command {
 }
 
 #[global_allocator]
-static ALLOCATOR: OrEnd = OrEnd;
+static ALLOCATOR: ExitOnOutOfMemory = ExitOnOutOfMemory;
 
 fn main() -> ExitCode {
     CommandLine::<Command>::parse().run(end_all, |command| match command {

@@ -16,11 +16,11 @@ use supervol_runtime::engines::ray_scene::DrawnVolume;
 use supervol_runtime::lod::LodChoice;
 use supervol_runtime::stream::classify::{Class, Classifier, Skipping};
 use supervol_runtime::stream::residency::{BrickView, DecodedBrick, Resident};
-use supervol_scene::facts::value_map;
 use supervol_scene::image::Image;
 use supervol_scene::scene::ResolvedScene;
 use supervol_scene::units::InUnits;
 use supervol_scene::value_map::ValueMap;
+use supervol_scene::value_map::value_map;
 
 use crate::context::ChartError;
 

@@ -1,4 +1,4 @@
-//! `supervol build --batch`: many volumes, one after the other; what came of each is a line of a file.
+//! `supervol build --batch`: builds many volumes one after the other; each outcome is one line of a file.
 
 use std::io::Write;
 use std::path::Path;
@@ -22,21 +22,21 @@ use supervol_preprocess::{BuildError, Existing};
 
 use crate::build::OutputArguments;
 
-/// Longest list of inputs.
+/// Size limit of a list of inputs.
 const LIST_LIMIT_BYTES: u64 = 256 << 20;
 
-/// What the inputs of a batch have in common.
+/// Common data of all inputs of a batch.
 struct Batch<'a> {
     output: &'a OutputArguments,
     folder: &'a Path,
     reading: Reading,
-    /// What was asked for, as far as it decides voxels.
+    /// Options that affect voxels, as text.
     options: String,
 }
 
-/// What came of an input that did not fail.
-enum Came {
-    /// It was done already; nothing has changed since.
+/// Outcome of an input without failure.
+enum Outcome {
+    /// The container exists, and nothing has changed.
     Unchanged,
     Built,
 }
@@ -48,7 +48,7 @@ pub fn run(batch: &Path, output: &OutputArguments, source: &SourceArguments) -> 
     let Inputs { paths, passed_over } = find(batch, folder, headerless)?;
     if paths.is_empty() {
         let left = counted(passed_over, "file");
-        let message = format!("{}: expected volumes, found none ({left} passed over)", batch.display());
+        let message = format!("{}: expected volumes, found none (skipped {left})", batch.display());
         return Err(Failure::Command(message));
     }
     let made = std::fs::create_dir_all(folder);
@@ -63,11 +63,11 @@ pub fn run(batch: &Path, output: &OutputArguments, source: &SourceArguments) -> 
     for (i, (input, name)) in paths.iter().zip(&names).enumerate() {
         let place = format!("[{}/{}] {}", i + 1, paths.len(), input.display());
         match batch.one(input, name, &mut results) {
-            Ok(Came::Unchanged) => {
+            Ok(Outcome::Unchanged) => {
                 unchanged += 1;
-                announce(&format!("{place}: done before, unchanged"));
+                announce(&format!("{place}: unchanged, done before"));
             }
-            Ok(Came::Built) => {
+            Ok(Outcome::Built) => {
                 built += 1;
                 let record = &results.records()[&*input.to_string_lossy()];
                 let bytes = show_bytes(record.container_bytes.unwrap_or(0));
@@ -76,16 +76,17 @@ pub fn run(batch: &Path, output: &OutputArguments, source: &SourceArguments) -> 
                 announce(&format!("{place}: {name}, {bytes} ({percent:.1} %), {seconds:.1} s"));
             }
             Err(error) => {
-                // No other volume would find room either, and would remove what this one has left to go on with.
+                // A full disk stops the batch. Another build would fail, too, and would remove the journal of this
+                // one.
                 let is_full = error.is_full_disk();
                 let failure = Failure::from(error);
                 failed += 1;
                 code = code.max(failure.code());
                 batch.note_failure(input, name, &mut results, &failure);
                 announce(&place);
-                failure.say();
+                failure.print();
                 if is_full {
-                    return Err(Failure::Said(code));
+                    return Err(Failure::Reported(code));
                 }
             }
         }
@@ -97,7 +98,7 @@ pub fn run(batch: &Path, output: &OutputArguments, source: &SourceArguments) -> 
         counted(passed_over, "other file"),
         folder.join(FILE_NAME).display()
     ));
-    if code == 0 { Ok(()) } else { Err(Failure::Said(code)) }
+    if code == 0 { Ok(()) } else { Err(Failure::Reported(code)) }
 }
 
 fn find(batch: &Path, output: &Path, headerless: Headerless) -> Result<Inputs, Failure> {
@@ -116,11 +117,14 @@ fn find(batch: &Path, output: &Path, headerless: Headerless) -> Result<Inputs, F
 }
 
 impl Batch<'_> {
-    /// Builds one volume, or sees that it is built.
-    fn one(&self, input: &Path, name: &str, results: &mut Results) -> Result<Came, BuildError> {
+    /// Builds one volume, or finds that it is built already.
+    fn one(&self, input: &Path, name: &str, results: &mut Results) -> Result<Outcome, BuildError> {
         let output = self.folder.join(name);
         let Some(source_name) = input.to_str() else {
-            return Err(BuildError::Options(format!("{}: expected a path in UTF-8, for {FILE_NAME}", input.display())));
+            return Err(BuildError::Options(format!(
+                "{}: expected a path in UTF-8, which {FILE_NAME} needs",
+                input.display()
+            )));
         };
         check_outside(input, self.folder)?;
         let known = results.records().get(source_name).cloned();
@@ -129,7 +133,7 @@ impl Batch<'_> {
                 if let Some(known) = known.filter(|record| record.status != Status::Done) {
                     results.add(Record { status: Status::Done, error: None, ..known })?;
                 }
-                return Ok(Came::Unchanged);
+                return Ok(Outcome::Unchanged);
             }
             Ok(Standing::New) => self.output.existing(),
             Ok(Standing::Interrupted) => Existing::Replace,
@@ -169,21 +173,21 @@ impl Batch<'_> {
             notes: report.notes.iter().map(flags::note).collect(),
             ..begun
         })?;
-        Ok(Came::Built)
+        Ok(Outcome::Built)
     }
 
-    /// Notes why an input failed. What is known of a container that lies there stays known.
+    /// Records the failure of an input. The record of an existing container stays.
     fn note_failure(&self, input: &Path, name: &str, results: &mut Results, failure: &Failure) {
         let source = input.to_string_lossy().into_owned();
         let known = results.records().get(&source).cloned();
         let known = known.unwrap_or_else(|| Record { source, container: name.into(), ..Record::default() });
         let error = failure.message().map(str::to_owned);
         if let Err(error) = results.add(Record { status: Status::Failed, error, ..known }) {
-            Failure::from(error).say();
+            Failure::from(error).print();
         }
     }
 
-    /// A line for programs.
+    /// Prints one line of JSON, if requested.
     fn write_line(&self, record: Option<&Record>) -> Result<(), Failure> {
         if !self.output.is_json() {
             return Ok(());

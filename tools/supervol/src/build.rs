@@ -1,4 +1,4 @@
-//! `supervol build`: a volume file to a container.
+//! `supervol build`: builds a container from a volume file.
 
 use std::io::Write;
 use std::num::NonZero;
@@ -24,17 +24,21 @@ use supervol_preprocess::{BuildError, BuildOptions, Existing, MaxError};
 use supervol_sources::VolumeSource;
 use supervol_sources::open::split_array;
 
-/// What to build, from what, and how.
+/// Input, output and options of a build.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Volume file: SEG-Y, DICOM, NRRD, NIfTI, MetaImage, VTK, TIFF, npy, npz, or raw with --dims and --dtype; an
-    /// OME-Zarr, Zarr or N5 (FOLDER:/NAME is an array in it); or a folder with the slices of one volume: a DICOM series, or
-    /// pictures (PNG, JPEG, TIFF) in natural order; or - for what standard input gives, which is kept beside the output meanwhile
+    /// Volume file, folder of slices, or - for standard input
+    ///
+    /// Files: SEG-Y, DICOM, NRRD, NIfTI, MetaImage, VTK, TIFF, npy, npz, OME-Zarr, Zarr, N5, and raw with --dims and
+    /// --dtype. FOLDER:/NAME is an array inside a Zarr or N5 folder. Folders: a DICOM series, or pictures (PNG, JPEG,
+    /// TIFF) in natural order. Standard input is first copied to a temporary file beside the output.
     #[arg(required_unless_present = "batch", conflicts_with = "batch")]
     input: Option<PathBuf>,
-    /// Build many volumes into the folder -o: those that a text file names, one path a line (- is standard input), or those that
-    /// a folder holds. What came of each is a line of results.jsonl there. The same command again builds what is not done,
-    /// and checks what is: source and container must be what they were
+    /// Build many volumes into the folder -o: those in a text file (one path a line, - for standard input), or those
+    /// in a folder
+    ///
+    /// The file results.jsonl in that folder gets one line for each volume. If the same command runs again, it builds
+    /// the missing containers. It also checks that finished sources and containers are unchanged.
     #[arg(long, value_name = "LIST|DIR")]
     batch: Option<PathBuf>,
     #[command(flatten)]
@@ -43,38 +47,42 @@ pub struct Arguments {
     source: SourceArguments,
 }
 
-/// What every command that writes a container takes.
+/// Options of every command that writes a container.
 #[derive(Debug, Args)]
 pub struct OutputArguments {
-    /// Container to write; of a volume file, that is NAME.svol beside it where nothing is said. Of several (--batch), the folder that
-    /// they go to
+    /// Container to write [default: NAME.svol beside the input]; with --batch, the folder for the containers
     #[arg(short, long, value_name = "OUT.svol")]
     output: Option<PathBuf>,
-    /// Core voxels of a brick along each axis: 16, 32, 64 or 128
+    /// Edge of a brick in voxels, without its apron: 16, 32, 64 or 128
     #[arg(long, default_value = "64", value_parser = brick_layout)]
     brick: BrickLayout,
-    /// How bricks are coded; auto takes what is smallest, brick by brick
+    /// Codec of the bricks; auto selects the smallest result for each brick
     #[arg(long, default_value = "auto", value_enum)]
     codec: CodecName,
-    /// Largest error of a voxel, in the data's units or in percent of their range; labels are kept as they are [default: 0]
+    /// Largest allowed error of a voxel: in data units, or in percent of the value range, for example 0.5 or 0.1%
+    /// [default: 0]
+    ///
+    /// Labels always stay exact.
     #[arg(long, value_name = "E|P%", value_parser = quantity::error_bound)]
     max_error: Option<ErrorBound>,
-    /// Axes that coarser levels halve; auto measures the data, and rounds means of floats to what they are worth keeping
+    /// Axes that coarser levels halve; auto selects them from the data
+    ///
+    /// With auto, averages of float voxels are rounded to the precision that the error bound justifies.
     #[arg(long, default_value = "auto", value_enum)]
     lod_axes: LodAxesName,
-    /// What stands for several voxels in coarser levels: auto is the majority of labels, the mean of all else
+    /// How coarser levels combine voxels; auto uses the majority for labels, and the mean for all other data
     #[arg(long, default_value = "auto", value_enum)]
     reduce: ReduceName,
-    /// Most memory to use
+    /// Memory limit, for example 4GiB
     #[arg(long, default_value = "1GiB", value_parser = quantity::bytes)]
     memory: u64,
-    /// Threads; all processors by default
+    /// Number of threads: 1 to 1024 [default: all processors]
     #[arg(long, value_parser = quantity::threads)]
     threads: Option<NonZero<usize>>,
-    /// Overwrite the output
+    /// Overwrite the output file
     #[arg(long)]
     force: bool,
-    /// Progress and report as JSON lines on standard output
+    /// Print progress and report as JSON lines on standard output
     #[arg(long)]
     json: bool,
 }
@@ -108,22 +116,22 @@ fn brick_layout(text: &str) -> Result<BrickLayout, String> {
 }
 
 impl OutputArguments {
-    /// What `--force` says about an output that exists.
+    /// Rule for an existing output.
     pub fn existing(&self) -> Existing {
         if self.force { Existing::Replace } else { Existing::Keep }
     }
 
-    /// Where the output is to go, where somebody must say it; `what` it is to be.
+    /// Required output path; `what` names the expected file in the error message.
     pub fn named(&self, what: &str) -> Result<&Path, Failure> {
-        self.output.as_deref().ok_or_else(|| Failure::command(format!("expected {what} to write to: name it with -o")))
+        self.output.as_deref().ok_or_else(|| Failure::command(format!("expected {what} to write: add -o")))
     }
 
-    /// What `--memory` allows.
+    /// Value of `--memory`, bytes.
     pub fn memory_bytes(&self) -> u64 {
         self.memory
     }
 
-    /// How to build.
+    /// Options of the build.
     pub fn build_options(&self) -> BuildOptions {
         let codec = match self.codec {
             CodecName::Auto => CodecChoice::Smallest,
@@ -161,7 +169,7 @@ impl OutputArguments {
         }
     }
 
-    /// Whether programs read what is said.
+    /// True if the output is JSON.
     pub fn is_json(&self) -> bool {
         self.json
     }
@@ -220,7 +228,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         let batch = batch.as_ref().ok_or_else(|| Failure::command("expected a volume file, or --batch"))?;
         return crate::batch::run(batch, output, source);
     };
-    // Decoded copies of compressed inputs go where the output goes: that disk has room for a volume.
+    // Decoded copies of compressed inputs go to the folder of the output: its disk has room for a volume.
     let path = match &output.output {
         Some(path) => path.clone(),
         None if is_piped(input) => output.named("a container (OUT.svol)")?.into(),

@@ -1,5 +1,5 @@
-//! `supervol completions`, `supervol man` and `supervol schema`: what shells, readers of manuals and editors of scenes need, made from
-//! the command line and the types themselves.
+//! `supervol completions`, `supervol man` and `supervol schema`: shell completions, man pages and the JSON Schema of
+//! scenes, generated from the command line and the types.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -9,17 +9,17 @@ use clap_complete::Shell;
 use supervol_arguments::failure::{Failure, with_output};
 use supervol_arguments::output::{Force, ReportFolder};
 
-/// For which shell.
+/// Shell to complete for.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Shell
+    /// Shell that completes the commands
     shell: Shell,
 }
 
-/// Where man pages go.
+/// Folder of the man pages.
 #[derive(Debug, Args)]
 pub struct ManArguments {
-    /// Folder to write them to: supervol.1, supervol-render.1, ...; it is made where it is not there
+    /// Folder for supervol.1, supervol-render.1 and so on; it is created if it does not exist
     #[arg(short, long)]
     output: PathBuf,
     #[command(flatten)]
@@ -44,9 +44,9 @@ pub fn run_schema() -> Result<(), Failure> {
 pub fn run_man<C: CommandFactory>(arguments: &ManArguments) -> Result<(), Failure> {
     let folder = ReportFolder::begin(&arguments.output, arguments.force)?;
     folder.write_with(&[], |temporary| {
-        // Else there is a page for `help` of each command.
+        // Without this, each command would get a page for its `help`.
         let mut command = C::command().disable_help_subcommand(true);
-        // Names of the pages begin with the program's.
+        // Puts the name of the program before the names of the pages.
         command.build();
         clap_mangen::generate_to(command, temporary)
             .map_err(|e| Failure::Machine(format!("cannot write the man pages: {e}")))

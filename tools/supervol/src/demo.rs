@@ -1,4 +1,5 @@
-//! `supervol demo`: everything once, on a fresh machine: two containers, two pictures, no driver needed.
+//! `supervol demo`: builds two containers and renders two pictures, as a test of a new installation. It needs no
+//! driver.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -26,17 +27,17 @@ use crate::render::{Subject, picture};
 
 const CARP_SCENE: &str = include_str!("../scenes/carp.json");
 const SEISMIC_SCENE: &str = include_str!("../scenes/seismic.json");
-/// Crosslines, inlines, samples of the synthetic survey.
+/// Crosslines, inlines and samples of the synthetic survey.
 const SURVEY_DIMS: Dims = Dims([256, 256, 320]);
-/// Memory that each build may use, bytes.
+/// Memory limit of each build, bytes.
 const BUILD_MEMORY_BYTES: u64 = 128 << 20;
-/// Memory that each picture may use, bytes.
+/// Memory limit of each picture, bytes.
 const RENDER_MEMORY_BYTES: u64 = 128 << 20;
 
-/// Where to.
+/// Folder of the demo.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Folder for containers and pictures; made if it is not there
+    /// Folder for containers and pictures; it is created if it does not exist
     #[arg(short, long, default_value = "demo-output")]
     output: PathBuf,
     #[command(flatten)]
@@ -69,7 +70,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 /// Builds `STEM.svol` and renders `STEM.png`.
 fn show(source: &dyn VolumeSource, origin: Source, stem: &Path, scene: &str, force: Force) -> Result<(), Failure> {
     let (container_path, image_path) = (stem.with_extension("svol"), stem.with_extension("png"));
-    // What an earlier demo has made may go; a container of that name with another volume in it may not.
+    // Files of an earlier demo may be overwritten; a container of that name with another volume may not.
     let is_ours = Container::open(&container_path).is_ok_and(|found| found.manifest().source == origin);
     let existing = force.or(if is_ours { Existing::Replace } else { Existing::Keep });
     let image = PictureFile::begin(&image_path, force)?;

@@ -1,8 +1,8 @@
-//! Commands that are executables of their own, as git and cargo have them.
+//! Commands that run in executables of their own, as in git and cargo.
 //!
-//! The executable is looked for beside this one, then on `PATH`. It gets the arguments of this process, unchanged. On
-//! Unix it takes the place of this process, so that standard streams, signals and the exit code are its own. Elsewhere
-//! this process waits for it, and ends with its exit code.
+//! `supervol` searches the executable in its own folder, then on `PATH`, and passes its arguments unchanged. On Unix
+//! the executable replaces this process, and with it takes over standard streams, signals and exit code. On other
+//! systems this process waits for it, and exits with its exit code.
 
 use std::env;
 use std::io;
@@ -11,7 +11,7 @@ use std::process::Command;
 
 use supervol_arguments::failure::Failure;
 
-/// An executable, and the package that builds it.
+/// Executable and the package that builds it.
 pub struct Executable {
     name: &'static str,
     package: &'static str,
@@ -23,14 +23,14 @@ impl Executable {
     /// `supervol bench` and `supervol chart`.
     pub const MEASURE: Self = Self { name: "supervol-measure", package: "supervol-measure" };
 
-    /// Runs it with the arguments of this process.
+    /// Runs the executable with the arguments of this process.
     pub fn run(&self) -> Result<(), Failure> {
         let mut command = Command::new(self.beside().unwrap_or_else(|| self.name.into()));
         command.args(env::args_os().skip(1));
         replace_process(&mut command).map_err(|error| self.failure(&error))
     }
 
-    /// Its path, if it lies in the folder of this executable. Links to this executable are followed.
+    /// Path of the executable in the folder of this executable, if it exists. Links to this executable are followed.
     fn beside(&self) -> Option<PathBuf> {
         let this = env::current_exe().and_then(|path| path.canonicalize()).ok()?;
         let path = this.with_file_name(format!("{}{}", self.name, env::consts::EXE_SUFFIX));
@@ -41,21 +41,21 @@ impl Executable {
         let Self { name, package } = self;
         if error.kind() == io::ErrorKind::NotFound {
             return Failure::Command(format!(
-                "this command is an executable of its own, `{name}`, found neither beside `supervol` nor on PATH; build it \
-                 with `cargo build --release -p {package}`"
+                "this command needs the executable `{name}`, which is neither beside `supervol` nor on PATH; build it with \
+                 `cargo build --release -p {package}`"
             ));
         }
         Failure::Machine(format!("cannot start `{name}`: {error}"))
     }
 }
 
-/// The command instead of this process. Returns only if it cannot be started.
+/// Replaces this process by the command. Returns only if the command cannot be started.
 #[cfg(unix)]
 fn replace_process(command: &mut Command) -> io::Result<()> {
     Err(std::os::unix::process::CommandExt::exec(command))
 }
 
-/// The command, until it ends; this process then ends with its exit code.
+/// Runs the command; then this process exits with its exit code.
 #[cfg(not(unix))]
 fn replace_process(command: &mut Command) -> io::Result<()> {
     let status = command.status()?;

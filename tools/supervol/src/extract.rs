@@ -1,4 +1,4 @@
-//! `supervol extract`: voxels of a container to a plain file.
+//! `supervol extract`: writes voxels of a container to a file of another format.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -11,39 +11,44 @@ use supervol_files::check_distinct;
 use supervol_format::{Container, Lod, VoxelBox};
 use supervol_preprocess::Existing;
 
-/// What to extract, and to where.
+/// Voxels to extract, and the file for them.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Container
+    /// Container to read
     container: PathBuf,
     #[command(flatten)]
     region: Region,
-    /// File to write: .npy (C order, [z, y, x]), .raw (little endian), .nrrd, .nii, .nii.gz, .mha, .vti, .tif (which keeps
-    /// spacings, but neither origin nor directions), .zarr (an OME-Zarr folder; no directions), or .sgy (SEG-Y: traces along z,
-    /// lines and coordinates of the survey)
+    /// File to write; its name ending selects the format: .npy, .raw, .nrrd, .nii, .nii.gz, .mha, .vti, .tif, .zarr
+    /// or .sgy
+    ///
+    /// .npy has C order [z, y, x]. .raw is little endian. .tif keeps spacings, but neither origin nor directions.
+    /// .zarr is an OME-Zarr folder, without directions. .sgy has traces along z, and the lines and coordinates of a
+    /// survey.
     #[arg(short, long)]
     output: PathBuf,
-    /// Most memory to use
+    /// Memory limit, for example 4GiB
     #[arg(long, default_value = "512MiB", value_parser = quantity::bytes)]
     memory: u64,
-    /// Overwrite the output
+    /// Overwrite the output file
     #[arg(long)]
     force: bool,
 }
 
-/// Which voxels of a container.
+/// Voxels of a container: a level and a box.
 #[derive(Debug, Clone, Copy, Args)]
 pub struct Region {
-    /// Level of detail, 0 the finest
+    /// Level of detail; 0 is the finest
     #[arg(long, default_value_t = 0)]
     level: u8,
-    /// Voxels of that level, ends not included; all by default. What is left out is all that there is: :,:,50 is a slice
+    /// Box of voxels of that level [default: all]; ends are excluded
+    ///
+    /// A missing start or end means the border of the volume. One number means one voxel: :,:,50 is a slice.
     #[arg(long = "box", value_name = "I0:I1,J0:J1,K0:K1", value_parser = quantity::voxel_box)]
     voxels: Option<WrittenBox>,
 }
 
 impl Region {
-    /// The level, and the box in it where not all of it is meant. What the container does not have, whoever reads it will say.
+    /// Level and box; `None` means the whole level. The reader checks that the container has them.
     pub fn of(self, container: &Container) -> (Lod, Option<VoxelBox>) {
         let (lod, pyramid) = (Lod(self.level), container.pyramid());
         let dims = pyramid.level_at(lod.min(pyramid.coarsest())).dims;

@@ -26,7 +26,7 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use clap::{Parser, Subcommand};
-use supervol_arguments::allocation::OrEnd;
+use supervol_arguments::allocation::ExitOnOutOfMemory;
 use supervol_arguments::program::CommandLine;
 use supervol_arguments::{bench, chart, view};
 
@@ -36,38 +36,42 @@ use crate::executables::Executable;
 enum Command {
     /// Build a container from a volume file or a folder of slices
     Build(Box<build::Arguments>),
-    /// Make a synthetic volume: as a container, or as a raw file
+    /// Write a synthetic volume as a container or a raw file
     Synth(synth::Arguments),
-    /// Say what containers hold
+    /// Describe containers, volume files and unfinished files
     Info(Box<info::Arguments>),
-    /// Draw the histogram of a container, with the opacities of its default picture
+    /// Print or draw the histogram of a volume, with the opacities of its default picture
     Histogram(Box<histogram::Arguments>),
-    /// Check every rule of containers
+    /// Check containers against every rule of the format
     Verify(Box<verify::Arguments>),
-    /// Write voxels of a container to a plain file: .npy, .raw, .nrrd, .nii, .nii.gz, .mha, .tif, .vti, .sgy, .zarr
+    /// Write voxels of a container to a file of another format: .npy, .raw, .nrrd, .nii, .nii.gz, .mha, .tif, .vti,
+    /// .sgy, .zarr
     Extract(extract::Arguments),
-    /// Write the surface where a container has one value as a mesh: .ply, .stl, .obj
+    /// Write an isosurface of a container as a mesh: .ply, .stl, .obj
     Mesh(mesh::Arguments),
-    /// Make a picture of a container, or of a volume file, of which a container is built and kept first
+    /// Render a picture of a container or volume file
+    ///
+    /// For a volume file, a container is built into the cache folder first. Without a scene, camera and colours are
+    /// chosen to suit the data.
     Render(Box<render::Arguments>),
-    /// Look at a volume in a window: turn, cut and colour it, save the scene, export pictures
+    /// Open a volume in a window: rotate, clip and colour it, save scenes, export pictures
     View(Box<view::Arguments>),
-    /// Measure pictures: cost, distance from the reference, and the same by other programs
+    /// Measure pictures: cost, difference from the reference, comparison with other programs
     Bench(Box<bench::Arguments>),
-    /// Build and render a real and a synthetic volume, to see that everything works
+    /// Build and render a real and a synthetic volume, to test the installation
     Demo(demo::Arguments),
-    /// Measure speed against accuracy, or where methods fail, and write a report
+    /// Measure speed against accuracy, or the regimes in which methods fail, and write a report
     Chart(chart::Arguments),
-    /// Write what a shell needs to complete commands: `supervol completions bash > FILE`
+    /// Print shell completions, for example `supervol completions bash > FILE`
     Completions(completions::Arguments),
-    /// Write man pages
+    /// Write the man pages of all commands
     Man(completions::ManArguments),
-    /// Write the JSON Schema of scene files, for editors and programs that check them
+    /// Print the JSON Schema of scene files, for editors and validators
     Schema,
 }
 
 #[global_allocator]
-static ALLOCATOR: OrEnd = OrEnd;
+static ALLOCATOR: ExitOnOutOfMemory = ExitOnOutOfMemory;
 
 fn main() -> ExitCode {
     let begun = Instant::now();

@@ -1,4 +1,4 @@
-//! `supervol mesh`: the surface where a container has one value, as a mesh.
+//! `supervol mesh`: writes an isosurface of a container as a mesh.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -13,23 +13,23 @@ use supervol_preprocess::Existing;
 
 use crate::extract::Region;
 
-/// Which surface, and where to.
+/// Surface, and the file for it.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Container
+    /// Container to read
     container: PathBuf,
-    /// Value of the surface, in the data's own units
+    /// Data value of the surface, in the units of the data
     #[arg(long, value_name = "V", allow_hyphen_values = true)]
     iso: f64,
     #[command(flatten)]
     region: Region,
-    /// File to write: .ply, .stl (both binary) or .obj, in world coordinates
+    /// File to write, in world coordinates: .ply, .stl (both binary) or .obj
     #[arg(short, long)]
     output: PathBuf,
-    /// Most memory to use
+    /// Memory limit, for example 4GiB
     #[arg(long, default_value = "512MiB", value_parser = quantity::bytes)]
     memory: u64,
-    /// Overwrite the output
+    /// Overwrite the output file
     #[arg(long)]
     force: bool,
 }

@@ -15,10 +15,10 @@ use supervol_scene::scene::Scene;
 
 use crate::render::{check_all_read, check_any_read, warn_of_nothing, with_render};
 
-/// Most panels of a picture.
+/// Greatest number of panels of a picture.
 pub const PANEL_LIMIT: usize = 64;
 
-/// How panels lie in a picture.
+/// Arrangement of panels in a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Grid {
     columns: u32,
@@ -28,7 +28,8 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// Room for so many panels in a picture of this size, nearly as many rows as columns; `None` where none has a pixel.
+    /// Grid for this number of panels in a picture of this size, with about as many rows as columns. `None` if a
+    /// panel would have no pixel.
     pub fn of(panels: usize, [width, height]: [u32; 2]) -> Option<Self> {
         let panels = u32::try_from(panels).ok()?;
         let columns = (1..=panels).find(|n| n * n >= panels)?;
@@ -37,7 +38,7 @@ impl Grid {
         (size[0] > 0 && size[1] > 0).then_some(Self { columns, rows, size })
     }
 
-    /// Pixels of the whole picture.
+    /// Size of the whole picture in pixels.
     fn picture(self) -> [u32; 2] {
         [self.columns * self.size[0], self.rows * self.size[1]]
     }
@@ -54,9 +55,9 @@ impl Grid {
     }
 }
 
-/// Slices of one volume.
+/// Slices of one volume, drawn as panels.
 pub struct Panels<'a> {
-    /// The volume, and what is known of it.
+    /// The volume and its facts.
     pub container: &'a Arc<Container>,
     pub facts: &'a VolumeFacts,
     /// Name and scene of each panel.
@@ -67,7 +68,7 @@ pub struct Panels<'a> {
 }
 
 impl Panels<'_> {
-    /// Draws and writes them; the paths are for messages.
+    /// Draws and writes the panels. The paths are used in messages.
     pub fn run(
         &self,
         file: PictureFile,

@@ -1,4 +1,4 @@
-//! `supervol render --pick X,Y`: what is under pixels of the picture, as text or JSON.
+//! `supervol render --pick X,Y`: prints the point under pixels of the picture, as text or JSON.
 
 use std::io::Write;
 use std::sync::Arc;
@@ -16,7 +16,7 @@ use supervol_scene::scene::Scene;
 use crate::look::places;
 use crate::render::with_render;
 
-/// How what is found is written.
+/// Output format.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Format {
     /// A line or more for each pixel.
@@ -25,12 +25,12 @@ pub enum Format {
     Json,
 }
 
-/// Digits of a value behind its first.
+/// Digits of a value after the first one.
 const SINGLE_DIGITS: f64 = 6.0;
-/// Digits of a place behind the voxel's first.
+/// Decimal digits of a position, relative to the voxel size.
 const PLACE_DIGITS: f64 = 3.0;
 
-/// Says what is under these pixels of a picture of `scene`.
+/// Prints the points under these pixels of a picture of `scene`.
 pub fn run(
     (container, facts, scene): (&Arc<Container>, &VolumeFacts, &Scene),
     options: &RenderOptions,
@@ -63,9 +63,10 @@ pub fn run(
     write!(supervol_arguments::terminal::stdout(), "{written}").map_err(with_output)
 }
 
-/// In so many digits as mean something: values as single precision holds them, places to a thousandth of a voxel, which has this size.
+/// Formats a point with the significant digits: values in single precision, positions to a thousandth of the voxel
+/// size `spacing`.
 fn text([x, y]: [u32; 2], picked: Option<&Picked>, lines: &[(String, f64)], spacing: f64) -> String {
-    let Some(picked) = picked else { return format!("pixel {x},{y}: nothing is to be seen\n") };
+    let Some(picked) = picked else { return format!("pixel {x},{y}: nothing visible\n") };
     let list = |numbers: [f64; 3], digits: f64| numbers.map(|n| short(n, digits)).join(", ");
     let on = match picked.on {
         PickedOn::Volume => "volume".into(),
@@ -85,7 +86,8 @@ fn text([x, y]: [u32; 2], picked: Option<&Picked>, lines: &[(String, f64)], spac
     text
 }
 
-/// A number to so many digits behind the point, without zeros at its end; all of it where these are too many or none.
+/// Formats a number with this number of decimals, without trailing zeros. If there are too many decimals or none,
+/// prints the number in full.
 fn short(value: f64, digits: f64) -> String {
     if !(1.0..=17.0).contains(&digits) {
         return Number(value).to_string();
@@ -95,7 +97,7 @@ fn short(value: f64, digits: f64) -> String {
     if text == "-0" { "0".into() } else { text.into() }
 }
 
-/// `{"pixel": [x, y], "picked": null}`, or with what was found, and where in the survey.
+/// JSON object `{"pixel": [x, y], "picked": null}`, or with the found point and its position in the survey.
 fn object(pixel: [u32; 2], picked: Option<&Picked>, lines: &[(String, f64)]) -> Value {
     let mut object = json!({ "pixel": pixel, "picked": picked });
     if !lines.is_empty() {

@@ -1,4 +1,4 @@
-//! `supervol render`: a container to a picture.
+//! `supervol render`: renders a picture of a container.
 
 use std::io::Write;
 use std::num::NonZero;
@@ -46,110 +46,139 @@ use crate::panels::Panels;
 use crate::pick;
 use crate::sequence::Sequence;
 
-/// Options of a single picture.
+/// Options for single pictures only.
 const OF_ONE_PICTURE: [&str; 5] = ["stats", "error_map", "work_map", "check", "time_budget"];
-/// Rays of `--check` without a number.
+/// Number of rays of `--check` without a number.
 const CHECK_RAYS: &str = "1000";
-/// A check that takes no longer than this shows no progress.
+/// Time before a check shows its progress.
 const QUIET: Duration = Duration::from_secs(1);
 
-/// What to show, how, and within what memory.
+/// Picture, method and memory limits.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Container, or a volume file or folder as for `build`, of which a container is built into the cache folder first
+    /// Container, or a volume file or folder as for `build`
+    ///
+    /// For a volume file, a container is built into the cache folder first.
     #[arg(value_name = "CONTAINER|FILE")]
     volume: PathBuf,
-    /// Scene file (JSON), - for standard input, or the scene itself ('{...}'); what it leaves open, and all of it where there is none, is chosen to suit the data
+    /// Scene file (JSON), - for standard input, or the scene itself ('{...}')
+    ///
+    /// Values that the scene leaves out are chosen to suit the data. Without --scene, all of them are.
     #[arg(long, value_name = "SCENE.json")]
     scene: Option<PathBuf>,
-    /// Write the scene that the options mean to standard output: all of it, as a beginning for a scene file. Without --output
-    /// no picture is drawn
+    /// Print the complete scene of these options on standard output, for example as a start for a scene file
+    ///
+    /// Without --output, no picture is drawn.
     #[arg(long)]
     print_scene: bool,
-    /// Picture to write: .png (8 bit, with background), .exr or .npy (float, premultiplied RGBA without background), or - for
-    /// PNG on standard output; with --turntable or --path the folder for frame-00000.png and so on (--frame-format)
+    /// Picture to write: .png, .exr or .npy; - writes PNG to standard output
+    ///
+    /// .png has 8 bits a channel, with background. .exr and .npy have floats: premultiplied RGBA without background.
+    /// With --turntable or --path, this is the folder for frame-00000.png and so on (--frame-format).
     #[arg(short, long, value_name = "IMAGE|FOLDER", required_unless_present_any = ["print_scene", "pick"])]
     output: Option<PathBuf>,
-    /// Write N pictures, once around the volume; the same command again goes on where it was stopped
+    /// Write N pictures of one turn around the volume: 1 to 100000
+    ///
+    /// If the command was stopped, the same command continues it.
     #[arg(long, value_name = "N", requires = "output", conflicts_with_all = OF_ONE_PICTURE,
           value_parser = clap::value_parser!(u32).range(1..=i64::from(camera_path::FRAME_LIMIT)))]
     turntable: Option<u32>,
-    /// Write the pictures of a camera that moves between key frames: {"keys": [{"frame": 0, "camera": {...}}, ...]}, with
-    /// cameras as in a scene
+    /// Write the pictures of a camera that moves between key frames
+    ///
+    /// The file holds {"keys": [{"frame": 0, "camera": {...}}, ...]}, with cameras as in a scene.
     #[arg(long, value_name = "KEYS.json", requires = "output", conflicts_with_all = OF_ONE_PICTURE,
           conflicts_with_all = ["turntable", "camera", "zoom"])]
     path: Option<PathBuf>,
-    /// What the pictures of --turntable and --path are written as: .png, or .exr or .npy with floats [default: png]
+    /// File format of the pictures of --turntable and --path; exr and npy hold floats [default: png]
     #[arg(long, value_enum, value_name = "FORMAT", requires = "output")]
     frame_format: Option<FrameFormat>,
-    /// Who casts the rays [default: auto]
+    /// Backend that casts the rays [default: auto]
     #[arg(long, value_enum)]
     backend: Option<BackendName>,
-    /// Largest error of any channel of any pixel that is aimed for, as a share of full scale, 0.05/255 to 16/255: it sets
-    /// how finely rays are integrated (dvr; on the GPU unshaded pictures only), and with --level auto, coarser levels are drawn
-    /// only where it allows them; or 1: levels go by the size of a pixel alone, and rays are integrated within 16/255
+    /// Largest allowed error of a pixel channel, as a fraction of full scale: 0.05/255 to 16/255, or 1
+    ///
+    /// The error sets the accuracy of integration along rays (mode dvr; on the GPU only in unshaded pictures). With
+    /// --level auto, it also decides where coarser levels may be drawn. With 1, levels follow from the size of a
+    /// pixel alone, and rays are integrated within 16/255.
     #[arg(long, value_name = "E", default_value = "0.5/255", value_parser = quantity::picture_error)]
     max_error: f64,
-    /// Instructions for packets of rays (CPU backend): avx512, avx2 or portable; by default the best that the
-    /// processor has
+    /// Instruction set for packets of rays (CPU backend): avx512, avx2 or portable [default: the best of this
+    /// processor]
     #[arg(long, value_name = "SET")]
     instructions: Option<InstructionSet>,
-    /// Hand over the picture after this time, counted from the start of the command, as far as it has come: the CPU backend
-    /// draws large pixels first, then ever smaller ones; others complete it from the bricks that are there. Without it, the
-    /// picture converges
+    /// Deadline for the picture in ms, counted from the start of the command [default: none, the picture converges]
+    ///
+    /// At the deadline, the picture is written as it is. The CPU backend draws large pixels first, then smaller ones.
+    /// Other backends complete the picture from the bricks that are already read.
     #[arg(long, value_name = "MS", value_parser = quantity::milliseconds)]
     time_budget: Option<u64>,
-    /// Most graphics memory to use [default: 1GiB of cards with their own memory, or half or a quarter of that where they have no
-    /// room for it; 256MiB of others]
+    /// GPU memory limit, for example 2GiB [default: 1GiB on cards with their own memory, 256MiB on others]
+    ///
+    /// If a card has no room for 1GiB, the default is 512MiB or 256MiB.
     #[arg(long, value_name = "BYTES", value_parser = quantity::bytes)]
     gpu_memory: Option<u64>,
-    /// Most host memory to use for bricks, rays and the picture
+    /// Host memory limit for bricks, rays and the picture, for example 4GiB
     #[arg(long, visible_alias = "memory", default_value = "512MiB", value_parser = quantity::bytes)]
     host_memory: u64,
-    /// Level of detail: auto (as fine as --max-error and a pixel need, brick by brick), or 0 for full resolution, 1, 2, ...
+    /// Level of detail: auto, or a number; 0 is full resolution
+    ///
+    /// With auto, each brick is as fine as --max-error and the size of a pixel require.
     #[arg(long, default_value = "auto", value_parser = level)]
     level: LevelChoice,
-    /// Leave out what cannot be seen; the picture is the same either way
+    /// Skip bricks that are invisible; the picture is the same with on and off
     #[arg(long, value_enum, default_value = "on")]
     skipping: SkippingName,
-    /// Threads; all processors by default
+    /// Number of threads: 1 to 1024 [default: all processors]
     #[arg(long, value_parser = quantity::threads)]
     threads: Option<NonZero<usize>>,
-    /// Write what happened, as JSON. `error_predicted` (dvr; on graphics devices where the transfer function has no steps) says how far the picture may be from the exact one and
-    /// why, in grey levels of 255: `total`, and its terms `cells`, `ray_ends`, `transfer_function`, `levels` and `rounding`,
-    /// each with `is_bound`: true where it is never more, false where it is an estimate. `error_stated` says it against
-    /// the finest level, whatever was drawn. Summing it up takes 1 to 2 % of the time of casting, on graphics devices 3 to 6 %
+    /// Write statistics as JSON: times, memory, streaming, errors
+    ///
+    /// `error_predicted` is the expected difference from the exact picture in grey levels of 255, for mode dvr. On
+    /// the GPU it needs a transfer function without steps. It has a `total` and the terms `cells`, `ray_ends`,
+    /// `transfer_function`, `levels` and `rounding`. For each, `is_bound` is true for an upper bound, and false for
+    /// an estimate. `error_stated` is the difference from the finest level, whichever levels were drawn. Summing it
+    /// takes 1 to 2 % of the casting time on the CPU, and 3 to 6 % on the GPU.
     #[arg(long, value_name = "STATS.json", requires = "output")]
     stats: Option<PathBuf>,
-    /// Write how far each pixel may be from the exact picture of the finest level, for all reasons. EXR and NumPy: a
-    /// share of full scale, as in the picture. PNG: colours, from black (a tenth of a grey level of 255 or less) through blue
-    /// (0.5), green (2), yellow (16) and red (64) to white (255)
+    /// Write an image with the stated error of each pixel, against the exact picture of the finest level
+    ///
+    /// EXR and NumPy hold fractions of full scale, as in the picture. PNG holds colours, from black (at most 0.1 grey
+    /// levels of 255) through blue (0.5), green (2), yellow (16) and red (64) to white (255).
     #[arg(long, value_name = "FILE", requires = "output")]
     error_map: Option<PathBuf>,
-    /// Write what the rays of each pixel cost (CPU): the trilinear cells that a ray crosses, and the leaps that it takes over what shows
-    /// nothing, the mean of a pixel's rays. EXR and NumPy: cells in the first channel, leaps in the second. PNG: colours, orange for
-    /// cells and blue for leaps, by the logarithm, full at 1,000. The picture stays what it is, and takes several times as long
+    /// Write an image with the work of each pixel's rays (CPU backend): cells crossed and leaps over empty space
+    ///
+    /// Each number is the mean of a pixel's rays. EXR and NumPy hold cells in the first channel, leaps in the second.
+    /// PNG shows cells in orange and leaps in blue, on a logarithmic scale up to 1,000. The picture stays the same,
+    /// but takes several times as long.
     #[arg(long, value_name = "FILE", requires = "output")]
     work_map: Option<PathBuf>,
-    /// Cast N rays of the picture again (1000 if no number is given) by the reference integrator, and say how far the
-    /// picture is from it; with --level auto from the exact picture of level 0. The level must fit --host-memory
+    /// Measure the error: cast N random rays again with the reference integrator [default without N: 1000]
+    ///
+    /// With --level auto, the reference is the exact picture of level 0. The level must fit into --host-memory.
     #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = CHECK_RAYS, requires = "output")]
     check: Option<NonZero<u64>>,
-    /// Exit code 0 even where bricks could not be read, and are drawn from coarser ones
+    /// Exit with code 0 even if bricks cannot be read
+    ///
+    /// Their coarser parents are drawn in their place.
     #[arg(long)]
     allow_failed: bool,
-    /// Draw beside the volume its box with places along its axes, which way it is turned (a patient's sides, the points of the
-    /// compass), a scale where rays are parallel, what the colours stand for, and its name. auto: in PNG files, where somebody
-    /// sits at a terminal; never in .exr, .npy, sequences, and what scripts and pipes run
+    /// Draw axes, orientation, scale, colour legend and name beside the volume
+    ///
+    /// auto decorates PNG files of commands that run in a terminal. It decorates no .exr or .npy file, no sequence,
+    /// and no output of scripts and pipes. The scale is drawn for parallel rays only. The orientation shows the sides
+    /// of a patient or the points of the compass.
     #[arg(long, value_enum, value_name = "WHEN", requires = "output", default_value = "auto", default_missing_value = "on",
           num_args = 0..=1, require_equals = true)]
     decorate: Decorate,
-    /// Say what is under pixel X,Y (0,0 is at the top left): value, world position, voxel, and line numbers of a survey, of the first
-    /// point that is to be seen there: dvr where half of the opacity is gathered, iso the surface, mip and minip the extreme, or
-    /// the slice. May be given again. Without --output no picture is drawn
+    /// Print value, world position, voxel and survey lines of the first visible point under pixel X,Y
+    ///
+    /// Pixel 0,0 is at the top left. The point depends on the mode. In dvr it is where half of the opacity is
+    /// reached, in iso the surface, in mip and minip the extreme. Slices count, too. Repeat the option for several
+    /// pixels. Without --output, no picture is drawn.
     #[arg(long, value_name = "X,Y", value_parser = quantity::pixel, conflicts_with_all = ["turntable", "path"])]
     pick: Vec<[u32; 2]>,
-    /// What --pick says, as JSON
+    /// Print the result of --pick as JSON
     #[arg(long, requires = "pick", conflicts_with = "print_scene")]
     json: bool,
     #[command(flatten)]
@@ -170,7 +199,7 @@ enum BackendName {
     Reference,
 }
 
-/// What each picture of a sequence is written as.
+/// File format of the pictures of a sequence.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum FrameFormat {
     Png,
@@ -188,7 +217,7 @@ impl From<FrameFormat> for ImageFormat {
     }
 }
 
-/// Whether a picture shows more than the volume.
+/// Decorations beside the volume.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Decorate {
     Auto,
@@ -197,7 +226,7 @@ enum Decorate {
 }
 
 impl Decorate {
-    /// Whether a picture in this file does, where somebody sits at a terminal or nobody does.
+    /// Tests if a picture in this file is decorated.
     fn applies_to(self, output: &Path, is_at_terminal: bool) -> bool {
         let is_png = || output.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"));
         self == Self::On || (self == Self::Auto && is_at_terminal && is_png())
@@ -218,12 +247,12 @@ fn level(text: &str) -> Result<LevelChoice, String> {
 }
 
 impl Arguments {
-    /// What the command line asks for; its time budget began at `start`.
+    /// Render options of the command line. The time budget began at `start`.
     fn options(&self, start: Instant) -> RenderOptions {
         let passed = u64::try_from(start.elapsed().as_millis()).unwrap_or(u64::MAX);
         RenderOptions {
             backend: match self.backend.unwrap_or(BackendName::Auto) {
-                // Graphics devices do not count it.
+                // GPUs do not count the work of rays.
                 BackendName::Auto if self.work_map.is_some() => Backend::Cpu,
                 BackendName::Auto => Backend::Auto,
                 BackendName::Cpu => Backend::Cpu,
@@ -252,7 +281,7 @@ impl Arguments {
 }
 
 impl Arguments {
-    /// The container that is drawn.
+    /// Path of the container to draw.
     fn container(&self) -> Result<PathBuf, Failure> {
         let memory_bytes = self.host_memory;
         let (reading, threads) = (self.source.reading(memory_bytes)?, self.threads.map(NonZero::get));
@@ -260,43 +289,43 @@ impl Arguments {
     }
 }
 
-/// A camera that moves.
+/// Motion of the camera.
 struct Motion {
-    /// One for each picture.
+    /// Camera of each picture.
     cameras: Vec<CameraSpec>,
-    /// In the words of the command.
+    /// The request as JSON, as in `sequence.json`.
     asked: serde_json::Value,
 }
 
 impl Arguments {
-    /// Whether there is more than the volume in its one picture.
+    /// Tests if the single picture is decorated.
     fn decorates(&self, output: &Path) -> bool {
         self.decorate.applies_to(output, terminal::is_at_terminal())
     }
 
-    /// Refuses options that cannot be meant together.
+    /// Refuses contradictory options.
     fn check(&self) -> Result<(), Failure> {
         let is_said = self.print_scene || !self.pick.is_empty();
         let is_reference = self.backend == Some(BackendName::Reference);
         let is_not_cpu = is_reference || self.backend == Some(BackendName::Gpu);
         let moves = self.turntable.is_some() || self.path.is_some();
         let wrong = if is_said && self.output.as_deref().is_some_and(output::is_standard) {
-            "-o -: expected a file for the picture: --print-scene and --pick write to standard output"
+            "-o -: expected a file for the picture, because --print-scene and --pick write to standard output"
         } else if self.error_map.is_some() && is_reference {
-            "--error-map: --backend reference is what pictures are held against; cpu and gpu say how far their pixels may be off"
+            "--error-map needs --backend cpu or gpu; the reference has no stated error"
         } else if self.work_map.is_some() && is_not_cpu {
-            "--work-map: only --backend cpu counts what rays cost"
+            "--work-map needs --backend cpu: other backends do not count the work of rays"
         } else if self.frame_format.is_some() && !moves {
-            "--frame-format is of the pictures of --turntable and --path; the name of one picture says what it is"
+            "--frame-format needs --turntable or --path; the format of one picture follows from its file name"
         } else if self.look.shows_panels() && moves {
-            "--slice: the camera of a slice that is shown face on does not move; --slices volume shows slices within the volume"
+            "--slice: the camera of a slice that is shown face on does not move; use --slices volume to show slices inside the volume"
         } else {
             return Ok(());
         };
         Err(Failure::Command(wrong.into()))
     }
 
-    /// Says which options change nothing, because of others.
+    /// Warns of options without effect.
     fn warn_of_unused(&self) -> Result<(), Failure> {
         let is_not_gpu = matches!(self.backend, Some(BackendName::Cpu | BackendName::Reference));
         let format = match self.frame_format {
@@ -308,7 +337,7 @@ impl Arguments {
             (self.gpu_memory.is_some() && is_not_gpu, "--gpu-memory changes nothing with this --backend"),
             (
                 self.look.has_background() && is_bare,
-                "--background changes nothing in .exr and .npy, which hold the picture without what lies behind it",
+                "--background changes nothing in .exr and .npy: they hold the picture without background",
             ),
         ];
         for (_, message) in unused.iter().filter(|(is_unused, _)| *is_unused) {
@@ -317,7 +346,7 @@ impl Arguments {
         Ok(())
     }
 
-    /// Where several slices go; what is said of one picture is refused.
+    /// Output path of several slices; refuses options of single pictures.
     fn output_of_panels(&self) -> Result<&Path, Failure> {
         let of_one = [
             ("--stats", self.stats.is_some()),
@@ -329,15 +358,17 @@ impl Arguments {
             ("--pick", !self.pick.is_empty()),
         ];
         if let Some((option, _)) = of_one.iter().find(|(_, given)| *given) {
-            return Err(Failure::Command(format!("{option} is of one picture; give one --slice")));
+            return Err(Failure::Command(format!(
+                "{option} needs a single picture: expected one --slice, found several"
+            )));
         }
         let output = self.output.as_deref();
         output.ok_or_else(|| Failure::Command("--slice: expected a picture to write (-o)".into()))
     }
 
-    /// What is drawn of the scene that was given, or of none in particular; and the cameras where there are several pictures.
+    /// Complete scene, and the cameras if there are several pictures.
     ///
-    /// Takes the volume, so that the memory of its overview is free before memory is counted.
+    /// Takes the volume by value, so that the memory of its overview is free before the renderer counts its memory.
     fn shown(&self, scene: Scene, volume: PlacedVolume) -> Result<(Scene, Option<Motion>), Failure> {
         let (container, facts) = (volume.container(), volume.facts());
         let overview = if self.look.asks_overview(&scene) { volume.overview() } else { None };
@@ -372,14 +403,19 @@ fn check_level(level: LevelChoice, path: &Path, container: &Container) -> Result
     let coarsest = container.pyramid().coarsest();
     match level {
         LevelChoice::Fixed(lod) if lod > coarsest => {
-            let message = format!("--level {}: {} has levels 0 to {}", lod.0, path.display(), coarsest.0);
+            let message = format!(
+                "--level {}: expected a level of {}, which has levels 0 to {}",
+                lod.0,
+                path.display(),
+                coarsest.0
+            );
             Err(Failure::Command(message))
         }
         LevelChoice::Fixed(_) | LevelChoice::Auto => Ok(()),
     }
 }
 
-/// Runs the command, which the program began with.
+/// Runs the command; `start` is the start of the program.
 pub fn run(arguments: &Arguments, start: Instant) -> Result<(), Failure> {
     arguments.check()?;
     arguments.warn_of_unused()?;
@@ -400,7 +436,7 @@ pub fn run(arguments: &Arguments, start: Instant) -> Result<(), Failure> {
         let panels: Vec<(String, Scene)> = looks.iter().map(named).collect::<Result<_, Failure>>()?;
         let inputs: Vec<&Path> = inputs.into_iter().chain(panels.iter().flat_map(|(_, scene)| scene.files())).collect();
         let file = RenderOutputs::begin(output, [None; 3], &inputs, arguments.force)?.picture;
-        // All panels are cut by the same.
+        // All panels have the same cuts.
         panels.first().iter().for_each(|(_, scene)| announce_files(scene));
         let (decorate, allow_failed) = (arguments.decorates(output), arguments.allow_failed);
         let panels = Panels { container: &container, facts: &facts, panels: &panels, grid, decorate, allow_failed };
@@ -446,7 +482,7 @@ pub fn run(arguments: &Arguments, start: Instant) -> Result<(), Failure> {
     if !arguments.print_scene {
         print(output, &stats).map_err(with_output)?;
     }
-    // Who has asked for nothing is told only what is not as on most machines.
+    // Without `--backend`, only an unusual choice is reported.
     if let Some(why) = about_backend(options.backend, &stats)
         && (arguments.backend.is_some() || stats.no_gpu_because.as_deref() != Some(NO_DEVICE))
     {
@@ -455,52 +491,51 @@ pub fn run(arguments: &Arguments, start: Instant) -> Result<(), Failure> {
     check_all_read(path, stats.bricks_failed, arguments.allow_failed)
 }
 
-/// What a picture is to the one who wanted it of which so many bricks could not be read.
+/// Fails if bricks could not be read, unless `--allow-failed` is set.
 pub fn check_all_read(container: &Path, failed: u64, allow_failed: bool) -> Result<(), Failure> {
     if failed == 0 || allow_failed {
         return Ok(());
     }
     Err(Failure::Data(format!(
-        "{}: {} could not be read: the picture is not what the data show there; --allow-failed accepts it",
+        "{}: {} could not be read, so the picture is wrong there; --allow-failed accepts it",
         container.display(),
         counted(failed, "brick")
     )))
 }
 
-/// Refuses a picture of nothing: none of its bricks could be read.
+/// Fails if no brick of the picture could be read.
 pub fn check_any_read(stats: &FrameStats) -> Result<(), Failure> {
     if !stats.has_nothing_but_failures() {
         return Ok(());
     }
-    let first = stats.failures.first().map_or(String::new(), |f| format!("; the first: {}: {}", f.brick, f.reason));
+    let first = stats.failures.first().map_or(String::new(), |f| format!("; first error: {}: {}", f.brick, f.reason));
     Err(Failure::Data(format!(
-        "none of the {} bricks that the picture needs can be read: no picture is written{first}",
+        "cannot read any of the {} bricks that the picture needs; no picture is written{first}",
         stats.bricks_failed
     )))
 }
 
-/// What a picture is made of.
+/// Subject of a picture.
 #[derive(Clone, Copy)]
 pub struct Subject<'a> {
     /// The volume.
     pub container: &'a Arc<Container>,
-    /// What is known of it.
+    /// Facts of the volume.
     pub facts: &'a VolumeFacts,
-    /// What is wanted.
+    /// The scene.
     pub scene: &'a Scene,
-    /// Whether box, orientation, scale, colours and name are drawn beside it.
+    /// Whether box, orientation, scale, colour legend and name are drawn beside the volume.
     pub decorate: bool,
 }
 
-/// Milliseconds of a time budget that are kept for what is done with a picture of this size when its rays are finished: its errors
-/// are stated, its colours become bytes, and a file is written. Measured: 60 to 90 ns a pixel; what is above this may be late
-/// (decision 008).
+/// Part of a time budget, in milliseconds, for the work after casting: stating errors, conversion to bytes, writing
+/// the file. Measured: 60 to 90 ns a pixel; the time above the reserved part may exceed the deadline (decision 008).
 fn handing_over_ms([width, height]: [u32; 2]) -> u64 {
     const NANOSECONDS_PER_PIXEL: u64 = 50;
     u64::from(width) * u64::from(height) * NANOSECONDS_PER_PIXEL / 1_000_000
 }
 
-/// Renders and writes one picture, and casts `check` of its rays again: what `render` and `demo` share.
+/// Renders and writes one picture, and casts `check` of its rays again. `render` and `demo` share this.
 pub fn picture(
     subject: &Subject<'_>,
     (output, [error_map, work_map]): (PictureFile, [Option<PictureFile>; 2]),
@@ -537,7 +572,7 @@ pub fn picture(
         let measured = check::measure_error(container, &resolved, options, &image, rays.get(), &progress);
         bar.finish_and_clear();
         stats.error_measured = Some(measured.map_err(|error| match with_render(error) {
-            // The picture went round what cannot be read; the reference does not.
+            // The picture replaces unreadable bricks by their parents; the reference does not.
             Failure::Data(message) => Failure::Data(format!("--check: {message}")),
             other => other,
         })?);
@@ -545,7 +580,7 @@ pub fn picture(
     Ok(stats)
 }
 
-/// Writes a picture, with what is to be drawn beside the volume; where it shows nothing, that is said with the reason.
+/// Writes a picture with its decorations, and warns if it is empty.
 pub fn write_picture(
     subject: &Subject<'_>,
     resolved: &ResolvedScene,
@@ -561,17 +596,17 @@ pub fn write_picture(
     output.write(&decorated, resolved.background)
 }
 
-/// Says why a picture shows nothing, where it does.
+/// Warns with the reason if the picture is empty.
 pub fn warn_of_nothing(image: &Image, resolved: &ResolvedScene, facts: &VolumeFacts) -> Result<(), Failure> {
     let Some(why) = warnings::reason(image, resolved, facts) else { return Ok(()) };
     warn(&format!("the picture shows nothing but its background: {why}"))
 }
 
-/// Says which of its cuts a picture would be the same without.
+/// Warns of cuts without effect.
 fn warn_of_idle_cuts(resolved: &ResolvedScene, facts: &VolumeFacts) -> Result<(), Failure> {
     warnings::idle_cuts(resolved, facts).iter().try_for_each(|cut| {
         warn(&format!(
-            "{cut} cuts nothing off that this picture shows; its numbers are world coordinates, as `info` gives them"
+            "{cut} cuts nothing off this picture; expected numbers in world coordinates, as `info` prints them"
         ))
     })
 }
@@ -580,7 +615,7 @@ fn warn(what: &str) -> Result<(), Failure> {
     writeln!(terminal::stderr(), "supervol: warning: {what}").map_err(with_output)
 }
 
-/// What a picture that could not be made is to the one who wanted it.
+/// Failure of a picture that could not be drawn.
 pub fn with_render(error: RenderError) -> Failure {
     let message = error.to_string();
     match error {
@@ -588,7 +623,7 @@ pub fn with_render(error: RenderError) -> Failure {
             let or_coarser = finest_that_fits
                 .map_or(String::new(), |fits| format!(", or draw and check a coarser level with --level {fits}"));
             Failure::Command(format!(
-                "--check: level {level} needs {} for the reference integrator, but --host-memory is {}; give \
+                "--check: level {level} needs {} for the reference integrator, but --host-memory is {}; use \
                  --host-memory {}MiB{or_coarser}",
                 show_bytes(needed_bytes),
                 show_bytes(budget_bytes),
@@ -626,13 +661,13 @@ fn option_against(error: &RenderError) -> &'static str {
     }
 }
 
-/// Which backend was chosen and why, where it was not asked for; that the one that was is slow, where it is.
+/// Message about the automatically chosen backend and the reason, or about a slow requested one.
 fn about_backend(asked: Backend, stats: &FrameStats) -> Option<String> {
     let adapter = stats.adapter.as_deref().unwrap_or("a graphics adapter");
     match asked {
         Backend::Auto => Some(match &stats.no_gpu_because {
             Some(why) => format!("--backend auto: {}, because {why}", stats.backend),
-            None => format!("--backend auto: {}, because {adapter} is there", stats.backend),
+            None => format!("--backend auto: {}, because {adapter} is present", stats.backend),
         }),
         Backend::Gpu if stats.adapter_is_software => {
             Some(format!("{adapter} is a processor: --backend cpu draws the same picture many times faster"))
@@ -662,12 +697,15 @@ fn print(output: &Path, stats: &FrameStats) -> std::io::Result<()> {
         let edge = stats.coarsest_pixel;
         writeln!(
             out,
-            "the time was up: {share:.0} % of the pixels are taken from a picture of pixels {edge} times as large"
+            "deadline reached: {share:.0} % of the pixels have 1/{edge} of the resolution in each direction"
         )?;
     }
     if let Some(stated) = &stats.error_stated {
-        let or_not =
-            if stated.presence_may_change { "; voxels may be there in one level and not in another" } else { "" };
+        let or_not = if stated.presence_may_change {
+            "; some voxels are present in one level and absent in another"
+        } else {
+            ""
+        };
         writeln!(
             out,
             "stated error, against the finest level, of 255 grey levels: at most {:.3}, mean {:.4}{or_not}",
@@ -695,15 +733,15 @@ fn print(output: &Path, stats: &FrameStats) -> std::io::Result<()> {
         let affected = if share >= 1.0 { format!("up to {share:.0} %") } else { "less than 1 %".into() };
         writeln!(
             out,
-            "{} could not be read, which {affected} of the rays needed",
+            "{} could not be read; {affected} of the rays needed them",
             counted(stats.bricks_failed, "brick")
         )?;
     }
     for failure in &stats.failures {
-        // Most reasons begin with the brick.
+        // Removes the name of the brick, with which most reasons begin.
         let reason =
             failure.reason.strip_prefix(&failure.brick).map_or(&*failure.reason, |rest| rest.trim_start_matches(": "));
-        writeln!(out, "not readable, drawn from its parent: {}: {reason}", failure.brick)?;
+        writeln!(out, "not readable, replaced by its parent: {}: {reason}", failure.brick)?;
     }
     Ok(())
 }

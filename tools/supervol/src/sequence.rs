@@ -1,4 +1,5 @@
-//! `supervol render --turntable` and `--path`: a folder of pictures, one for each camera of an animation ([`frames`]).
+//! `supervol render --turntable` and `--path`: writes a folder of pictures, one for each camera of an animation
+//! ([`frames`]).
 //!
 //! [`frames`]: supervol_decorations::frames
 
@@ -21,34 +22,34 @@ use supervol_scene::scene::CameraSpec;
 
 use crate::render::{Subject, check_any_read, with_render, write_picture};
 
-/// Pictures by some cameras.
+/// Pictures of an animation.
 pub struct Sequence<'a> {
-    /// What they show; its camera is that of the first.
+    /// Subject of the pictures, with the camera of the first one.
     pub subject: Subject<'a>,
-    /// One for each picture.
+    /// Camera of each picture.
     pub cameras: &'a [CameraSpec],
-    /// What was asked for of them.
+    /// The requested motion, as JSON.
     pub motion: &'a Value,
-    /// Where they go; made where it is not there.
+    /// Folder of the pictures; created if it does not exist.
     pub folder: &'a Path,
-    /// What they are written as.
+    /// File format of the pictures.
     pub format: ImageFormat,
-    /// What is read, and not written to.
+    /// Input files, which must not be overwritten.
     pub inputs: &'a [&'a Path],
-    /// Whether pictures of something else are replaced.
+    /// Whether other pictures are overwritten.
     pub force: Force,
-    /// Whether bricks that cannot be read may be drawn from coarser ones.
+    /// Whether unreadable bricks may be replaced by their parents.
     pub allow_failed: bool,
 }
 
 impl Sequence<'_> {
-    /// Makes the pictures that are not there yet.
+    /// Draws the missing pictures.
     pub fn run(&self, options: &RenderOptions) -> Result<(), Failure> {
         let others = if self.force.is_given() { Others::Replace } else { Others::Keep("give --force") };
         let missing = self.frames().begin(options, others).map_err(with_frames)?;
         if missing.len() < self.cameras.len() {
             let there = counted((self.cameras.len() - missing.len()) as u64, "picture");
-            supervol_arguments::progress::announce(&format!("{}: {there} are there already", self.folder.display()));
+            supervol_arguments::progress::announce(&format!("{}: {there} exist already", self.folder.display()));
         }
         let start = Instant::now();
         let volume = PlacedVolume::of(Arc::clone(self.subject.container));
@@ -80,7 +81,7 @@ impl Sequence<'_> {
         let failed = stats.bricks_failed;
         if failed > 0 && !self.allow_failed {
             return Err(Failure::Data(format!(
-                "{} is not written: {} could not be read; --allow-failed draws coarser ones instead",
+                "{} is not written: {} could not be read; --allow-failed draws their coarser parents instead",
                 path.display(),
                 counted(failed, "brick")
             )));
@@ -101,7 +102,7 @@ impl Sequence<'_> {
     }
 }
 
-/// What a folder that cannot be written to is to the one who named it.
+/// Failure of preparing the folder.
 fn with_frames(error: FramesError) -> Failure {
     match error {
         FramesError::Output(error) => error.into(),

@@ -1,4 +1,4 @@
-//! `supervol synth`: synthetic volumes, as a container or as a raw file.
+//! `supervol synth`: writes a synthetic volume as a container or a raw file.
 
 use std::io::Write;
 use std::path::Path;
@@ -17,19 +17,19 @@ use supervol_sources::synthetic::{NAMES, Synthetic};
 
 use crate::build::OutputArguments;
 
-/// Which volume, how large.
+/// Synthetic volume, and its size.
 #[derive(Debug, Args)]
 pub struct Arguments {
     /// Name of the volume
     #[arg(value_parser = NAMES)]
     name: String,
-    /// Voxels along x, y, z
+    /// Number of voxels along x, y and z, for example 512,512,300 or 512x512x300
     #[arg(long, value_name = "NX,NY,NZ", value_parser = quantity::dims)]
     dims: Dims,
-    /// Voxel type; each volume has its own default
+    /// Voxel type, for example u8 or f32 [default: by volume]
     #[arg(long, value_name = "TYPE", value_parser = quantity::dtype)]
     dtype: Option<Dtype>,
-    /// Seed of everything that is random
+    /// Seed of the random numbers
     #[arg(long, default_value_t = 1)]
     seed: u64,
     #[command(flatten)]
@@ -41,7 +41,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let voxel_type = arguments.dtype.map(|d| d.voxel_type);
     let source =
         Synthetic::new(&arguments.name, arguments.dims, voxel_type, arguments.seed).map_err(BuildError::from)?;
-    let output = arguments.output.named("a container (OUT.svol), or a file of bare voxels (OUT.raw)")?;
+    let output = arguments.output.named("a container (OUT.svol) or a raw file (OUT.raw)")?;
     if output.extension().is_some_and(|e| e == "raw") {
         return write_raw(arguments, output, &source);
     }
@@ -49,10 +49,10 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.output.build(output, &source, origin)
 }
 
-/// Most bytes that are made before they are written, and the least: more makes nothing faster, less everything slower.
+/// Least and greatest number of bytes computed before they are written. More is not faster; less is slower.
 const BATCH_BYTES: [u64; 2] = [64 << 10, 64 << 20];
 
-/// Makes as many boxes at a time as there are threads, and writes them under a temporary name that the finished file loses.
+/// Computes one box for each thread at a time. The file has a temporary name until it is complete.
 fn write_raw(arguments: &Arguments, output: &Path, source: &dyn VolumeSource) -> Result<(), Failure> {
     use rayon::prelude::*;
     let write_error = |e| Failure::from(BuildError::write(output, e));

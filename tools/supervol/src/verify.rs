@@ -15,21 +15,27 @@ use supervol_preprocess::BuildError;
 use supervol_preprocess::compare::{Compared, compare};
 use supervol_preprocess::kept::Reading;
 
-/// Which containers.
+/// Containers to check, and their source.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Containers; - is what standard input gives. All are checked, also where one breaks a rule
+    /// Containers to check; - is standard input
+    ///
+    /// After a container that breaks a rule, the others are still checked.
     #[arg(value_name = "CONTAINER", required = true)]
     containers: Vec<PathBuf>,
-    /// Compare every voxel of level 0 with the file or folder that the container was built from: equal where the container is exact,
-    /// within its bound where it is not. Give the options that it was built with (--dims, --frame, ...), where there were any
+    /// Also compare every voxel of level 0 with the file or folder that the container was built from
+    ///
+    /// The voxels of an exact container must be equal. Other voxels must lie within the error bound. Give the options
+    /// of the build (--dims, --frame and so on) again.
     #[arg(long = "source", value_name = "FILE")]
     compare_with: Option<PathBuf>,
-    /// Compute ranges, flags, macro cells, aprons, coarser levels, their error bounds, and statistics of the manifest again from
-    /// decoded voxels. That is what verify always does, with or without this; only --source adds to it
+    /// Recompute all derived data from the decoded voxels; `verify` always does this, with or without --deep
+    ///
+    /// Derived data are ranges, flags, macro cells, aprons, coarser levels, error bounds and the statistics of the
+    /// manifest. Only --source adds a check.
     #[arg(long)]
     deep: bool,
-    /// Most memory
+    /// Memory limit, for example 4GiB
     #[arg(long, default_value = "512MiB", value_parser = quantity::bytes)]
     memory: u64,
     #[command(flatten)]
@@ -38,7 +44,7 @@ pub struct Arguments {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    // Said, so that nobody takes it for a check of its own.
+    // `deep` is ignored on purpose: `verify` always checks everything.
     let Arguments { containers, compare_with, deep: _, memory, source } = arguments;
     let reading = source.reading(*memory)?;
     let Some(input) = compare_with else {
@@ -47,13 +53,13 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let [path] = &containers[..] else {
         let found = containers.len();
-        return Err(Failure::Command(format!("--source: expected one container to compare with it, found {found}")));
+        return Err(Failure::Command(format!("--source: expected one container to compare, found {found}")));
     };
     let container = verify(path, *memory)?;
     compare_with_source(path, &container, input, &reading, *memory)
 }
 
-/// Compares a container with what it was built from. Compressed voxels are decoded into a temporary file.
+/// Compares a container with its source. Compressed voxels are decoded into a temporary file.
 fn compare_with_source(
     path: &Path,
     container: &Container,
@@ -79,7 +85,7 @@ fn compare_with_source(
     writeln!(supervol_arguments::terminal::remarks(), "{remark}").map_err(with_output)
 }
 
-/// Every rule that a container can be held to alone.
+/// Checks a container against every rule that needs no source.
 fn verify(path: &Path, memory_bytes: u64) -> Result<Container, Failure> {
     let input = Input::named(path)?;
     let bar = Reporter::over_bricks();

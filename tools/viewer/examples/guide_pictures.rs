@@ -15,7 +15,7 @@ use supervol_preprocess::kept::Reading;
 use supervol_scene::scene::Scene;
 use supervol_viewer::Launch;
 use supervol_viewer::folders::Folders;
-use supervol_viewer::remembered::{Remembered, Theme};
+use supervol_viewer::saved_settings::{SavedSettings, Theme};
 use supervol_viewer::viewer::Viewer;
 use supervol_viewer::worker::Settings;
 
@@ -38,7 +38,7 @@ impl Artist {
             settings: Settings::default(),
             folders: Folders::default(),
         };
-        let viewer = Viewer::new(launch, Remembered { theme, ..Remembered::default() });
+        let viewer = Viewer::new(launch, SavedSettings { theme, ..SavedSettings::default() });
         let harness = Harness::builder()
             .with_size(size)
             .with_render_cursor(false)
@@ -52,7 +52,7 @@ impl Artist {
     fn rest(&mut self) -> Result<(), String> {
         let start = Instant::now();
         self.harness.run_steps(3);
-        while !(self.harness.state().is_at_rest() && self.harness.state().opened().is_some()) {
+        while !(self.harness.state().is_idle() && self.harness.state().opened().is_some()) {
             self.harness.step();
             std::thread::sleep(Duration::from_millis(5));
             if start.elapsed() > PATIENCE {

@@ -19,11 +19,11 @@ use std::time::{Duration, Instant};
 use supervol_preprocess::kept::Reading;
 use supervol_runtime::render::options::Backend;
 use supervol_runtime::render::process::cpu_time;
-use supervol_scene::preset::section::{face_on, plane_across};
 use supervol_scene::scene::Scene;
+use supervol_scene::scene::section::{face_on, plane_across};
 use supervol_scene::slices::{Interpolation, SliceSpec};
 use supervol_viewer::folders::Folders;
-use supervol_viewer::worker::{Beside, Frame, Message, News, Open, Opened, Settings, View, Worker};
+use supervol_viewer::worker::{Frame, Message, Messages, Open, OpenVolume, Settings, SidePanels, View, Worker};
 use supervol_viewer::{edit, navigate};
 
 const DRAG_STEPS: usize = 180;
@@ -35,7 +35,7 @@ const PATIENCE: Duration = Duration::from_secs(600);
 
 struct Hand {
     worker: Worker,
-    rung: crossbeam_channel::Receiver<()>,
+    request_added: crossbeam_channel::Receiver<()>,
     number: u64,
     /// The last received picture.
     last: Option<Frame>,
@@ -43,17 +43,17 @@ struct Hand {
 
 impl Hand {
     /// Waits for messages that contain a wanted item.
-    fn wait<T>(&self, mut take: impl FnMut(News) -> Option<T>) -> Result<T, String> {
+    fn wait<T>(&self, mut take: impl FnMut(Messages) -> Option<T>) -> Result<T, String> {
         let start = Instant::now();
         loop {
             // The channel may hold a signal of older messages. Nothing is missed, because the signal is sent after the
             // messages are stored.
-            let _ = self.rung.recv_timeout(Duration::from_secs(1));
-            let mut news = self.worker.news();
-            if let Some(Message::Failure(message)) = news.message.take() {
+            let _ = self.request_added.recv_timeout(Duration::from_secs(1));
+            let mut messages = self.worker.messages();
+            if let Some(Message::Failure(message)) = messages.message.take() {
                 return Err(message);
             }
-            if let Some(found) = take(news) {
+            if let Some(found) = take(messages) {
                 return Ok(found);
             }
             if start.elapsed() > PATIENCE {
@@ -63,20 +63,20 @@ impl Hand {
     }
 
     /// Requests a scene; returns the milliseconds to its first picture.
-    fn wish(&mut self, opened: &Opened, scene: &Scene) -> Result<f64, String> {
+    fn request(&mut self, opened: &OpenVolume, scene: &Scene) -> Result<f64, String> {
         self.number += 1;
         let (start, number) = (Instant::now(), self.number);
         self.worker.view(View { number, volume: opened.number, scene: scene.clone() });
-        self.last = Some(self.wait(|news| news.frame.filter(|frame| frame.number == number))?);
+        self.last = Some(self.wait(|messages| messages.frame.filter(|frame| frame.number == number))?);
         Ok(start.elapsed().as_secs_f64() * 1e3)
     }
 
     /// Requests a section; returns the milliseconds to its first picture and to the converged one.
-    fn wish_section(&mut self, opened: &Opened, scene: &Scene) -> Result<[f64; 2], String> {
+    fn request_section(&mut self, opened: &OpenVolume, scene: &Scene) -> Result<[f64; 2], String> {
         self.number += 1;
         let (start, number) = (Instant::now(), self.number);
         self.worker.section(AXIS, View { number, volume: opened.number, scene: scene.clone() });
-        let section = |mut news: News| news.sections[AXIS].take().filter(|frame| frame.number == number);
+        let section = |mut messages: Messages| messages.sections[AXIS].take().filter(|frame| frame.number == number);
         let mut frame = self.wait(section)?;
         let first = start.elapsed().as_secs_f64() * 1e3;
         while !frame.is_converged {
@@ -89,7 +89,7 @@ impl Hand {
     fn rest(&mut self) -> Result<f64, String> {
         let last = match self.last.take() {
             Some(frame) if frame.is_converged => frame,
-            _ => self.wait(|news| news.frame.filter(|frame| frame.is_converged))?,
+            _ => self.wait(|messages| messages.frame.filter(|frame| frame.is_converged))?,
         };
         Ok(self.last.insert(last).spent_ms)
     }
@@ -115,11 +115,11 @@ fn milliseconds(time: Duration) -> f64 {
 #[allow(clippy::print_stdout, reason = "it is what this program is for")]
 fn sections(
     hand: &mut Hand,
-    opened: &Opened,
+    opened: &OpenVolume,
     settings: Settings,
     [width, height]: [u32; 2],
 ) -> Result<[Vec<f64>; 2], String> {
-    hand.worker.set(Settings { beside: Beside::Panels, ..settings });
+    hand.worker.set(Settings { side_panels: SidePanels::Shown, ..settings });
     let facts = &opened.facts;
     let (cpu, mut times) = (cpu_time(), [Vec::new(), Vec::new()]);
     for step in 0..SECTION_STEPS {
@@ -130,7 +130,7 @@ fn sections(
         let mut open = Scene { samples_per_pixel: Some(1), ..Scene::default() };
         (open.image.width, open.image.height) = (width, height);
         let scene = face_on(&open, facts, slice, 1.0).ok_or("there is no such section")?.complete(facts, None);
-        for (times, time) in times.iter_mut().zip(hand.wish_section(opened, &scene)?) {
+        for (times, time) in times.iter_mut().zip(hand.request_section(opened, &scene)?) {
             times.push(time);
         }
     }
@@ -153,23 +153,23 @@ fn run() -> Result<(), String> {
     settings.host_memory_bytes = number(2).map_or(settings.host_memory_bytes, |mebibytes| mebibytes << 20);
 
     let start = Instant::now();
-    let (ring, rung) = crossbeam_channel::bounded(1);
+    let (ring, request_added) = crossbeam_channel::bounded(1);
     let worker = Worker::start(settings, Folders::default(), move || {
         // One pending signal suffices.
         let _ = ring.try_send(());
     })
     .map_err(|e| e.to_string())?;
-    let mut hand = Hand { worker, rung, number: 0, last: None };
+    let mut hand = Hand { worker, request_added, number: 0, last: None };
     hand.worker.open(Open {
         path: path.into(),
         reading: Reading::default(),
         exaggeration: 1.0,
         scene: Scene::default(),
     });
-    let opened = hand.wait(|news| news.opened)?;
+    let opened = hand.wait(|messages| messages.opened)?;
     let mut scene = opened.scene.clone();
     (scene.image.width, scene.image.height) = (width, height);
-    hand.wish(&opened, &scene)?;
+    hand.request(&opened, &scene)?;
     println!("first picture: {:.0} ms after the start", start.elapsed().as_secs_f64() * 1e3);
 
     let stage = edit::stage(&opened.facts);
@@ -180,7 +180,7 @@ fn run() -> Result<(), String> {
     let mut dragged = Vec::new();
     for _ in 0..DRAG_STEPS {
         turn(&mut scene);
-        dragged.push(hand.wish(&opened, &scene)?);
+        dragged.push(hand.request(&opened, &scene)?);
     }
     println!("dragged: {:.0} ms of processor time a step", milliseconds(cpu_time() - cpu) / DRAG_STEPS as f64);
     tell("dragged", &mut dragged);
@@ -189,7 +189,7 @@ fn run() -> Result<(), String> {
     for _ in 0..SINGLE_STEPS {
         hand.rest()?;
         turn(&mut scene);
-        single.push(hand.wish(&opened, &scene)?);
+        single.push(hand.request(&opened, &scene)?);
         converged.push(hand.rest()?);
     }
     tell("from rest", &mut single);

@@ -25,7 +25,7 @@ const LEAST_ACROSS: f64 = 0.1;
 
 /// A quantity that a handle changes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Grip {
+pub enum HandleKind {
     /// A face of the crop box: axis of the grid; lower (0) or upper (1) face.
     Face(usize, usize),
     /// Offset of a clip plane, by its index.
@@ -46,7 +46,7 @@ pub enum Grip {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Handle {
     /// The quantity that it changes.
-    pub grip: Grip,
+    pub kind: HandleKind,
     /// World position.
     pub at: DVec3,
     /// World position of the point that a line connects with the handle, if there is one.
@@ -76,7 +76,7 @@ fn diagonal(facts: &VolumeFacts) -> f64 {
 /// Adds a clip plane through the volume's middle that removes the half towards the camera, so that the cut is visible.
 pub fn add_plane(scene: &mut Scene, facts: &VolumeFacts) -> Result<(), String> {
     if scene.clip.planes.len() >= PLANE_LIMIT {
-        return Err(format!("at most {PLANE_LIMIT} clip planes"));
+        return Err(format!("expected at most {PLANE_LIMIT} clip planes"));
     }
     let forward = scene.camera.as_ref().map(|camera| DVec3::from_array(camera.target) - DVec3::from_array(camera.eye));
     let normal = forward.and_then(unit_vector).unwrap_or(DVec3::Z);
@@ -106,7 +106,7 @@ pub fn add_solid(scene: &mut Scene, facts: &VolumeFacts, kind: NewSolid) -> Resu
 /// Adds a given solid.
 pub fn push_solid(scene: &mut Scene, solid: SolidSpec) -> Result<(), String> {
     if scene.clip.solids.len() >= SOLID_LIMIT {
-        return Err(format!("at most {SOLID_LIMIT} solids"));
+        return Err(format!("expected at most {SOLID_LIMIT} solids"));
     }
     scene.clip.solids.push(solid);
     Ok(())
@@ -162,7 +162,11 @@ pub fn handles(scene: &Scene, facts: &VolumeFacts, camera: &CameraSpec) -> Vec<H
         for end in 0..2 {
             let mut face: [f64; 3] = std::array::from_fn(|a| 0.5 * (ends[0][a] + ends[1][a]));
             face[axis] = ends[end][axis];
-            found.push(Handle { grip: Grip::Face(axis, end), at: world.transform_point3(face.into()), root: None });
+            found.push(Handle {
+                kind: HandleKind::Face(axis, end),
+                at: world.transform_point3(face.into()),
+                root: None,
+            });
         }
     }
     let (arrow, right) = (ARROW * diagonal(facts), navigate::right_of(camera));
@@ -175,20 +179,20 @@ pub fn handles(scene: &Scene, facts: &VolumeFacts, camera: &CameraSpec) -> Vec<H
     };
     for (i, slice) in scene.slices.iter().enumerate() {
         let Some((foot, normal)) = grasp(&plane_of(slice)) else { continue };
-        found.push(Handle { grip: Grip::Slice(i), at: foot, root: None });
+        found.push(Handle { kind: HandleKind::Slice(i), at: foot, root: None });
         if planes::place_of(slice, facts).axis.is_none() {
-            found.push(Handle { grip: Grip::SliceArrow(i), at: foot + arrow * normal, root: Some(foot) });
+            found.push(Handle { kind: HandleKind::SliceArrow(i), at: foot + arrow * normal, root: Some(foot) });
         }
     }
     for (i, plane) in clip.planes.iter().enumerate() {
         let Some((foot, normal)) = grasp(plane) else { continue };
-        found.push(Handle { grip: Grip::Plane(i), at: foot, root: None });
-        found.push(Handle { grip: Grip::Arrow(i), at: foot + arrow * normal, root: Some(foot) });
+        found.push(Handle { kind: HandleKind::Plane(i), at: foot, root: None });
+        found.push(Handle { kind: HandleKind::Arrow(i), at: foot + arrow * normal, root: Some(foot) });
     }
     for (i, solid) in clip.solids.iter().enumerate() {
         let Some((center, reach)) = extent(solid) else { continue };
-        found.push(Handle { grip: Grip::Middle(i), at: center, root: None });
-        found.push(Handle { grip: Grip::Size(i), at: center + reach * right, root: Some(center) });
+        found.push(Handle { kind: HandleKind::Middle(i), at: center, root: None });
+        found.push(Handle { kind: HandleKind::Size(i), at: center + reach * right, root: Some(center) });
     }
     found
 }
@@ -204,8 +208,8 @@ pub fn moved(scene: &Scene, facts: &VolumeFacts, camera: &CameraSpec, handle: &H
         let across = direction - direction.dot(forward) * forward;
         if across.length() < LEAST_ACROSS { 0.0 } else { by.dot(across) / across.length_squared() }
     };
-    match handle.grip {
-        Grip::Face(axis, end) => {
+    match handle.kind {
+        HandleKind::Face(axis, end) => {
             let edge = facts.geometry.linear().col(axis);
             let voxels = along(edge.normalize_or_zero()) / edge.length();
             let mut kept = edit::kept_voxels(scene, facts);
@@ -215,18 +219,18 @@ pub fn moved(scene: &Scene, facts: &VolumeFacts, camera: &CameraSpec, handle: &H
             kept[axis][end] = if end == 0 { place.min(kept[axis][1]) } else { place.max(kept[axis][0]) };
             edit::keep_voxels(&mut after, facts, kept);
         }
-        Grip::Plane(i) => {
+        HandleKind::Plane(i) => {
             if let Some(plane) = after.clip.planes.get_mut(i) {
                 let normal = DVec3::from_array(plane.normal);
                 plane.offset += along(normal.normalize_or_zero()) * normal.length();
             }
         }
-        Grip::Arrow(i) => {
+        HandleKind::Arrow(i) => {
             if let (Some(plane), Some(turned)) = (after.clip.planes.get_mut(i), turned(handle, by)) {
                 *plane = turned;
             }
         }
-        Grip::Slice(i) => {
+        HandleKind::Slice(i) => {
             if let Some(slice) = after.slices.get_mut(i) {
                 let place = planes::place_of(slice, facts);
                 let way = along(DVec3::from_array(slice.normal).normalize_or_zero());
@@ -242,13 +246,13 @@ pub fn moved(scene: &Scene, facts: &VolumeFacts, camera: &CameraSpec, handle: &H
                 }
             }
         }
-        Grip::SliceArrow(i) => {
+        HandleKind::SliceArrow(i) => {
             if let (Some(slice), Some(turned)) = (after.slices.get_mut(i), turned(handle, by)) {
                 (slice.normal, slice.offset) = (turned.normal, turned.offset);
             }
         }
-        Grip::Middle(i) => after.clip.solids.get_mut(i).into_iter().for_each(|solid| shift(solid, by)),
-        Grip::Size(i) => {
+        HandleKind::Middle(i) => after.clip.solids.get_mut(i).into_iter().for_each(|solid| shift(solid, by)),
+        HandleKind::Size(i) => {
             let least = LEAST_RADIUS * diagonal(facts);
             let by = by.dot(navigate::right_of(camera));
             after.clip.solids.get_mut(i).into_iter().for_each(|solid| resize(solid, by, least));
@@ -308,28 +312,28 @@ mod tests {
         }
     }
 
-    fn handle(scene: &Scene, grip: Grip) -> Handle {
+    fn handle(scene: &Scene, kind: HandleKind) -> Handle {
         let found = handles(scene, &facts(), &camera());
-        *found.iter().find(|handle| handle.grip == grip).expect("it is there")
+        *found.iter().find(|handle| handle.kind == kind).expect("it is there")
     }
 
-    fn drag(scene: &mut Scene, grip: Grip, by: [f64; 3]) {
-        *scene = moved(scene, &facts(), &camera(), &handle(scene, grip), by.into());
+    fn drag(scene: &mut Scene, kind: HandleKind, by: [f64; 3]) {
+        *scene = moved(scene, &facts(), &camera(), &handle(scene, kind), by.into());
         scene.validate().expect("a scene");
     }
 
     #[test]
     fn faces_of_the_crop_box_are_moved_voxel_by_voxel() {
         let mut scene = Scene::default();
-        assert_eq!(handle(&scene, Grip::Face(0, 1)).at, DVec3::new(19.0, 9.5, 9.75));
-        drag(&mut scene, Grip::Face(0, 1), [-6.3, 0.0, 0.0]);
+        assert_eq!(handle(&scene, HandleKind::Face(0, 1)).at, DVec3::new(19.0, 9.5, 9.75));
+        drag(&mut scene, HandleKind::Face(0, 1), [-6.3, 0.0, 0.0]);
         assert_eq!(edit::kept_voxels(&scene, &facts()), [[0, 6], [0, 19], [0, 39]]);
-        drag(&mut scene, Grip::Face(0, 0), [100.0, 0.0, 0.0]);
+        drag(&mut scene, HandleKind::Face(0, 0), [100.0, 0.0, 0.0]);
         assert_eq!(edit::kept_voxels(&scene, &facts())[0], [6, 6], "no farther than the other face");
-        drag(&mut scene, Grip::Face(2, 0), [0.0, 0.0, 2.0]);
+        drag(&mut scene, HandleKind::Face(2, 0), [0.0, 0.0, 2.0]);
         assert_eq!(edit::kept_voxels(&scene, &facts())[2], [4, 39]);
         let before = scene.clone();
-        drag(&mut scene, Grip::Face(1, 0), [3.0, 0.0, 3.0]);
+        drag(&mut scene, HandleKind::Face(1, 0), [3.0, 0.0, 3.0]);
         assert_eq!(scene, before, "along the view nothing can be moved");
         let corners = crop_corners(&scene.clip, &facts());
         assert_eq!((corners[0], corners[7]), (DVec3::new(11.0, -0.5, 1.75), DVec3::new(13.0, 19.5, 19.75)));
@@ -340,20 +344,20 @@ mod tests {
         let mut scene = Scene { camera: Some(camera()), ..Scene::default() };
         add_plane(&mut scene, &facts()).unwrap();
         assert_eq!(scene.clip.planes[0], PlaneSpec { normal: [0.0, 1.0, 0.0], offset: 9.5 });
-        drag(&mut scene, Grip::Plane(0), [5.0, 0.0, 5.0]);
+        drag(&mut scene, HandleKind::Plane(0), [5.0, 0.0, 5.0]);
         assert_eq!(scene.clip.planes[0].offset, 9.5, "along the view nothing can be moved");
         // Turns the plane by moving the arrow's tip as far as it is long.
-        let tip = handle(&scene, Grip::Arrow(0));
+        let tip = handle(&scene, HandleKind::Arrow(0));
         let length = (tip.at - tip.root.unwrap()).length();
-        drag(&mut scene, Grip::Arrow(0), [length, 0.0, 0.0]);
+        drag(&mut scene, HandleKind::Arrow(0), [length, 0.0, 0.0]);
         let PlaneSpec { normal, offset } = scene.clip.planes[0];
         let half = 0.5f64.sqrt();
         assert!((DVec3::from_array(normal) - DVec3::new(half, half, 0.0)).length() < 1e-12);
         assert!((offset - DVec3::from_array(normal).dot(tip.root.unwrap())).abs() < 1e-12, "its root stays");
         // For a plane seen at an angle, the handle stays under the mouse.
-        let before = handle(&scene, Grip::Plane(0)).at;
-        drag(&mut scene, Grip::Plane(0), [3.0, 0.0, 0.0]);
-        assert!((handle(&scene, Grip::Plane(0)).at.x - before.x - 3.0).abs() < 1e-9);
+        let before = handle(&scene, HandleKind::Plane(0)).at;
+        drag(&mut scene, HandleKind::Plane(0), [3.0, 0.0, 0.0]);
+        assert!((handle(&scene, HandleKind::Plane(0)).at.x - before.x - 3.0).abs() < 1e-9);
         (1..PLANE_LIMIT).for_each(|_| add_plane(&mut scene, &facts()).unwrap());
         assert!(add_plane(&mut scene, &facts()).unwrap_err().contains("at most"));
     }
@@ -363,18 +367,18 @@ mod tests {
         let mut scene = Scene { mode: Some(Mode::Dvr), ..Scene::default() };
         planes::add(&mut scene, &facts(), Some(2)).unwrap();
         planes::add(&mut scene, &facts(), None).unwrap();
-        drag(&mut scene, Grip::Slice(0), [9.0, 0.0, 1.2]);
+        drag(&mut scene, HandleKind::Slice(0), [9.0, 0.0, 1.2]);
         // Voxels are half as high as long; the slice was at voxel 20.
         assert_eq!(planes::place_of(&scene.slices[0], &facts()).at, 22.0);
-        drag(&mut scene, Grip::Slice(0), [0.0, 0.0, 1e6]);
+        drag(&mut scene, HandleKind::Slice(0), [0.0, 0.0, 1e6]);
         assert_eq!(planes::place_of(&scene.slices[0], &facts()).at, 39.0, "no farther than the volume");
         let found = handles(&scene, &facts(), &camera());
-        assert!(!found.iter().any(|handle| handle.grip == Grip::SliceArrow(0)), "it stays across its axis");
+        assert!(!found.iter().any(|handle| handle.kind == HandleKind::SliceArrow(0)), "it stays across its axis");
         let before = scene.slices[1].clone();
-        drag(&mut scene, Grip::SliceArrow(1), [0.0, 0.0, 2.0]);
+        drag(&mut scene, HandleKind::SliceArrow(1), [0.0, 0.0, 2.0]);
         assert!(scene.slices[1].normal[2] > before.normal[2]);
         let place = planes::place_of(&scene.slices[1], &facts()).at;
-        drag(&mut scene, Grip::Slice(1), [0.0, 0.0, 1.0]);
+        drag(&mut scene, HandleKind::Slice(1), [0.0, 0.0, 1.0]);
         assert!(planes::place_of(&scene.slices[1], &facts()).at > place);
     }
 
@@ -384,12 +388,12 @@ mod tests {
             let mut scene = Scene::default();
             add_solid(&mut scene, &facts(), kind).unwrap();
             let (center, reach) = extent(&scene.clip.solids[0]).unwrap();
-            drag(&mut scene, Grip::Middle(0), [1.0, 0.0, -2.0]);
+            drag(&mut scene, HandleKind::Middle(0), [1.0, 0.0, -2.0]);
             let (moved, same) = extent(&scene.clip.solids[0]).unwrap();
             assert!((moved - center - DVec3::new(1.0, 0.0, -2.0)).length() < 1e-12 && same == reach, "{kind:?}");
-            drag(&mut scene, Grip::Size(0), [0.5 * reach, 0.0, 7.0]);
+            drag(&mut scene, HandleKind::Size(0), [0.5 * reach, 0.0, 7.0]);
             assert!((extent(&scene.clip.solids[0]).unwrap().1 - 1.5 * reach).abs() < 1e-9, "{kind:?}");
-            drag(&mut scene, Grip::Size(0), [-100.0 * reach, 0.0, 0.0]);
+            drag(&mut scene, HandleKind::Size(0), [-100.0 * reach, 0.0, 0.0]);
             assert!(extent(&scene.clip.solids[0]).unwrap().1 > 0.0, "{kind:?}");
         }
     }

@@ -2,13 +2,13 @@
 
 use glam::DVec3;
 use supervol_scene::facts::{DataKind, VolumeFacts};
-use supervol_scene::preset::section::Slice;
 use supervol_scene::preset::view::{Direction, View};
 use supervol_scene::preset::{colormap, domain, domain_corners, looks, ramps};
+use supervol_scene::scene::section::Slice;
 use supervol_scene::scene::{CameraSpec, Mode, PointSpec, PointsSpec, Scene, ShadingSpec, TransferFunctionSpec};
 
 use crate::navigate::Stage;
-use crate::worker::Opened;
+use crate::worker::OpenVolume;
 
 /// Most control points that can be edited individually; a function with more is a table.
 pub const POINT_LIMIT: usize = 256;
@@ -24,7 +24,7 @@ pub fn stage(facts: &VolumeFacts) -> Stage {
 /// The camera that frames the visible region from a direction, or from the default direction. `None` if world
 /// coordinates are too coarse for cameras; such a scene leaves its camera open.
 #[must_use]
-pub fn camera_from(scene: &Scene, opened: &Opened, direction: Option<Direction>) -> Option<CameraSpec> {
+pub fn camera_from(scene: &Scene, opened: &OpenVolume, direction: Option<Direction>) -> Option<CameraSpec> {
     scene.camera.as_ref()?;
     let facts = &opened.facts;
     let view = direction.map_or_else(|| View::of(facts), |direction| View::from(facts, direction));
@@ -61,7 +61,7 @@ pub fn write_out(scene: &mut Scene, facts: &VolumeFacts) {
 
 /// The default picture of a kind of data, with the present camera.
 #[must_use]
-pub fn with_kind(scene: &Scene, opened: &Opened, kind: DataKind) -> Scene {
+pub fn with_kind(scene: &Scene, opened: &OpenVolume, kind: DataKind) -> Scene {
     let facts = VolumeFacts { kind, ..opened.facts.clone() };
     let open = Scene {
         camera: scene.camera.clone(),
@@ -74,7 +74,7 @@ pub fn with_kind(scene: &Scene, opened: &Opened, kind: DataKind) -> Scene {
 
 /// The default picture of a mode, as `render --mode` draws it: with shading for solid data, with a surface for `iso`.
 #[must_use]
-pub fn with_mode(scene: &Scene, opened: &Opened, mode: Mode) -> Scene {
+pub fn with_mode(scene: &Scene, opened: &OpenVolume, mode: Mode) -> Scene {
     let (facts, overview) = (&opened.facts, opened.overview.as_ref());
     let usual = with_kind(scene, opened, facts.kind);
     if usual.mode == Some(mode) {
@@ -178,7 +178,7 @@ pub fn remove_point(points: &mut Vec<PointSpec>, i: usize) {
 
 /// One slice inside the scene's clip box, face on, as `render --slice` shows it. `None` if nothing of it is left.
 #[must_use]
-pub fn sliced(scene: &Scene, opened: &Opened, axis: usize, at: u64) -> Option<Scene> {
+pub fn sliced(scene: &Scene, opened: &OpenVolume, axis: usize, at: u64) -> Option<Scene> {
     let facts = &opened.facts;
     let open = Scene { image: scene.image.clone(), clip: scene.clip.clone(), ..Scene::default() };
     let slice = Slice { axis, at: at as f64, slab: None, zoom: 1.0 };

@@ -15,21 +15,21 @@
 //! - `sections`: content of the panels beside the picture.
 //! - `history`: undo. `command`: the list of keys. `preview`: from a preview to the volume.
 //! - [`worker`]: the thread that opens, builds, draws and exports.
-//! - `errand`: short tasks on a thread of their own (listing folders, small files).
-//! - `folders`, `remembered`: cache folder and settings that persist between sessions.
+//! - `background_task`: short tasks on a thread of their own (listing folders, small files).
+//! - `folders`, `saved_settings`: cache folder and settings that persist between sessions.
 //! - this file: the window.
 
+mod background_task;
 pub mod command;
 pub mod cutting;
 pub mod edit;
-mod errand;
 pub mod folders;
 pub mod history;
 pub mod navigate;
 mod panels;
 pub mod planes;
 mod preview;
-pub mod remembered;
+pub mod saved_settings;
 pub mod sections;
 pub mod viewer;
 pub mod worker;
@@ -42,7 +42,7 @@ use supervol_preprocess::kept::Reading;
 use supervol_scene::scene::Scene;
 
 use crate::folders::Folders;
-use crate::remembered::Remembered;
+use crate::saved_settings::SavedSettings;
 use crate::viewer::Viewer;
 use crate::worker::Settings;
 
@@ -71,15 +71,15 @@ pub struct Launch {
 #[allow(missing_docs, reason = "the messages say it")]
 pub enum ViewerError {
     #[error(
-        "no window can be opened: {0}\n\
-         A desktop (X11 or Wayland) must be running, and DISPLAY or WAYLAND_DISPLAY must name it. On Debian and Ubuntu, install what \
-         windows need: apt install libxkbcommon-x11-0 libxcursor1 libxi6 libxrandr2 libwayland-client0. Without a desktop, \
-         `supervol render` draws the same pictures"
+        "cannot open a window: {0}\n\
+         The viewer needs a desktop (X11 or Wayland), named by DISPLAY or WAYLAND_DISPLAY. On Debian and Ubuntu, install its \
+         libraries: apt install libxkbcommon-x11-0 libxcursor1 libxi6 libxrandr2 libwayland-client0. Without a desktop, use \
+         `supervol render`: it draws the same pictures"
     )]
     Window(String),
     #[error(
-        "the window has nothing to draw with: {0}\n\
-         A Vulkan driver is needed; one that needs no graphics card will do. On Debian and Ubuntu: apt install \
+        "cannot draw in the window: {0}\n\
+         The viewer needs a Vulkan driver; a software driver suffices. On Debian and Ubuntu: apt install \
          mesa-vulkan-drivers libvulkan1. On Fedora: dnf install mesa-vulkan-drivers vulkan-loader"
     )]
     Graphics(String),
@@ -99,11 +99,11 @@ impl From<eframe::Error> for ViewerError {
 /// # Errors
 /// If there is no desktop or no graphics device.
 pub fn run(launch: Launch) -> Result<(), ViewerError> {
-    let remembered = Remembered::read(&launch.folders);
+    let saved = SavedSettings::read(&launch.folders);
     let viewport = egui::ViewportBuilder::default()
         .with_title("Supervol")
         .with_app_id("supervol")
-        .with_inner_size(remembered.window.unwrap_or(WINDOW))
+        .with_inner_size(saved.window.unwrap_or(WINDOW))
         .with_min_inner_size(LEAST_WINDOW);
     let options = eframe::NativeOptions {
         viewport,
@@ -114,14 +114,14 @@ pub fn run(launch: Launch) -> Result<(), ViewerError> {
     };
     // winit panics if a library that it loads at run time is missing, for example X11's keyboard library.
     let opened = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
-        eframe::run_native("supervol", options, Box::new(|_| Ok(Box::new(Window(Viewer::new(launch, remembered))))))
+        eframe::run_native("supervol", options, Box::new(|_| Ok(Box::new(Window(Viewer::new(launch, saved))))))
     }));
     match opened {
         Ok(result) => Ok(result?),
         Err(panic) => {
             let message = panic.downcast_ref::<String>().cloned();
             let message = message.or_else(|| panic.downcast_ref::<&str>().map(|text| (*text).to_owned()));
-            Err(ViewerError::Window(message.unwrap_or_else(|| "the desktop's libraries cannot be used".into())))
+            Err(ViewerError::Window(message.unwrap_or_else(|| "the libraries of the desktop failed".into())))
         }
     }
 }
@@ -142,6 +142,6 @@ impl eframe::App for Window {
     }
 
     fn on_exit(&mut self) {
-        self.0.remember();
+        self.0.save_settings();
     }
 }

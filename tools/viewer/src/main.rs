@@ -6,7 +6,7 @@ use std::num::NonZero;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use supervol_arguments::allocation::OrEnd;
+use supervol_arguments::allocation::ExitOnOutOfMemory;
 use supervol_arguments::failure::Failure;
 use supervol_arguments::program::CommandLine;
 use supervol_arguments::scene::read_scene;
@@ -25,7 +25,7 @@ enum Command {
 }
 
 #[global_allocator]
-static ALLOCATOR: OrEnd = OrEnd;
+static ALLOCATOR: ExitOnOutOfMemory = ExitOnOutOfMemory;
 
 fn main() -> ExitCode {
     CommandLine::<Command>::parse().run(|| (), |Command::View(arguments)| view(&arguments))
@@ -38,7 +38,11 @@ fn view(arguments: &Arguments) -> Result<(), Failure> {
         Some(file) if is_container(file) => refuse_for_container(&reading, file)?,
         Some(_) => (),
         None if reading.is_default() => (),
-        None => return Err(Failure::command("options for volume files belong to a file: name it, too")),
+        None => {
+            return Err(Failure::command(
+                "options that describe volume files need a file to describe: name the file, too",
+            ));
+        }
     }
     let scene = arguments.scene.as_deref().map(read_scene).transpose()?.unwrap_or_default();
     let settings = Settings {

@@ -7,12 +7,12 @@ use glam::DVec3;
 use supervol_format::Geometry;
 use supervol_scene::camera::unit_vector;
 use supervol_scene::facts::VolumeFacts;
-use supervol_scene::preset::section::plane_across;
 use supervol_scene::preset::{colormap, domain_corners, ramps};
+use supervol_scene::scene::section::plane_across;
 use supervol_scene::scene::{Mode, PointSpec, PointsSpec, Scene};
 use supervol_scene::slices::{ColorSpec, Interpolation, SLICE_LIMIT, SliceSpec};
 
-use crate::worker::Opened;
+use crate::worker::OpenVolume;
 
 /// Greatest distance between unit normals that count as equal: numbers in scene files are rounded.
 const SAME_NORMAL: f64 = 1e-9;
@@ -40,7 +40,7 @@ pub fn has_depth(mode: Mode) -> bool {
 
 /// Name of an axis of the grid. For patients, the name of the section across it.
 #[must_use]
-pub fn axis_name(opened: &Opened, axis: usize) -> String {
+pub fn axis_name(opened: &OpenVolume, axis: usize) -> String {
     let name = &opened.container.manifest().axes[axis].name;
     let name = if name.is_empty() { ["i", "j", "k"][axis].into() } else { name.clone() };
     if !opened.facts.frame.is_patient() {
@@ -55,10 +55,10 @@ pub fn axis_name(opened: &Opened, axis: usize) -> String {
 /// cannot.
 pub fn add(scene: &mut Scene, facts: &VolumeFacts, axis: Option<usize>) -> Result<(), String> {
     if !has_depth(scene.mode.unwrap_or_default()) {
-        return Err("projections know no depth: choose Volume or Iso first".into());
+        return Err("projections have no depth: choose Volume or Iso first".into());
     }
     if scene.slices.len() >= SLICE_LIMIT {
-        return Err(format!("at most {SLICE_LIMIT} slices"));
+        return Err(format!("expected at most {SLICE_LIMIT} slices"));
     }
     let (normal, offset) = match axis {
         Some(axis) => plane_across(facts, axis, (facts.dims.0[axis] / 2) as f64),

@@ -2,13 +2,13 @@
 
 use supervol_scene::scene::{ImageSpec, Scene};
 
-use crate::worker::Opened;
+use crate::worker::OpenVolume;
 
 /// The scene of a volume that replaces its preview. `now` is the preview's present scene, `begun` its first one.
 ///
 /// Camera, planes, solids and colours keep their positions. The look is the volume's own unless the user has changed
 /// it. `preview_of` is the distance of the preview's voxels along each axis, in voxels of the volume.
-pub(crate) fn carried(now: &Scene, begun: &Scene, preview_of: [u64; 3], opened: &Opened) -> Scene {
+pub(crate) fn carry_over(now: &Scene, begun: &Scene, preview_of: [u64; 3], opened: &OpenVolume) -> Scene {
     let look = |scene: &Scene| Scene { camera: None, image: ImageSpec::default(), ..scene.clone() };
     if look(now) == look(begun) {
         return Scene { camera: now.camera.clone(), ..opened.scene.clone() };

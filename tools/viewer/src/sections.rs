@@ -10,11 +10,11 @@ use serde::{Deserialize, Serialize};
 use supervol_runtime::render::renderer::Picked;
 use supervol_runtime::render::stats::FrameStats;
 use supervol_scene::facts::VolumeFacts;
-use supervol_scene::preset::section::{face_on, plane_across};
+use supervol_scene::scene::section::{face_on, plane_across};
 use supervol_scene::scene::{CameraSpec, ImageSpec, Scene};
 use supervol_scene::slices::{Interpolation, SliceSpec};
 
-use crate::worker::{Opened, PANELS, Probe, Probed};
+use crate::worker::{OpenVolume, PANELS, Probe, ProbeAnswer};
 use crate::{navigate, planes};
 
 /// Greatest distance, in voxels, between the cursor and a slice in the picture that moves with it.
@@ -87,7 +87,7 @@ impl Panel {
     }
 
     /// Whether the picture on the screen is that of `scene`.
-    fn is_at_rest(&self) -> bool {
+    fn is_idle(&self) -> bool {
         match (&self.scene, &self.sent, &self.shown) {
             (None, ..) => true,
             (Some(scene), Some((_, sent, number)), Some(shown)) => {
@@ -109,10 +109,10 @@ pub struct Sections {
     /// Panels by axis.
     pub(crate) panels: [Panel; PANELS],
     /// Number of requests made so far.
-    pub(crate) wishes: u64,
+    pub(crate) requests: u64,
     /// Last probe of a pixel, and the last answer.
     pub(crate) asked: Option<Probe>,
-    pub(crate) answered: Option<Probed>,
+    pub(crate) answered: Option<ProbeAnswer>,
     /// Number of the probe whose answer moves the cursor.
     pub(crate) moving: Option<u64>,
 }
@@ -132,7 +132,7 @@ impl Default for Sections {
             cursor: [0.0; 3],
             look,
             panels: Default::default(),
-            wishes: 0,
+            requests: 0,
             asked: None,
             answered: None,
             moving: None,
@@ -166,20 +166,20 @@ impl Sections {
 
     /// Answer to the last probe; `None` until it is known.
     #[must_use]
-    pub fn probed(&self) -> Option<&Probed> {
+    pub fn probed(&self) -> Option<&ProbeAnswer> {
         let asked = self.asked.map(|probe| probe.number);
         self.answered.as_ref().filter(|probed| Some(probed.probe.number) == asked)
     }
 
     /// Whether all panels show their final pictures.
     #[must_use]
-    pub fn are_at_rest(&self) -> bool {
-        (0..PANELS).all(|axis| self.panel(axis).is_none_or(Panel::is_at_rest))
+    pub fn are_idle(&self) -> bool {
+        (0..PANELS).all(|axis| self.panel(axis).is_none_or(Panel::is_idle))
     }
 
     /// Scene of a panel in a picture of this size; `None` if nothing can be shown.
     #[must_use]
-    pub fn scene_of(&self, axis: usize, opened: &Opened, image: &ImageSpec) -> Option<Scene> {
+    pub fn scene_of(&self, axis: usize, opened: &OpenVolume, image: &ImageSpec) -> Option<Scene> {
         let facts = &opened.facts;
         let (normal, offset) = plane_across(facts, axis, self.cursor[axis]);
         let slice = SliceSpec { normal, offset, ..self.look.clone() };
@@ -245,7 +245,7 @@ impl Sections {
 
 /// Description of a point: value with unit, voxel, world position; for a survey also its lines and its time or depth.
 #[must_use]
-pub fn told_of(picked: &Picked, opened: &Opened) -> String {
+pub fn describe_point(picked: &Picked, opened: &OpenVolume) -> String {
     let manifest = opened.container.manifest();
     let list = |places: [f64; 3], steps: [f64; 3]| [0, 1, 2].map(|a| place(places[a], steps[a])).join(", ");
     let value =

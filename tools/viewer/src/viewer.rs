@@ -16,15 +16,15 @@ use supervol_scene::scene::{Mode, Scene};
 use crate::command::{self, Command};
 use crate::folders::Folders;
 use crate::history::History;
-use crate::panels::animate::Keys;
-use crate::panels::status::Room;
+use crate::panels::animate::KeyFrames;
+use crate::panels::status::StatusHeight;
 use crate::panels::transfer::{self, Transfer};
-use crate::panels::{self, Dialogs, Looks};
-use crate::remembered::{Remembered, Theme};
+use crate::panels::{self, Dialogs, PanelState};
+use crate::saved_settings::{SavedSettings, Theme};
 use crate::sections::{Layout, Sections, Shown};
 use crate::worker::{
-    Beside, Busy, Export, Frame, LookedAhead, Mark, Message, Open, Opened, PANELS, Probed, Settings, View, Worker,
-    refused_of_preview,
+    Busy, Export, Frame, LookedAhead, Mark, Message, Open, OpenVolume, PANELS, ProbeAnswer, Settings, SidePanels, View,
+    Worker, preview_refusal,
 };
 use crate::{Launch, edit, navigate, planes, preview};
 
@@ -57,7 +57,7 @@ pub struct Picture {
 }
 
 /// State of the slice that is shown instead of the volume.
-pub(crate) struct Sliced {
+pub(crate) struct ShownSlice {
     /// The grid's axis across the slice.
     pub(crate) axis: usize,
     /// Voxel along the axis.
@@ -69,7 +69,7 @@ pub(crate) struct Sliced {
 /// The application.
 pub struct Viewer {
     pub(crate) worker: Option<Worker>,
-    pub(crate) opened: Option<Arc<Opened>>,
+    pub(crate) opened: Option<Arc<OpenVolume>>,
     pub(crate) scene: Scene,
     pub(crate) history: History,
     pub(crate) settings: Settings,
@@ -79,14 +79,14 @@ pub struct Viewer {
     pub(crate) busy: Option<Busy>,
     pub(crate) message: Option<Message>,
     pub(crate) dialogs: Dialogs,
-    pub(crate) looks: Looks,
-    pub(crate) slice: Option<Sliced>,
+    pub(crate) panel_state: PanelState,
+    pub(crate) slice: Option<ShownSlice>,
     pub(crate) sections: Sections,
     pub(crate) transfer: Transfer,
-    pub(crate) status_room: Room,
+    pub(crate) status_height: StatusHeight,
     /// Key frames of an animation.
-    pub(crate) keys: Keys,
-    pub(crate) remembered: Remembered,
+    pub(crate) keys: KeyFrames,
+    pub(crate) saved: SavedSettings,
     pub(crate) folders: Folders,
     /// Latencies in milliseconds from requests to their first pictures; the last one is the newest.
     pub(crate) latencies_ms: VecDeque<f64>,
@@ -95,7 +95,7 @@ pub struct Viewer {
     begun: Scene,
     sent: Option<(u64, Scene)>,
     sent_settings: Settings,
-    wishes: u64,
+    requests: u64,
     /// Requests without an answer, and their times.
     unanswered: VecDeque<(u64, Instant)>,
 }
@@ -103,9 +103,9 @@ pub struct Viewer {
 impl Viewer {
     /// A viewer that will open the volume of `launch`. The worker starts with the first frame.
     #[must_use]
-    pub fn new(launch: Launch, remembered: Remembered) -> Self {
-        let beside = beside(remembered.layout);
-        let settings = Settings { decorations: remembered.decorations, beside, ..launch.settings };
+    pub fn new(launch: Launch, saved: SavedSettings) -> Self {
+        let side_panels = side_panels(saved.layout);
+        let settings = Settings { decorations: saved.decorations, side_panels, ..launch.settings };
         Self {
             worker: None,
             opened: None,
@@ -118,20 +118,20 @@ impl Viewer {
             busy: None,
             message: None,
             dialogs: Dialogs::default(),
-            looks: Looks::default(),
+            panel_state: PanelState::default(),
             slice: None,
-            sections: Sections { layout: remembered.layout, ..Sections::default() },
+            sections: Sections { layout: saved.layout, ..Sections::default() },
             transfer: Transfer::default(),
-            status_room: Room::default(),
-            keys: Keys::default(),
-            remembered,
+            status_height: StatusHeight::default(),
+            keys: KeyFrames::default(),
+            saved,
             folders: launch.folders.clone(),
             latencies_ms: VecDeque::new(),
             begun: Scene::default(),
             sent: None,
             sent_settings: settings,
             launch: Some(launch),
-            wishes: 0,
+            requests: 0,
             unanswered: VecDeque::new(),
         }
     }
@@ -156,7 +156,7 @@ impl Viewer {
 
     /// The open volume.
     #[must_use]
-    pub fn opened(&self) -> Option<&Arc<Opened>> {
+    pub fn opened(&self) -> Option<&Arc<OpenVolume>> {
         self.opened.as_ref()
     }
 
@@ -175,7 +175,7 @@ impl Viewer {
     /// Result of looking ahead; `None` if the present picture has not converged or the camera has not moved.
     #[must_use]
     pub fn looked_ahead(&self) -> Option<LookedAhead> {
-        self.ahead.filter(|ahead| ahead.number == self.wishes)
+        self.ahead.filter(|ahead| ahead.number == self.requests)
     }
 
     /// The last failure or success.
@@ -192,15 +192,15 @@ impl Viewer {
 
     /// Whether all work is done: the picture on the screen is that of the present scene, and it has converged.
     #[must_use]
-    pub fn is_at_rest(&self) -> bool {
+    pub fn is_idle(&self) -> bool {
         let is_drawn = self.picture.as_ref().is_some_and(|p| p.is_converged) && self.is_up_to_date();
-        self.busy.is_none() && (self.opened.is_none() || is_drawn && self.sections.are_at_rest())
+        self.busy.is_none() && (self.opened.is_none() || is_drawn && self.sections.are_idle())
     }
 
     /// Whether the picture on the screen shows the present scene, converged or not.
     pub(crate) fn is_up_to_date(&self) -> bool {
         let is_sent = self.sent.as_ref().is_some_and(|(_, scene)| *scene == self.scene);
-        is_sent && self.picture.as_ref().is_some_and(|picture| picture.number == self.wishes)
+        is_sent && self.picture.as_ref().is_some_and(|picture| picture.number == self.requests)
     }
 
     /// Runs one frame.
@@ -216,31 +216,31 @@ impl Viewer {
             self.run(&ctx, command);
         }
         panels::status::show(self, ui);
-        if !self.remembered.panels_hidden {
+        if !self.saved.panels_hidden {
             panels::tools::show(self, ui);
             panels::properties::show(self, ui);
         }
         panels::picture::show(self, ui);
         panels::dialogs::show(self, &ctx);
-        self.note_window(&ctx);
+        self.record_window_size(&ctx);
         self.send(&ctx);
     }
 
     /// Stores the window's size in the persistent settings.
-    fn note_window(&mut self, ctx: &egui::Context) {
+    fn record_window_size(&mut self, ctx: &egui::Context) {
         let (rect, is_full) = ctx.input(|i| (i.viewport().inner_rect, i.viewport().fullscreen.unwrap_or(false)));
         if let Some(rect) = rect.filter(|rect| !is_full && rect.is_finite()) {
-            self.remembered.window = Some(rect.size().into());
+            self.saved.window = Some(rect.size().into());
         }
     }
 
     fn start(&mut self, ctx: &egui::Context) {
         let Some(launch) = self.launch.take() else { return };
-        set_theme(ctx, self.remembered.theme);
+        set_theme(ctx, self.saved.theme);
         let waker = ctx.clone();
         match Worker::start(self.settings, self.folders.clone(), move || waker.request_repaint()) {
             Ok(worker) => self.worker = Some(worker),
-            Err(error) => self.message = Some(Message::Failure(format!("no thread can be started: {error}"))),
+            Err(error) => self.message = Some(Message::Failure(format!("cannot start a thread: {error}"))),
         }
         if let Some(file) = &launch.file {
             self.exaggeration = launch.scene.vertical_exaggeration.unwrap_or(1.0);
@@ -263,7 +263,7 @@ impl Viewer {
 
     /// Opens the present volume again with this vertical exaggeration. The look stays; the camera frames the volume
     /// again.
-    pub fn exaggerate(&mut self, factor: f64) {
+    pub fn set_exaggeration(&mut self, factor: f64) {
         let Some(opened) = self.opened.clone() else { return };
         self.set_slice(None);
         self.exaggeration = factor;
@@ -283,35 +283,35 @@ impl Viewer {
     fn receive(&mut self, ctx: &egui::Context) {
         let Some(worker) = &self.worker else { return };
         let is_dead = worker.is_dead();
-        let news = worker.news();
-        self.busy = if is_dead { None } else { news.busy };
-        self.ahead = news.ahead.or(self.ahead);
-        if let Some(message) = news.message {
+        let messages = worker.messages();
+        self.busy = if is_dead { None } else { messages.busy };
+        self.ahead = messages.ahead.or(self.ahead);
+        if let Some(message) = messages.message {
             self.message = Some(message);
         }
         if is_dead {
-            let what = "a mistake of supervol ended the thread that draws; what it said is on standard error. Save the scene and \
-                        start again";
+            let what = "the drawing thread has crashed because of a bug in supervol; its message is on standard error. Save the scene \
+                        and start supervol again";
             self.message = Some(Message::Failure(what.into()));
         }
-        if let Some(opened) = news.opened {
-            self.take_up(ctx, opened);
+        if let Some(opened) = messages.opened {
+            self.show_volume(ctx, opened);
         }
-        if let Some(frame) = news.frame {
+        if let Some(frame) = messages.frame {
             self.show(ctx, frame);
         }
-        for (axis, frame) in news.sections.into_iter().enumerate() {
+        for (axis, frame) in messages.sections.into_iter().enumerate() {
             if let Some(frame) = frame {
                 self.show_section(ctx, axis, frame);
             }
         }
-        if let Some(probed) = news.probed {
-            self.hear(probed);
+        if let Some(probed) = messages.probed {
+            self.receive_answer(probed);
         }
     }
 
     /// Receives the answer to a probe.
-    pub(crate) fn hear(&mut self, probed: Probed) {
+    pub(crate) fn receive_answer(&mut self, probed: ProbeAnswer) {
         let Some(opened) = self.opened.clone().filter(|opened| opened.number == probed.probe.volume) else { return };
         if self.sections.moving == Some(probed.probe.number) {
             self.sections.moving = None;
@@ -323,11 +323,11 @@ impl Viewer {
     }
 
     /// Shows the scene of an opened volume.
-    fn take_up(&mut self, ctx: &egui::Context, opened: Arc<Opened>) {
+    fn show_volume(&mut self, ctx: &egui::Context, opened: Arc<OpenVolume>) {
         let is_same = self.opened.as_ref().is_some_and(|before| before.source == opened.source);
         let preview = self.opened.as_ref().filter(|before| is_same && before.exaggeration == opened.exaggeration);
         if let (Some(strides), None) = (preview.and_then(|before| before.preview_of), opened.preview_of) {
-            return self.take_over(strides, opened);
+            return self.replace_preview(strides, opened);
         }
         let mut scene = opened.scene.clone();
         if let Some(before) =
@@ -338,7 +338,7 @@ impl Viewer {
         }
         // The window determines the picture's size, and with it the default camera.
         (scene.image.width, scene.image.height) = (self.scene.image.width, self.scene.image.height);
-        if !opened.is_camera_asked {
+        if !opened.has_requested_camera {
             scene.camera = edit::camera_from(&scene, &opened, None);
         }
         edit::write_out(&mut scene, &opened.facts);
@@ -347,11 +347,11 @@ impl Viewer {
         } else {
             self.history = History::new(&scene);
             self.sections = Sections::of(&opened.facts, self.sections.layout);
-            self.looks = Looks::of(&scene);
-            self.keys = Keys::default();
+            self.panel_state = PanelState::of(&scene);
+            self.keys = KeyFrames::default();
             self.picture = None;
-            self.remembered.add(&opened.source);
-            self.remembered.write(&self.folders);
+            self.saved.add(&opened.source);
+            self.saved.write(&self.folders);
         }
         let name = opened.source.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
         ctx.send_viewport_cmd(egui::ViewportCommand::Title(format!("{name} - Supervol")));
@@ -362,12 +362,12 @@ impl Viewer {
     }
 
     /// Replaces a preview by its volume.
-    fn take_over(&mut self, strides: [u64; 3], opened: Arc<Opened>) {
+    fn replace_preview(&mut self, strides: [u64; 3], opened: Arc<OpenVolume>) {
         let slice = self.slice.take().map(|slice| {
             self.scene = Scene { image: self.scene.image.clone(), ..slice.before };
             (slice.axis, slice.at * strides[slice.axis])
         });
-        let mut scene = preview::carried(&self.scene, &self.begun, strides, &opened);
+        let mut scene = preview::carry_over(&self.scene, &self.begun, strides, &opened);
         scene.image = self.scene.image.clone();
         edit::write_out(&mut scene, &opened.facts);
         let cursor = self.sections.cursor;
@@ -375,7 +375,7 @@ impl Viewer {
         self.sections.cursor =
             std::array::from_fn(|a| (cursor[a] * strides[a] as f64).min(opened.facts.dims.0[a] as f64 - 1.0));
         self.history = History::new(&scene);
-        self.looks = Looks::of(&scene);
+        self.panel_state = PanelState::of(&scene);
         (self.begun, self.scene) = (scene.clone(), scene);
         self.opened = Some(opened);
         self.set_slice(slice);
@@ -385,7 +385,7 @@ impl Viewer {
         if self.opened.as_ref().is_none_or(|opened| opened.number != frame.volume) {
             return;
         }
-        self.note_latency(frame.number);
+        self.record_latency(frame.number);
         let Frame { number, image, stats, is_converged, spent_ms, marks, .. } = frame;
         let texture = match self.picture.take() {
             Some(mut picture) => {
@@ -418,8 +418,8 @@ impl Viewer {
         if layout == self.sections.layout {
             return;
         }
-        (self.sections.layout, self.remembered.layout) = (layout, layout);
-        self.settings.beside = beside(layout);
+        (self.sections.layout, self.saved.layout) = (layout, layout);
+        self.settings.side_panels = side_panels(layout);
         // Removed panels drop their picture. The others are requested again, because the division of the memory
         // changes.
         for panel in &mut self.sections.panels {
@@ -432,16 +432,16 @@ impl Viewer {
         match command {
             Command::Help => self.dialogs.keys = !self.dialogs.keys,
             Command::Open => self.dialogs.begin_open(self.opened.as_deref()),
-            Command::Panels => self.remembered.panels_hidden = !self.remembered.panels_hidden,
+            Command::Panels => self.saved.panels_hidden = !self.saved.panels_hidden,
             Command::FullScreen => {
                 let is_full = ctx.input(|input| input.viewport().fullscreen.unwrap_or(false));
                 ctx.send_viewport_cmd(egui::ViewportCommand::Fullscreen(!is_full));
             }
             _ if self.opened.is_none() => {}
             Command::SaveScene | Command::Export | Command::Animate | Command::CopyCommand if self.is_preview() => {
-                self.message = self.refusal_of_preview();
+                self.message = self.preview_message();
             }
-            Command::Handles => self.looks.are_handles_shown = !self.looks.are_handles_shown,
+            Command::Handles => self.panel_state.are_handles_shown = !self.panel_state.are_handles_shown,
             Command::Sections => self.set_layout(match self.sections.layout {
                 Layout::Three => Layout::Alone,
                 _ => Layout::Three,
@@ -452,11 +452,11 @@ impl Viewer {
             Command::CopyCommand => self.copy_command(ctx),
             Command::Undo => {
                 let before = self.history.undo(&self.scene);
-                self.go_to(before);
+                self.restore(before);
             }
             Command::Redo => {
                 let after = self.history.redo(&self.scene);
-                self.go_to(after);
+                self.restore(after);
             }
             view => self.run_view(view),
         }
@@ -468,14 +468,14 @@ impl Viewer {
         self.opened.as_ref().is_some_and(|opened| opened.preview_of.is_some())
     }
 
-    fn refusal_of_preview(&self) -> Option<Message> {
+    fn preview_message(&self) -> Option<Message> {
         let opened = self.opened.as_ref()?;
-        let refused = |strides| Message::Failure(refused_of_preview(&opened.source, strides));
+        let refused = |strides| Message::Failure(preview_refusal(&opened.source, strides));
         opened.preview_of.map(refused)
     }
 
     /// Restores a scene of the history.
-    fn go_to(&mut self, scene: Option<Scene>) {
+    fn restore(&mut self, scene: Option<Scene>) {
         if let Some(scene) = scene {
             // A scene of the history is complete, including slices.
             (self.scene, self.slice) = (scene, None);
@@ -514,7 +514,7 @@ impl Viewer {
     /// Switches to another mode, with the look that it last had.
     pub(crate) fn set_mode(&mut self, mode: Mode) {
         if let Some(opened) = &self.opened {
-            self.scene = self.looks.switched(&self.scene, opened, mode);
+            self.scene = self.panel_state.switched(&self.scene, opened, mode);
         }
     }
 
@@ -532,8 +532,8 @@ impl Viewer {
         let is_same_axis = last.as_ref().is_some_and(|slice| slice.axis == axis);
         let before = last.map_or_else(|| self.scene.clone(), |slice| slice.before);
         let Some(mut scene) = edit::sliced(&before, &opened, axis, at) else {
-            self.message = Some(Message::Failure("the crop leaves nothing of this slice".into()));
-            self.slice = is_same_axis.then_some(Sliced { axis, at, before });
+            self.message = Some(Message::Failure("this slice lies outside the crop box".into()));
+            self.slice = is_same_axis.then_some(ShownSlice { axis, at, before });
             return;
         };
         scene.image = self.scene.image.clone();
@@ -546,7 +546,7 @@ impl Viewer {
             };
         }
         self.scene = scene;
-        self.slice = Some(Sliced { axis, at, before });
+        self.slice = Some(ShownSlice { axis, at, before });
     }
 
     /// Moves the shown slice, or the selected slice in the volume, by steps, limited to the volume.
@@ -558,7 +558,7 @@ impl Viewer {
             if next != at {
                 self.set_slice(Some((axis, next)));
             }
-        } else if let Some(slice) = self.scene.slices.get_mut(self.looks.held_slice) {
+        } else if let Some(slice) = self.scene.slices.get_mut(self.panel_state.held_slice) {
             planes::step(slice, &opened.facts, steps);
         }
     }
@@ -578,10 +578,10 @@ impl Viewer {
         let Some(opened) = &self.opened else { return };
         let is_sent = |(volume, scene): &(u64, Scene)| *volume == opened.number && *scene == self.scene;
         if !are_set || !self.sent.as_ref().is_some_and(is_sent) {
-            self.wishes += 1;
-            worker.view(View { number: self.wishes, volume: opened.number, scene: self.scene.clone() });
+            self.requests += 1;
+            worker.view(View { number: self.requests, volume: opened.number, scene: self.scene.clone() });
             self.sent = Some((opened.number, self.scene.clone()));
-            push_bounded(&mut self.unanswered, (self.wishes, Instant::now()));
+            push_bounded(&mut self.unanswered, (self.requests, Instant::now()));
         }
         self.send_sections(!are_set);
     }
@@ -594,8 +594,8 @@ impl Viewer {
             let Some(scene) = panel.scene.as_ref().filter(|_| self.sections.layout.shows(axis)) else { continue };
             let is_sent = |(volume, sent, _): &(u64, Scene, u64)| *volume == opened.number && sent == scene;
             if again || !panel.sent.as_ref().is_some_and(is_sent) {
-                self.sections.wishes += 1;
-                let number = self.sections.wishes;
+                self.sections.requests += 1;
+                let number = self.sections.requests;
                 worker.section(axis, View { number, volume: opened.number, scene: scene.clone() });
                 panel.sent = Some((opened.number, scene.clone(), number));
             }
@@ -603,10 +603,10 @@ impl Viewer {
     }
 
     /// Records the latency of a picture; older requests remain without an answer.
-    fn note_latency(&mut self, number: u64) {
-        while let Some(&(wish, since)) = self.unanswered.front().filter(|(wish, _)| *wish <= number) {
+    fn record_latency(&mut self, number: u64) {
+        while let Some(&(request, since)) = self.unanswered.front().filter(|(request, _)| *request <= number) {
             self.unanswered.pop_front();
-            if wish == number {
+            if request == number {
                 push_bounded(&mut self.latencies_ms, since.elapsed().as_secs_f64() * 1e3);
             }
         }
@@ -619,8 +619,8 @@ impl Viewer {
     }
 
     /// Writes the persistent settings.
-    pub fn remember(&self) {
-        self.remembered.write(&self.folders);
+    pub fn save_settings(&self) {
+        self.saved.write(&self.folders);
     }
 }
 
@@ -633,8 +633,8 @@ fn push_bounded<T>(list: &mut VecDeque<T>, value: T) {
 }
 
 /// Whether a layout has panels.
-fn beside(layout: Layout) -> Beside {
-    if layout == Layout::Alone { Beside::Nothing } else { Beside::Panels }
+fn side_panels(layout: Layout) -> SidePanels {
+    if layout == Layout::Alone { SidePanels::Hidden } else { SidePanels::Shown }
 }
 
 /// Sets the colour theme.

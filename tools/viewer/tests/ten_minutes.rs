@@ -56,7 +56,7 @@ fn act(session: &mut Session, dice: &mut Random) {
             if session.viewer().scene().slices.is_empty() {
                 session.click("+ z");
             } else {
-                session.click("Slice 1, take away");
+                session.click("Slice 1, remove");
             }
         }
     }

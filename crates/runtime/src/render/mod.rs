@@ -10,6 +10,7 @@
 
 pub mod accuracy;
 mod drawing;
+mod enlarge;
 pub mod error;
 pub mod frame;
 pub mod options;

@@ -19,10 +19,10 @@ use supervol_runtime::stream::classify::Skipping;
 use supervol_runtime::stream::priority::BrickOrder;
 use supervol_runtime::stream::residency::{BrickView, DecodedBrick, Resident, Voxels};
 use supervol_runtime::stream::streamer::HostView;
-use supervol_scene::facts::value_map;
 use supervol_scene::image::Image;
 use supervol_scene::scene::ResolvedScene;
 use supervol_scene::value_map::ValueMap;
+use supervol_scene::value_map::value_map;
 
 use crate::{containers, support};
 use containers::{container_bytes, open, plan};

@@ -23,8 +23,8 @@ use supervol_runtime::stream::priority::BrickOrder;
 use supervol_runtime::stream::residency::{BrickView, Resident};
 use supervol_runtime::stream::state::{ALLOWED, StateKind};
 use supervol_runtime::stream::streamer::{Fetched, OnMissing, Room, Streamer};
-use supervol_scene::facts::value_map;
 use supervol_scene::scene::ResolvedScene;
+use supervol_scene::value_map::value_map;
 
 use crate::{containers, support};
 use containers::{Fault, Faulty, container_bytes, open, plan};

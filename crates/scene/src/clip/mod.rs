@@ -4,6 +4,7 @@
 //! most one segment ([`clip_ray`]). Solids ([`solids`]) cut it into several parts ([`clip_parts`]). All numbers are
 //! `f64`; t is a world length. Direction components may be zero, negative zero, or so small that a crossing overflows.
 
+mod interval;
 pub mod mesh;
 pub mod mesh_file;
 pub mod solids;
@@ -12,6 +13,7 @@ use glam::{DMat3, DVec3};
 use supervol_format::space::HALF_VOXEL;
 use supervol_format::{Dims, Geometry};
 
+pub use self::interval::{Segment, clip_half_space, clip_slab, cut, half_space, slab};
 use self::solids::{Shape, Solid};
 use crate::camera::Ray;
 
@@ -107,15 +109,6 @@ impl IndexRay {
     }
 }
 
-/// The part of a ray with `t0 <= t <= t1`; never empty: `t0 < t1`, both finite.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Segment {
-    /// World length at which the segment begins.
-    pub t0: f64,
-    /// World length at which it ends.
-    pub t1: f64,
-}
-
 /// The parts of a ray inside the domain, the clip box and all clip planes that all solids keep: disjoint, front to
 /// back. Their number is at most the number of solid faces on the ray.
 #[must_use]
@@ -141,54 +134,15 @@ pub fn clip_ray(ray: &Ray, index_ray: &IndexRay, dims: Dims, clip: &Clip) -> Opt
     (t0.is_finite() && t1.is_finite() && t0 < t1).then_some(Segment { t0, t1 })
 }
 
-/// The t in `interval` with `low <= origin + t * direction <= high`.
-#[must_use]
-pub fn clip_slab(origin: f64, direction: f64, low: f64, high: f64, interval: (f64, f64)) -> Option<(f64, f64)> {
-    let clipped = cut(interval, slab(origin, direction, [low, high]));
-    (clipped.0 < clipped.1).then_some(clipped)
-}
-
-/// The t in `interval` with `distance + t * rate >= 0`.
-#[must_use]
-pub fn clip_half_space(distance: f64, rate: f64, interval: (f64, f64)) -> Option<(f64, f64)> {
-    let clipped = cut(interval, half_space(distance, rate));
-    (clipped.0 < clipped.1).then_some(clipped)
-}
-
-/// The interval of every t, and the empty interval.
-const ALWAYS: (f64, f64) = (f64::NEG_INFINITY, f64::INFINITY);
-const NEVER: (f64, f64) = (f64::INFINITY, f64::NEG_INFINITY);
-
-/// The t with `low <= origin + t * direction <= high`; branch-free, so that loops over many rays vectorise.
-#[inline(always)]
-#[must_use]
-pub fn slab(origin: f64, direction: f64, [low, high]: [f64; 2]) -> (f64, f64) {
-    // 0 / tiny is 0 and x / tiny may be infinite. NaN occurs only if the direction is 0, which the last line handles.
-    let (a, b) = ((low - origin) / direction, (high - origin) / direction);
-    let across = if direction > 0.0 { (a, b) } else { (b, a) };
-    let along = if (low <= origin) & (origin <= high) { ALWAYS } else { NEVER };
-    if direction == 0.0 { along } else { across }
-}
-
-/// The t with `distance + t * rate >= 0`; branch-free.
-#[inline(always)]
-#[must_use]
-pub fn half_space(distance: f64, rate: f64) -> (f64, f64) {
-    let t = -distance / rate;
-    let across = if rate > 0.0 { (t, ALWAYS.1) } else { (ALWAYS.0, t) };
-    let along = if distance >= 0.0 { ALWAYS } else { NEVER };
-    if rate == 0.0 { along } else { across }
-}
-
-/// Intersection of two intervals; if it is empty, its end is not greater than its beginning.
-#[inline(always)]
-#[must_use]
-pub fn cut((a0, a1): (f64, f64), (b0, b1): (f64, f64)) -> (f64, f64) {
-    (if b0 > a0 { b0 } else { a0 }, if b1 < a1 { b1 } else { a1 })
-}
-
 #[cfg(test)]
 mod tests {
+    #![allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_possible_wrap,
+        clippy::cast_sign_loss,
+        reason = "tests use small numbers"
+    )]
+
     use super::*;
 
     fn ray(origin: [f64; 3], direction: [f64; 3], t_min: f64) -> Ray {

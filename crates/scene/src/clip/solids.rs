@@ -11,8 +11,8 @@ use glam::DVec3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::interval::{Segment, clip_slab};
 use super::mesh::ClosedMesh;
-use super::{Segment, clip_slab};
 use crate::camera::Ray;
 
 /// Most solids of one scene.
@@ -20,14 +20,14 @@ pub const SOLID_LIMIT: usize = 64;
 /// The whole line.
 const EVERYTHING: (f64, f64) = (f64::NEG_INFINITY, f64::INFINITY);
 
-/// Which side of a solid is kept.
+/// Side of a solid that is kept.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Keep {
-    /// What lies in it.
+    /// Keeps the inside.
     #[default]
     Inside,
-    /// What lies around it.
+    /// Keeps the outside.
     Outside,
 }
 

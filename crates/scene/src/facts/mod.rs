@@ -7,8 +7,6 @@ use supervol_format::space::WorldSpace;
 use supervol_format::{Container, Dims, Geometry, ValueRange};
 
 pub use self::kind::DataKind;
-use crate::units::InUnits;
-use crate::value_map::ValueMap;
 
 /// Orientation of the world axes. It decides the position of default cameras and nothing else.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -128,13 +126,4 @@ const SECTION_VOXELS: u64 = 4;
 #[must_use]
 pub fn is_hounsfield(range: ValueRange) -> bool {
     range.min < -500.0 && range.max > 400.0 && range.min.abs().max(range.max) < 1e6
-}
-
-/// Map from stored numbers to render values for a container; see [`ValueMap`].
-#[must_use]
-pub fn value_map(container: &Container) -> ValueMap {
-    let d = container.descriptor();
-    let InUnits { scale, offset, value_range, .. } = InUnits::of(container);
-    let range = if container.manifest().value_range.is_some() { value_range } else { ValueRange::EMPTY };
-    ValueMap::for_container(d.voxel_type, scale, offset, d.absence.nodata, range)
 }

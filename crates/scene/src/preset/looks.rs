@@ -1,10 +1,11 @@
 //! Default look of each kind of data: mode, transfer function, shading and samples per pixel.
 
+use super::extents::{extents, unit_distance};
 use super::overview::Overview;
-use super::{colormap, extents, ramps, unit_distance};
+use super::{colormap, ramps};
 use crate::facts::histogram::Histogram;
 use crate::facts::{DataKind, VolumeFacts};
-use crate::scene::{IsoSpec, Mode, PointsSpec, ShadingSpec};
+use crate::spec::{IsoSpec, Mode, PointsSpec, ShadingSpec};
 use crate::transfer_function::ControlPoint;
 
 /// Rays per pixel of a section, whose thin lines and steps need many.

@@ -13,9 +13,10 @@ use supervol_format::space::HALF_VOXEL;
 use supervol_format::{BrickKey, Container, Level, Lod, ValueRange};
 
 use super::view::Framed;
+use crate::cast;
 use crate::facts::histogram::Histogram;
 use crate::facts::{DataKind, VolumeFacts};
-use crate::scene::Mode;
+use crate::spec::Mode;
 use crate::transfer_function::TransferFunction;
 
 /// Most voxels of the level; 8 bytes each.
@@ -60,7 +61,7 @@ impl LabelCells {
             let cells = cells.iter().fold(1, |product: u64, &n| product.saturating_mul(n));
             if cells <= CELL_LIMIT
                 && level.brick_count() <= BRICK_LIMIT
-                && let Some(cells) = Self::of_level(container, Lod(number as u8), level)?
+                && let Some(cells) = Self::of_level(container, Lod(cast::level(number)), level)?
             {
                 return Ok(Some(cells));
             }
@@ -118,7 +119,7 @@ impl Overview {
         let fits = |level: &Level| level.dims.voxels().is_some_and(|n| n <= VOXEL_LIMIT);
         let Some(number) = levels.iter().position(fits) else { return Ok(None) };
         let (scale, offset) = (container.descriptor().scale, container.descriptor().offset);
-        let reader = LevelReader::new(container, Lod(number as u8), 0);
+        let reader = LevelReader::new(container, Lod(cast::level(number)), 0);
         let values = reader.values(reader.whole(), |stored| stored * scale + offset)?;
         // An unreadable fine brick does not prevent an overview. The renderer reports it.
         let cells = if facts.kind == DataKind::Labels { LabelCells::read(container).ok().flatten() } else { None };
@@ -176,8 +177,9 @@ impl Overview {
         let mut projected: Vec<f64> = (0..3).flat_map(|axis| self.project(axis, mode)).collect();
         projected.retain(|v| v.is_finite());
         projected.sort_by(f64::total_cmp);
-        let at =
-            |share: f64| projected.get((share * (projected.len().checked_sub(1)? as f64)).round() as usize).copied();
+        let at = |share: f64| {
+            projected.get(cast::index((share * (projected.len().checked_sub(1)? as f64)).round())).copied()
+        };
         let (low, high) = (at(DARKEST)?, at(BRIGHTEST)?);
         (high > low).then_some([low, high])
     }

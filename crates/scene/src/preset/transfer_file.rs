@@ -15,7 +15,7 @@ use serde::Deserialize;
 
 use super::color_space::ColorSpace;
 use crate::facts::VolumeFacts;
-use crate::scene::{PointSpec, PointsSpec};
+use crate::spec::{PointSpec, PointsSpec};
 use crate::transfer_function::{ControlPoint, POINT_LIMIT, TransferFunction, TransferFunctionError};
 
 /// Most bytes of a file.
@@ -97,9 +97,9 @@ impl TransferFile {
     pub fn parse(text: &str, path: &str) -> Result<Self, TransferFileError> {
         let is_table = path.to_lowercase().ends_with(".1dt");
         let read = match text.trim_start().chars().next() {
-            _ if is_table => table(text),
-            Some('[') => paraview(text),
-            Some('{') => own(text),
+            _ if is_table => parse_table(text),
+            Some('[') => parse_paraview(text),
+            Some('{') => parse_own(text),
             _ => {
                 let reason = "it begins with neither [ nor {".into();
                 return Err(TransferFileError::Unknown { path: path.into(), reason });
@@ -173,7 +173,7 @@ fn file(values: Values, colors: Vec<(f64, [f64; 3])>, opacities: Option<Vec<(f64
 }
 
 /// Our own format: points and unit distance, as in a scene.
-fn own(text: &str) -> Result<TransferFile, String> {
+fn parse_own(text: &str) -> Result<TransferFile, String> {
     let spec: PointsSpec = serde_json::from_str(text).map_err(|e| e.to_string())?;
     let points = spec.control_points();
     TransferFunction::new(points.clone(), spec.unit_distance.unwrap_or(1.0)).map_err(|e| e.to_string())?;
@@ -197,7 +197,7 @@ struct ParaView {
     use_log_scale: serde_json::Value,
 }
 
-fn paraview(text: &str) -> Result<TransferFile, String> {
+fn parse_paraview(text: &str) -> Result<TransferFile, String> {
     let presets: Vec<ParaView> = serde_json::from_str(text).map_err(|e| e.to_string())?;
     let count = presets.len();
     let preset = presets.into_iter().find(|preset| preset.rgb_points.is_some());
@@ -283,7 +283,7 @@ fn curve(nodes: &[(f64, [f64; 3])], space: ColorSpace) -> Vec<(f64, [f64; 3])> {
     out
 }
 
-fn table(text: &str) -> Result<TransferFile, String> {
+fn parse_table(text: &str) -> Result<TransferFile, String> {
     let mut words = text.split_whitespace();
     let count: Option<usize> = words.next().and_then(|word| word.parse().ok());
     let count = count.filter(|count| (2..=TABLE_LIMIT).contains(count)).ok_or_else(|| {
@@ -307,9 +307,9 @@ fn table(text: &str) -> Result<TransferFile, String> {
     if let Some(word) = words.next() {
         return Err(format!("expected {count} entries of 4 numbers, found '{word}' behind them"));
     }
-    let mut kept = thinned(&entries, EXACT);
+    let mut kept = simplified(&entries, EXACT);
     if kept.len() > POINT_LIMIT {
-        kept = thinned(&entries, HALF_A_GREY_LEVEL);
+        kept = simplified(&entries, HALF_A_GREY_LEVEL);
     }
     let place = |i: usize| i as f64 / (count - 1) as f64;
     let colors = kept.iter().map(|&i| (place(i), [entries[i][0], entries[i][1], entries[i][2]])).collect();
@@ -318,7 +318,7 @@ fn table(text: &str) -> Result<TransferFile, String> {
 }
 
 /// Indices of the entries that remain if entries on the line between their neighbours are dropped.
-fn thinned(entries: &[[f64; 4]], tolerance: f64) -> Vec<usize> {
+fn simplified(entries: &[[f64; 4]], tolerance: f64) -> Vec<usize> {
     let last = entries.len() - 1;
     let is_line = |from: usize, to: usize| {
         (from + 1..to).all(|i| {

@@ -2,8 +2,8 @@
 
 use supervol_format::readable::Number;
 
-use super::validate::{check, check_color, check_direction, check_share};
-use super::{SceneError, plane_in_units};
+use super::checks::{check, check_color, check_direction, check_share};
+use super::error::SceneError;
 use crate::slices::filter::FilterSpec;
 use crate::slices::{ColorSpec, SlicePlane, SliceSpec};
 use crate::transfer_function::{ControlPoint, TransferFunction};
@@ -12,7 +12,7 @@ use crate::units::Units;
 impl SliceSpec {
     /// The slice in the units of a picture.
     pub(super) fn resolve(&self, units: &Units) -> Result<SlicePlane, SceneError> {
-        let (normal, offset) = plane_in_units(self.normal, self.offset, units);
+        let (normal, offset) = units.plane(self.normal, self.offset);
         let is_of_values = self.filter.is_none_or(|filter| filter.kind.keeps_values());
         let point = |c: &ColorSpec| {
             let value = if is_of_values { units.value(c.value) } else { c.value / units.value };

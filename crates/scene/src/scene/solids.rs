@@ -1,83 +1,23 @@
-//! Solids that a scene's volume is clipped with: JSON form, range checks, and conversion into the units of a picture.
+//! Solids of a scene: range checks, and conversion into the units of a picture.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use glam::DVec3;
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 use supervol_format::readable::Number;
 
-use super::validate::{check, check_direction};
-use super::{ClipSpec, Scene, SceneError};
+use super::checks::{check, check_direction};
+use super::error::SceneError;
 use crate::camera::unit_vector;
 use crate::clip::mesh_file;
-use crate::clip::solids::{Keep, PlacedMesh, SOLID_LIMIT, Shape, Solid};
+use crate::clip::solids::{PlacedMesh, SOLID_LIMIT, Shape, Solid};
+use crate::spec::{BoxSpec, ClipSpec, CylinderSpec, SolidSpec, SphereSpec};
 use crate::units::Units;
 
 /// Greatest magnitude of the cosine of an angle that counts as a right angle, between two axes of a box.
 const RIGHT_ANGLE: f64 = 1e-6;
 
-/// One solid: exactly one of `sphere`, `box`, `cylinder` and `mesh`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Default, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct SolidSpec {
-    /// What is kept of the volume: what lies in the solid, or what lies around it.
-    pub keep: Keep,
-    /// A sphere.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub sphere: Option<SphereSpec>,
-    /// A box, turned in any direction.
-    #[serde(rename = "box", skip_serializing_if = "Option::is_none")]
-    pub cuboid: Option<BoxSpec>,
-    /// A cylinder with flat ends.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub cylinder: Option<CylinderSpec>,
-    /// File of a closed triangle mesh in world coordinates (.ply, .stl, .obj); a relative path begins at the scene's file.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub mesh: Option<PathBuf>,
-}
-
-/// All points nearer to `center` than `radius`.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct SphereSpec {
-    /// World position.
-    pub center: [f64; 3],
-    /// World length.
-    pub radius: f64,
-}
-
-/// All points within half an edge of `center` along each axis.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct BoxSpec {
-    /// World position.
-    pub center: [f64; 3],
-    /// World lengths of its edges.
-    pub edges: [f64; 3],
-    /// World directions of its edges, at right angles to each other.
-    #[serde(default = "world_axes")]
-    pub axes: [[f64; 3]; 3],
-}
-
-fn world_axes() -> [[f64; 3]; 3] {
-    DVec3::AXES.map(|axis| axis.to_array())
-}
-
-/// All points nearer to the line from `from` to `to` than `radius`, between the planes across its ends.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct CylinderSpec {
-    /// World position.
-    pub from: [f64; 3],
-    /// World position.
-    pub to: [f64; 3],
-    /// World length.
-    pub radius: f64,
-}
-
-/// The one shape that is given for a solid.
-enum Given<'a> {
+/// The shape of a solid.
+enum ShapeSpec<'a> {
     Sphere(&'a SphereSpec),
     Cuboid(&'a BoxSpec),
     Cylinder(&'a CylinderSpec),
@@ -85,12 +25,12 @@ enum Given<'a> {
 }
 
 impl SolidSpec {
-    fn given(&self, key: &str) -> Result<Given<'_>, SceneError> {
+    fn shape_spec(&self, key: &str) -> Result<ShapeSpec<'_>, SceneError> {
         let shapes = [
-            self.sphere.as_ref().map(Given::Sphere),
-            self.cuboid.as_ref().map(Given::Cuboid),
-            self.cylinder.as_ref().map(Given::Cylinder),
-            self.mesh.as_deref().map(Given::Mesh),
+            self.sphere.as_ref().map(ShapeSpec::Sphere),
+            self.cuboid.as_ref().map(ShapeSpec::Cuboid),
+            self.cylinder.as_ref().map(ShapeSpec::Cylinder),
+            self.mesh.as_deref().map(ShapeSpec::Mesh),
         ];
         let mut shapes = shapes.into_iter().flatten();
         match (shapes.next(), shapes.count()) {
@@ -105,12 +45,12 @@ impl SolidSpec {
 
     /// Checks the numbers; `key` is the path of the solid in the scene, for messages.
     fn validate(&self, key: &str) -> Result<(), SceneError> {
-        match self.given(key)? {
-            Given::Sphere(SphereSpec { center, radius }) => {
+        match self.shape_spec(key)? {
+            ShapeSpec::Sphere(SphereSpec { center, radius }) => {
                 check_point(&format!("{key}.sphere.center"), *center)?;
                 check_length(&format!("{key}.sphere.radius"), *radius)
             }
-            Given::Cuboid(BoxSpec { center, edges, axes }) => {
+            ShapeSpec::Cuboid(BoxSpec { center, edges, axes }) => {
                 check_point(&format!("{key}.box.center"), *center)?;
                 edges.iter().try_for_each(|edge| check_length(&format!("{key}.box.edges"), *edge))?;
                 let key = format!("{key}.box.axes");
@@ -119,7 +59,7 @@ impl SolidSpec {
                 let good = [a.dot(b), b.dot(c), c.dot(a)].iter().all(|cosine| cosine.abs() <= RIGHT_ANGLE);
                 check(good, &key, || "three directions at right angles to each other".into(), format!("{axes:?}"))
             }
-            Given::Cylinder(CylinderSpec { from, to, radius }) => {
+            ShapeSpec::Cylinder(CylinderSpec { from, to, radius }) => {
                 check_point(&format!("{key}.cylinder.from"), *from)?;
                 check_point(&format!("{key}.cylinder.to"), *to)?;
                 let differ = (DVec3::from(*to) - DVec3::from(*from)).length();
@@ -132,28 +72,28 @@ impl SolidSpec {
                 )?;
                 check_length(&format!("{key}.cylinder.radius"), *radius)
             }
-            Given::Mesh(_) => Ok(()),
+            ShapeSpec::Mesh(_) => Ok(()),
         }
     }
 
     /// The solid in the units of a picture. Reads the file of a mesh.
     fn resolve(&self, key: &str, units: &Units) -> Result<Solid, SceneError> {
         let point = |world: &[f64; 3]| units.point((*world).into());
-        let shape = match self.given(key)? {
-            Given::Sphere(SphereSpec { center, radius }) => {
+        let shape = match self.shape_spec(key)? {
+            ShapeSpec::Sphere(SphereSpec { center, radius }) => {
                 Shape::Sphere { center: point(center), radius: radius / units.length }
             }
-            Given::Cuboid(BoxSpec { center, edges, axes }) => Shape::Cuboid {
+            ShapeSpec::Cuboid(BoxSpec { center, edges, axes }) => Shape::Cuboid {
                 center: point(center),
                 axes: unit_axes(axes),
                 half_edges: edges.map(|edge| 0.5 * edge / units.length),
             },
-            Given::Cylinder(CylinderSpec { from, to, radius }) => {
+            ShapeSpec::Cylinder(CylinderSpec { from, to, radius }) => {
                 let (from, line) = (point(from), point(to) - point(from));
                 let (length, radius) = (line.length(), radius / units.length);
                 Shape::Cylinder { from, axis: line / length, length, radius }
             }
-            Given::Mesh(path) => {
+            ShapeSpec::Mesh(path) => {
                 let mesh = mesh_file::read(path)
                     .map_err(|reason| SceneError::Mesh { key: format!("{key}.mesh"), reason: Box::new(reason) })?;
                 Shape::Mesh(PlacedMesh { mesh, anchor: units.anchor, length: units.length })
@@ -172,20 +112,6 @@ impl ClipSpec {
 
     pub(super) fn resolve_solids(&self, units: &Units) -> Result<Vec<Solid>, SceneError> {
         self.solids.iter().enumerate().map(|(i, solid)| solid.resolve(&key_of(i), units)).collect()
-    }
-}
-
-impl Scene {
-    /// Makes the relative paths in the scene relative to this folder.
-    pub fn begin_paths_at(&mut self, folder: &Path) {
-        for mesh in self.clip.solids.iter_mut().filter_map(|solid| solid.mesh.as_mut()) {
-            *mesh = folder.join(&*mesh);
-        }
-    }
-
-    /// Files that the scene refers to. They are read when the scene is drawn.
-    pub fn files(&self) -> impl Iterator<Item = &Path> {
-        self.clip.solids.iter().filter_map(|solid| solid.mesh.as_deref())
     }
 }
 

@@ -1,6 +1,9 @@
 use supervol_format::{Dims, Geometry, ValueRange};
 
+use glam::DVec3;
+
 use super::*;
+use crate::camera::Projection;
 use crate::clip::solids::{Keep, Shape};
 use crate::facts::{DataKind, Frame};
 
@@ -52,7 +55,7 @@ fn a_full_scene_resolves() {
 #[test]
 fn paths_of_a_scene_begin_at_its_folder() {
     let mut scene = Scene::from_json(r#"{"clip": {"solids": [{"mesh": "a.ply"}, {"mesh": "/b.ply"}]}}"#).unwrap();
-    scene.begin_paths_at(std::path::Path::new("/scenes"));
+    scene.make_paths_relative_to(std::path::Path::new("/scenes"));
     let files: Vec<_> = scene.files().map(|file| file.display().to_string()).collect();
     assert_eq!(files, ["/scenes/a.ply", "/b.ply"]);
     assert_eq!(Scene::from_json(&serde_json::to_string(&scene).unwrap()).unwrap(), scene);

@@ -3,13 +3,15 @@
 
 use supervol_format::readable::Number;
 
-use super::{
-    EXAGGERATION_LIMITS, INNER_SURFACE_LIMIT, ISO_LIMIT, ImageSpec, LIGHT_LIMIT, Mode, PLANE_LIMIT, RAY_LIMIT,
-    SHADING_LIMIT, Scene, SceneError, TransferFunctionSpec,
+use super::Scene;
+use super::checks::{check, check_color, check_direction, check_factor, check_share};
+use super::error::SceneError;
+use super::limits::{
+    EXAGGERATION_LIMITS, INNER_SURFACE_LIMIT, ISO_LIMIT, LIGHT_LIMIT, PLANE_LIMIT, RAY_LIMIT, SHADING_LIMIT,
 };
-use crate::camera::unit_vector;
 use crate::preset;
 use crate::slices::SLICE_LIMIT;
+use crate::spec::{ImageSpec, Mode, TransferFunctionSpec};
 use crate::units::Units;
 
 impl Scene {
@@ -56,7 +58,7 @@ impl Scene {
     }
 
     fn validate_surfaces(&self) -> Result<(), SceneError> {
-        match self.gathers() {
+        match self.effective_mode() {
             Mode::Iso => check(!self.iso.is_empty(), "iso", || "at least one surface in mode `iso`".into(), "none")?,
             Mode::Dvr => {
                 let few = self.iso.len() <= INNER_SURFACE_LIMIT;
@@ -76,7 +78,7 @@ impl Scene {
     fn validate_slices(&self) -> Result<(), SceneError> {
         let few = self.slices.len() <= SLICE_LIMIT;
         check(few, "slices", || format!("at most {SLICE_LIMIT} slices"), self.slices.len())?;
-        match self.gathers() {
+        match self.effective_mode() {
             Mode::Slice => check(!self.slices.is_empty(), "slices", || "at least one in mode `slice`".into(), "none")?,
             Mode::Dvr | Mode::Iso => {}
             Mode::Mip | Mode::Minip | Mode::Mean => {
@@ -121,39 +123,4 @@ impl Scene {
         }
         self.clip.validate_solids()
     }
-}
-
-pub(super) fn check(
-    good: bool,
-    key: &str,
-    expected: impl FnOnce() -> String,
-    found: impl std::fmt::Display,
-) -> Result<(), SceneError> {
-    if good {
-        return Ok(());
-    }
-    Err(SceneError::Value { key: key.into(), expected: expected(), found: found.to_string() })
-}
-
-pub(super) fn check_color(key: &str, color: [f64; 3]) -> Result<(), SceneError> {
-    let good = color.iter().all(|c| (0.0..=1.0).contains(c));
-    check(good, key, || "three numbers between 0 and 1".into(), format!("{color:?}"))
-}
-
-pub(super) fn check_share(key: &str, share: f64) -> Result<(), SceneError> {
-    check((0.0..=1.0).contains(&share), key, || "a number between 0 and 1".into(), Number(share))
-}
-
-pub(super) fn check_factor(key: &str, factor: f64) -> Result<(), SceneError> {
-    check(
-        (0.0..=SHADING_LIMIT).contains(&factor),
-        key,
-        || format!("a number between 0 and {SHADING_LIMIT:e}"),
-        Number(factor),
-    )
-}
-
-pub(super) fn check_direction(key: &str, v: [f64; 3]) -> Result<(), SceneError> {
-    let good = unit_vector(v.into()).is_some();
-    check(good, key, || "three finite numbers, not all zero".into(), format!("{v:?}"))
 }

@@ -15,6 +15,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::camera::Ray;
+use crate::cast;
 use crate::clip::Segment;
 use crate::transfer_function::TransferFunction;
 use filter::FilterSpec;
@@ -25,24 +26,24 @@ pub const SLICE_LIMIT: usize = 8;
 /// slice.
 const END_SHARE: f64 = 1e-9;
 
-/// One slice, as written in a scene.
+/// Slice: a plane that shows the values on it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SliceSpec {
-    /// World vector: the slice is all points p with normal . p = offset.
+    /// World direction: the slice is all points p with normal . p = offset.
     pub normal: [f64; 3],
     /// World length times the normal's length.
     pub offset: f64,
     /// Opacity, in [0, 1].
     #[serde(default = "opaque")]
     pub opacity: f64,
-    /// How values between voxels are found.
+    /// Interpolation between voxels.
     #[serde(default)]
     pub interpolation: Interpolation,
-    /// What is made of the values on the plane.
+    /// Image filter of the values on the plane; if missing, none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub filter: Option<FilterSpec>,
-    /// Colours in ascending order of value; empty: those that slices of the data's kind have, or that suit the filter.
+    /// Colours in ascending order of value, linear between; if empty, chosen for the kind of data or the filter.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub colors: Vec<ColorSpec>,
 }
@@ -51,26 +52,26 @@ fn opaque() -> f64 {
     1.0
 }
 
-/// A colour of a slice.
+/// Colour of a value on a slice.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ColorSpec {
-    /// Data value, or what the filter makes of it.
+    /// Data value, or result of the filter.
     pub value: f64,
     /// Colour, each channel in [0, 1].
     pub color: [f64; 3],
 }
 
-/// How values between voxels are found.
+/// Interpolation between voxels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Default, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Interpolation {
-    /// That of the nearest voxel.
+    /// Value of the nearest voxel.
     Nearest,
-    /// Linear along each axis, as volumes are drawn.
+    /// Linear along each axis, as in volumes.
     #[default]
     Linear,
-    /// Cubic along each axis, through the voxels' values.
+    /// Cubic along each axis, through the values of the voxels.
     Cubic,
 }
 
@@ -126,7 +127,7 @@ pub fn crossings(slices: &[SlicePlane], ray: &Ray, segment: Segment) -> Vec<(f64
 #[must_use]
 pub fn interpolate(p: [f64; 3], how: Interpolation, voxel: impl Fn([i64; 3]) -> f64) -> f64 {
     match how {
-        Interpolation::Nearest => voxel(p.map(|x| (x + 0.5).floor() as i64)),
+        Interpolation::Nearest => voxel(p.map(|x| cast::integer((x + 0.5).floor()))),
         Interpolation::Linear => weighted::<2>(p, 0, |x| [1.0 - x, x], &voxel),
         Interpolation::Cubic => {
             let cubic = weighted::<4>(p, -1, catmull_rom, &voxel);
@@ -145,7 +146,7 @@ fn weighted<const N: usize>(
 ) -> f64 {
     let cell = p.map(f64::floor);
     let along: [[f64; N]; 3] = std::array::from_fn(|a| weights(p[a] - cell[a]));
-    let [x, y, z] = cell.map(|c| c as i64 + first);
+    let [x, y, z] = cell.map(|c| cast::integer(c) + first);
     let mut sum = 0.0;
     for k in 0..N {
         for j in 0..N {
@@ -153,7 +154,7 @@ fn weighted<const N: usize>(
             for (i, weight) in along[0].iter().enumerate() {
                 let weight = weight * across;
                 if weight != 0.0 {
-                    sum += weight * voxel([x + i as i64, y + j as i64, z + k as i64]);
+                    sum += weight * voxel([x + cast::signed(i), y + cast::signed(j), z + cast::signed(k)]);
                 }
             }
         }

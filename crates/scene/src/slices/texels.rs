@@ -3,6 +3,8 @@
 //! Rows follow one another, x first. Beyond the grid the texels at its edge continue. A convolution adds its terms in
 //! `f32`, in the order of the kernel's rows, so that its bits are the same on every machine.
 
+use crate::cast;
+
 /// Values of `f32` on a grid of texels.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Texels {
@@ -52,7 +54,7 @@ impl Texels {
 
     /// The value at `[x, y]`, or at the edge of the grid nearest to it.
     pub fn at(&self, place: [i64; 2]) -> f32 {
-        let [x, y] = [0, 1].map(|axis| place[axis].clamp(0, self.size[axis] as i64 - 1) as usize);
+        let [x, y] = [0, 1].map(|axis| cast::unsigned(place[axis].clamp(0, cast::signed(self.size[axis]) - 1)));
         self.values[y * self.size[0] + x]
     }
 
@@ -89,7 +91,7 @@ impl Texels {
 
 /// Weights of a Gaussian, whose sum is 1.
 fn gaussian(sigma: f32) -> Vec<f32> {
-    let radius = (2.0 * sigma).ceil() as i32;
+    let radius = cast::radius((2.0 * sigma).ceil());
     let density =
         |x: f32| (sigma * (2.0 * std::f32::consts::PI).sqrt()).recip() * (-x.powi(2) / (2.0 * sigma.powi(2))).exp();
     let mut weights: Vec<f32> = (-radius..=radius).map(|x| density(x.abs() as f32)).collect();
@@ -100,6 +102,13 @@ fn gaussian(sigma: f32) -> Vec<f32> {
 
 #[cfg(test)]
 mod tests {
+    #![allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_possible_wrap,
+        clippy::cast_sign_loss,
+        reason = "tests use small numbers"
+    )]
+
     use supervol_format::random::Random;
 
     use super::*;

@@ -24,7 +24,7 @@ impl Edges {
         let mut edges = Self { at: Vec::new() };
         let mut visible_points = 0;
         let mut look_at = |value: f32| {
-            let (was_visible, is_visible) = (edges.at.len() % 2 == 1, function.shows_at(value));
+            let (was_visible, is_visible) = (edges.at.len() % 2 == 1, function.is_visible_at(value));
             let points = function.visible_points_up_to(value);
             let is_unseen_spike = !was_visible && !is_visible && points > visible_points;
             let count = if is_unseen_spike { 2 } else { usize::from(was_visible != is_visible) };
@@ -35,7 +35,7 @@ impl Edges {
         look_at(f32::NEG_INFINITY);
         for pair in values.windows(2).filter(|pair| pair[0] < pair[1]) {
             look_at(pair[0]);
-            look_at(first_unlike(pair[0], pair[1].next_down(), |value| function.shows_at(value)));
+            look_at(first_unlike(pair[0], pair[1].next_down(), |value| function.is_visible_at(value)));
         }
         look_at(values[values.len() - 1]);
         edges
@@ -87,6 +87,13 @@ fn of_rank(rank: i64) -> f32 {
 
 #[cfg(test)]
 mod tests {
+    #![allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_possible_wrap,
+        clippy::cast_sign_loss,
+        reason = "tests use small numbers"
+    )]
+
     use supervol_format::random::Random;
 
     use super::*;

@@ -15,6 +15,7 @@
 
 use super::render::with_limit_points;
 use super::{ControlPoint, TransferFunction};
+use crate::cast;
 
 /// Number of channels: extinction, and extinction times red, green, blue.
 pub const CHANNELS: usize = 4;
@@ -93,7 +94,7 @@ impl TransferPieces {
         let mut table =
             Self { columns: vec![0.0; stride * COLUMNS], stride, count, narrow: 0.0, clear: clear_interval(&pieces) };
         let (first, last) = (pieces[0].anchor, pieces[count - 1].anchor);
-        table.narrow = (NARROW_SHARE * (last - first)) as f32;
+        table.narrow = cast::single(NARROW_SHARE * (last - first));
         table.columns[..stride].fill(f32::INFINITY);
         let mut sums = Sums::default();
         for (i, piece) in pieces.iter().enumerate() {
@@ -142,7 +143,7 @@ impl TransferPieces {
     fn write(&mut self, i: usize, piece: &Piece, sums: &Sums) {
         let stride = self.stride;
         let mut set = |column: Column, channel: usize, value: f64| {
-            self.columns[(column as usize + channel) * stride + i] = value as f32;
+            self.columns[(column as usize + channel) * stride + i] = cast::single(value);
         };
         set(Column::Knot, 0, piece.knot);
         set(Column::Anchor, 0, piece.anchor);
@@ -177,7 +178,7 @@ fn clear_interval(pieces: &[Piece]) -> [f32; 2] {
             best = [begin, end];
         }
     }
-    best.map(|v| v as f32)
+    best.map(cast::single)
 }
 
 /// Intervals below this share of the function's width are narrow.
@@ -271,7 +272,7 @@ fn channels_between(source: &TransferFunction, [a, b]: &[ControlPoint; 2], x: f6
 
 fn pieces_of(source: &TransferFunction, shift: f64, tolerance: f64) -> Vec<Piece> {
     let points = with_limit_points(source.points());
-    let values: Vec<f64> = points.iter().map(|p| f64::from((p.value - shift) as f32)).collect();
+    let values: Vec<f64> = points.iter().map(|p| f64::from(cast::single(p.value - shift))).collect();
     let constant = |knot: f64, anchor: f64, point: ControlPoint| Piece {
         knot,
         anchor,
@@ -326,7 +327,7 @@ impl Fitter<'_> {
             }
             // A piece of the least length is used even if it does not fit.
             let least = *begin + (first.values[1] - first.values[0]) / LEAST_PARTS;
-            end = f64::from(low.max(least).min(first.values[1]) as f32);
+            end = f64::from(cast::single(low.max(least).min(first.values[1])));
             if end <= *begin {
                 end = first.values[1];
             }

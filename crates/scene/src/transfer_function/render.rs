@@ -10,6 +10,7 @@
 
 use super::edges::Edges;
 use super::{ALPHA_LIMIT, ControlPoint, TransferFunction};
+use crate::cast;
 
 /// Bins per control point; with 4, most bins hold at most one point.
 const BINS_PER_POINT: usize = 4;
@@ -66,18 +67,18 @@ impl RenderTransferFunction {
     #[must_use]
     pub fn new(source: &TransferFunction, shift: f64) -> Self {
         let source_points = with_limit_points(source.points());
-        let values: Vec<f32> = source_points.iter().map(|p| (p.value - shift) as f32).collect();
+        let values: Vec<f32> = source_points.iter().map(|p| cast::single(p.value - shift)).collect();
         let knots = knot_values(&source_points, &values);
         let points = render_points(&source_points, &values, &knots);
         let width = values[values.len() - 1] - values[0];
         let bin_count = (BINS_PER_POINT * points.len()).next_power_of_two().max(MIN_BINS);
         let bins_per_value = if width > 0.0 { (bin_count as f32 / width).min(f32::MAX) } else { 0.0 };
-        let visible_points = source_points.iter().filter(|p| p.alpha > 0.0).count() as u32;
-        let inverse_unit_distance = (1.0 / source.unit_distance()) as f32;
+        let visible_points = cast::number(source_points.iter().filter(|p| p.alpha > 0.0).count());
+        let inverse_unit_distance = cast::single(1.0 / source.unit_distance());
         let bins = vec![0; bin_count];
         let edges = Edges::default();
         // Rounded like the values of the surfaces themselves.
-        let surfaces = source.surfaces().iter().map(|value| (value - shift) as f32).collect();
+        let surfaces = source.surfaces().iter().map(|value| cast::single(value - shift)).collect();
         let mut table =
             Self { points, knots, bins, bins_per_value, inverse_unit_distance, visible_points, surfaces, edges };
         // The bin of a value is a monotone expression, so every point in an earlier bin is less than the value.
@@ -87,7 +88,7 @@ impl RenderTransferFunction {
             while last + 1 < bins_of_points.len() && bins_of_points[last + 1] < bin {
                 last += 1;
             }
-            table.bins[bin] = last as u32;
+            table.bins[bin] = cast::number(last);
         }
         table.edges = Edges::new(&table);
         table
@@ -95,8 +96,8 @@ impl RenderTransferFunction {
 
     #[inline]
     fn bin(&self, value: f32) -> usize {
-        // `as` saturates: a value below the first point has bin 0.
-        (((value - self.points[0].value) * self.bins_per_value) as usize).min(self.bins.len() - 1)
+        // Saturating: a value below the first point has bin 0.
+        cast::bin((value - self.points[0].value) * self.bins_per_value).min(self.bins.len() - 1)
     }
 
     /// Index of the last point with a value not greater than `value`; `None` below the first point.
@@ -136,7 +137,7 @@ impl RenderTransferFunction {
     }
 
     /// Whether a value has positive opacity.
-    pub(super) fn shows_at(&self, value: f32) -> bool {
+    pub(super) fn is_visible_at(&self, value: f32) -> bool {
         self.classify(value)[3] > 0.0
     }
 
@@ -175,7 +176,7 @@ impl RenderTransferFunction {
     #[inline]
     #[must_use]
     pub fn extinction(&self, alpha: f32) -> f32 {
-        absorbance(alpha.min(ALPHA_LIMIT as f32)) * self.inverse_unit_distance
+        absorbance(alpha.min(cast::single(ALPHA_LIMIT))) * self.inverse_unit_distance
     }
 }
 
@@ -263,14 +264,14 @@ fn render_points(points: &[ControlPoint], values: &[f32], knots: &[f32]) -> Vec<
         let color_change = (0..3).map(|c| (there[c] - here[c]).abs()).fold(0.0, f64::max);
         let variation = (there[3] - here[3]).abs() + color_change * here[3].max(there[3]);
         out.push(RenderPoint {
-            rgba: here.map(|v| v as f32),
-            delta: std::array::from_fn(|c| there[c] as f32 - here[c] as f32),
+            rgba: here.map(cast::single),
+            delta: std::array::from_fn(|c| cast::single(there[c]) - cast::single(here[c])),
             value: values[i],
             inverse_width,
-            variation_before: variation_before as f32,
-            variation: variation as f32,
+            variation_before: cast::single(variation_before),
+            variation: cast::single(variation),
             visible_before,
-            knots_up_to: knots.partition_point(|&k| k <= values[i]) as u32,
+            knots_up_to: cast::number(knots.partition_point(|&k| k <= values[i])),
         });
         variation_before += variation;
         visible_before += u32::from(point.alpha > 0.0);
@@ -280,6 +281,13 @@ fn render_points(points: &[ControlPoint], values: &[f32], knots: &[f32]) -> Vec<
 
 #[cfg(test)]
 mod tests {
+    #![allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_possible_wrap,
+        clippy::cast_sign_loss,
+        reason = "tests use small numbers"
+    )]
+
     use proptest::prelude::*;
 
     use super::*;

@@ -1,5 +1,5 @@
-//! `supervol bench`: what pictures cost here, and in other programs; what frames cost while the camera moves; whether
-//! random scenes keep the error that is asked for.
+//! `supervol bench`: cost of pictures here and in other programs, cost of frames along a camera path, errors of
+//! random scenes.
 
 use std::io::Write;
 use std::num::NonZero;
@@ -29,7 +29,7 @@ use supervol_runtime::render::options::Backend;
 use supervol_runtime::render::volume::PlacedVolume;
 use supervol_scene::scene::Scene;
 
-/// Size of the program's own default picture: that of `--volume`.
+/// Size of the default picture of `render`; used for `--volume`.
 const DEFAULT_PICTURE: [u32; 2] = [800, 600];
 
 /// Field of this name.
@@ -60,7 +60,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
 }
 
-/// The command, as it was given.
+/// The command with its arguments.
 struct Bench<'a>(&'a Arguments);
 
 impl Bench<'_> {
@@ -69,7 +69,7 @@ impl Bench<'_> {
             (false, _) => None,
             (true, Some(environment)) => Some(PeerOptions { python: self.0.python.clone(), environment }),
             (true, None) => {
-                let message = "--peers: the user's cache folder is not known; name a folder with --environment DIR";
+                let message = "--peers: the system names no cache folder; name a folder with --environment DIR";
                 return Err(Failure::Command(message.into()));
             }
         };
@@ -132,7 +132,7 @@ impl Bench<'_> {
             PathBackend::Cpu => Backend::Cpu,
             PathBackend::Gpu => Backend::Gpu,
             PathBackend::Both => {
-                let message = "--random-scenes: --backend both compares nothing; expected cpu or gpu";
+                let message = "--random-scenes: expected --backend cpu or gpu, found both";
                 return Err(Failure::Command(message.into()));
             }
         };
@@ -146,8 +146,8 @@ impl Bench<'_> {
         match found.scenes_above().as_slice() {
             [] => Ok(()),
             above => Err(Failure::Data(format!(
-                "{} of {scenes} random scenes of seed {seed} are further off than was asked for; draw the first of them \
-                 again with --random-scenes 1 --seed {seed} --first-scene {}",
+                "{} of {scenes} random scenes of seed {seed} exceed their allowed error; repeat the first of them with \
+                 --random-scenes 1 --seed {seed} --first-scene {}",
                 above.len(),
                 above[0]
             ))),
@@ -167,7 +167,7 @@ impl Bench<'_> {
         write!(stdout(), "{}", leaping::markdown(&measured)).map_err(with_output)
     }
 
-    /// Writes what `write` puts into a folder into the one that was asked for.
+    /// Lets `write` fill a temporary folder, and moves its files to the output folder.
     fn reports(&self, output: &Path, write: impl FnOnce(&Path) -> Result<(), ChartError>) -> Result<(), Failure> {
         let path = self.0.path.as_ref().map(PathBuf::from);
         let inputs: Vec<&Path> =
@@ -206,7 +206,7 @@ impl Bench<'_> {
         }
     }
 
-    /// How `--volume` is read; refused where nothing is.
+    /// Options for reading `--volume`; refused if there is no volume file.
     fn reading(&self) -> Result<Reading, Failure> {
         let reading = self.0.source.reading(BuildOptions::default().memory_bytes)?;
         match &self.0.volume {
@@ -251,7 +251,7 @@ fn keep(ledger: Option<&Ledger>, entries: &[ledger::Entry]) -> Result<(), ChartE
     Ok(())
 }
 
-/// A path that comes with the program, or one from a file.
+/// A built-in path, or one from a file.
 fn camera_path(name: &str) -> Result<CameraPath, Failure> {
     if let Some(path) = paths::built_in(name) {
         return Ok(path?);
@@ -261,7 +261,7 @@ fn camera_path(name: &str) -> Result<CameraPath, Failure> {
     CameraPath::from_json(&text).map_err(|e| Failure::Command(format!("{name}: {e}")))
 }
 
-/// Where environments are kept unless somebody says otherwise: nothing but time is lost when the folder is deleted.
+/// Default folder of the Python environments. Deleting it loses no results.
 fn cached_environment() -> Option<PathBuf> {
     let of = |variable: &str| std::env::var_os(variable).map(PathBuf::from).filter(|path| path.is_absolute());
     let cache = of("XDG_CACHE_HOME").or_else(|| of("LOCALAPPDATA")).or_else(|| of("HOME").map(|h| h.join(".cache")))?;
@@ -269,10 +269,10 @@ fn cached_environment() -> Option<PathBuf> {
     Some(cache.join("supervol").join("peers").join(format!("{}-{}", package.name, package.version)))
 }
 
-/// Options that say where files of this machine lie, and nothing about what is measured.
+/// Options that name files of this machine and do not affect the measurement.
 const PLACES: [&str; 5] = ["-o", "--output", "--record", "--environment", "--python"];
 
-/// A command as records keep it: without places on this machine, files by their names.
+/// Command line for the record: without paths of this machine, files by their names.
 fn recorded_command(arguments: impl Iterator<Item = String>) -> String {
     let mut words = vec!["supervol".to_string()];
     let mut arguments = arguments;
@@ -292,7 +292,7 @@ fn recorded_command(arguments: impl Iterator<Item = String>) -> String {
     words.join(" ")
 }
 
-/// This command as it was given.
+/// The complete command line.
 fn command_line() -> String {
     let arguments = std::env::args().skip(1);
     ["supervol".to_string()].into_iter().chain(arguments).collect::<Vec<_>>().join(" ")

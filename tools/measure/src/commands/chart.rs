@@ -1,4 +1,5 @@
-//! `supervol chart`: speed against accuracy, and where methods fail, measured on this machine and written as a report.
+//! `supervol chart`: report of speed against accuracy, or of the regimes in which methods fail, measured on this
+//! machine.
 
 use std::io::Write;
 use std::path::Path;
@@ -71,8 +72,8 @@ fn run_chart(
     let mut out = stdout();
     writeln!(
         out,
-        "{}: {} points; the default is on the Pareto front of {on_front} of {} pictures, its largest error is {:.3} of 255 \
-         grey levels",
+        "{}: {} points; the default is on the Pareto front of {on_front} of {} pictures; its largest error is {:.3} grey \
+         levels of 255",
         folder.join("report.html").display(),
         chart.points.len(),
         defaults.count(),
@@ -82,13 +83,15 @@ fn run_chart(
     chart.notes.iter().chain(&storage.notes).try_for_each(|note| writeln!(out, "note: {note}")).map_err(with_output)
 }
 
-/// What an earlier `--stability` left in this folder.
+/// Records of an earlier `--stability` run in this folder.
 fn recorded_stability(folder: &Path) -> Result<Option<Vec<RegimeRecord>>, Failure> {
     let path = folder.join(STABILITY);
     match std::fs::read_to_string(&path) {
         Ok(text) => {
             let records = serde_json::from_str(&text);
-            records.map(Some).map_err(|e| Failure::Data(format!("{}: no record of regimes: {e}", path.display())))
+            records
+                .map(Some)
+                .map_err(|e| Failure::Data(format!("{}: expected a record of regimes: {e}", path.display())))
         }
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => Ok(None),
         Err(e) => Err(Failure::Machine(format!("cannot read {}: {e}", path.display()))),
@@ -117,7 +120,7 @@ fn print_records(records: &[RegimeRecord]) -> std::io::Result<()> {
         writeln!(out, "{verdict} {id}  {:>10} of {:>10}  {title}", text(record.value), text(record.gate))?;
         for gate in record.gates.iter().filter(|gate| !gate.pass) {
             let side = if gate.side == "at_most" { "at most" } else { "at least" };
-            writeln!(out, "          {}: {}, promised {side} {}", gate.what, text(gate.value), text(gate.limit))?;
+            writeln!(out, "          {}: {}, expected {side} {}", gate.what, text(gate.value), text(gate.limit))?;
         }
     }
     let passed = records.iter().filter(|record| record.pass).count();
@@ -132,7 +135,7 @@ fn chosen_scenes(names: &[String]) -> Result<Vec<&'static SceneSpec>, Failure> {
     let known = || scenes::SCENES.iter().map(|s| s.name).collect::<Vec<_>>().join(", ");
     let find = |name: &String| {
         let found = scenes::scene(name);
-        found.ok_or_else(|| Failure::Command(format!("--scene {name}: no such scene; there are {}", known())))
+        found.ok_or_else(|| Failure::Command(format!("--scene {name}: expected one of {}", known())))
     };
     names.iter().map(find).collect()
 }
@@ -143,8 +146,8 @@ fn chosen_regimes(ids: &[String]) -> Result<Vec<&'static Regime>, Failure> {
     if let Some(unknown) = ids.iter().find(|id| !all.iter().any(|regime| regime.id == id.as_str())) {
         let known = all.iter().map(|regime| regime.id).collect::<Vec<_>>().join(", ");
         let waiting = stability::WAITING.iter().find(|(id, _)| id == unknown);
-        let why = waiting.map_or_else(String::new, |(_, what)| format!(" yet (it waits for: {what})"));
-        return Err(Failure::Command(format!("--only {unknown}: no such regime{why}; there are {known}")));
+        let why = waiting.map_or_else(String::new, |(_, what)| format!(" (not implemented yet: {what})"));
+        return Err(Failure::Command(format!("--only {unknown}: unknown regime{why}; expected one of {known}")));
     }
     Ok(all.into_iter().filter(|regime| ids.is_empty() || ids.iter().any(|id| id == regime.id)).collect())
 }

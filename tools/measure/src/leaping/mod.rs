@@ -25,9 +25,9 @@ use supervol_runtime::engines::packets::simd::InstructionSet;
 use supervol_runtime::engines::packets::trace::{LocalRay, Stretch, stretches};
 use supervol_runtime::render::process;
 use supervol_runtime::stream::residency::{BrickView, DecodedBrick, Resident};
-use supervol_scene::facts::value_map;
 use supervol_scene::transfer_function::render::RenderTransferFunction;
 use supervol_scene::value_map::ValueMap;
+use supervol_scene::value_map::value_map;
 
 use crate::context::{ChartError, Context, Scale};
 use crate::peers::cases::{Looks, Subject, planned};

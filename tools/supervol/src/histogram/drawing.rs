@@ -1,4 +1,4 @@
-//! The histogram as an SVG drawing: a bar for each bin in the colour of the default picture, and its opacity as a line.
+//! Histogram as an SVG drawing: one bar for each bin in the colour of the default picture, and the opacity as a line.
 
 use plotters::coord::combinators::IntoLogRange;
 use plotters::coord::ranged1d::{AsRangedCoord, Ranged, ValueFormatter};
@@ -14,7 +14,7 @@ const GREY: RGBColor = RGBColor(120, 124, 128);
 /// Percentiles that are marked.
 const MARKED: [f64; 3] = [1.0, 50.0, 99.0];
 
-/// What is drawn.
+/// Content of the drawing.
 pub struct Drawing<'a> {
     /// Name of the volume.
     pub name: &'a str,
@@ -24,12 +24,12 @@ pub struct Drawing<'a> {
     pub facts: &'a VolumeFacts,
     /// Colours and opacities of the default picture.
     pub shown: &'a TransferFunction,
-    /// Bars as long as the counts are, instead of their logarithms.
+    /// Whether bars are proportional to counts instead of their logarithms.
     pub linear: bool,
 }
 
 impl Drawing<'_> {
-    /// The drawing.
+    /// Draws the SVG text.
     pub fn svg(&self) -> Result<String, String> {
         let most = self.facts.histogram.iter().copied().max().unwrap_or(0).max(2) as f64;
         let mut svg = String::new();
@@ -77,7 +77,7 @@ impl Drawing<'_> {
             Rectangle::new(corners, self.color(0.5 * edge(bin) + 0.5 * edge(bin + 1)).filled())
         });
         chart.draw_series(bars).map_err(failed)?;
-        // White is a colour of values, too.
+        // White bars also need an outline.
         let height = |bin: usize| (self.facts.histogram[bin] as f64).max(floor);
         let outline = (0..bins).flat_map(|bin| [edge(bin), edge(bin + 1)].map(|value| (value, height(bin))));
         chart.draw_series(LineSeries::new(outline, GREY)).map_err(failed)?;
@@ -93,7 +93,7 @@ impl Drawing<'_> {
         area.present().map_err(failed)
     }
 
-    /// The colour that a value has; grey where nothing shows.
+    /// Colour of a value; grey where the opacity is zero.
     fn color(&self, value: f64) -> RGBColor {
         let (color, opacity) = self.shown.classify(value);
         if opacity <= 0.0 {

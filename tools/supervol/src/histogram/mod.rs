@@ -1,4 +1,4 @@
-//! `supervol histogram`: how often which values occur, beside the opacity that the default picture gives them.
+//! `supervol histogram`: number of voxels by value, and the opacity that the default picture gives to each value.
 
 mod drawing;
 
@@ -24,25 +24,29 @@ const BAR: f64 = 56.0;
 /// Most rows.
 const MOST_ROWS: usize = 128;
 
-/// Of which container.
+/// Volume, and form of its histogram.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Container, or a volume file, of which a container is built into the cache folder first
+    /// Container or volume file
+    ///
+    /// For a volume file, a container is built into the cache folder first.
     #[arg(value_name = "CONTAINER|FILE")]
     volume: PathBuf,
-    /// Draw it into this .svg file instead: a bar for each of 256 parts of the values in its colour of the default picture, the
-    /// opacity as a line, the 1st, 50th and 99th percentile as marks
+    /// Write the histogram as an SVG drawing instead of text
+    ///
+    /// The drawing has 256 bars in the colours of the default picture. A line shows the opacity. Marks show the 1st,
+    /// 50th and 99th percentile.
     #[arg(short, long, value_name = "H.svg", value_parser = svg_file)]
     output: Option<PathBuf>,
     #[command(flatten)]
     force: Force,
-    /// Rows, each an equal part of the values
+    /// Number of rows of the text: 2 to 128; each covers an equal part of the value range
     #[arg(long, default_value_t = 32, value_parser = rows, conflicts_with = "output")]
     rows: usize,
-    /// Bars as long as the counts are, instead of their logarithms
+    /// Draw bars by count instead of by the logarithm of the count
     #[arg(long)]
     linear: bool,
-    /// What the data are, where they are not recognised or wrongly, as for `render`
+    /// Kind of data, if it is not recognised correctly; see `render`
     #[arg(long, value_name = "KIND", visible_alias = "preset")]
     kind: Option<DataKind>,
     #[command(flatten)]
@@ -59,7 +63,7 @@ fn rows(text: &str) -> Result<usize, String> {
 fn svg_file(text: &str) -> Result<PathBuf, String> {
     let path = PathBuf::from(text);
     let is_svg = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("svg"));
-    if is_svg { Ok(path) } else { Err(format!("'{text}': expected a name that ends in .svg")) }
+    if is_svg { Ok(path) } else { Err(format!("'{text}': expected a file name that ends in .svg")) }
 }
 
 /// Runs the command.
@@ -108,7 +112,7 @@ fn write(arguments: &Arguments, facts: &VolumeFacts, shown: &TransferFunction, u
     Ok(())
 }
 
-/// A number in few digits.
+/// Formats a number with few digits.
 fn short(value: f64) -> String {
     if value != 0.0 && !(1e-3..1e7).contains(&value.abs()) { format!("{value:.4e}") } else { format!("{value:.4}") }
 }

@@ -1,4 +1,4 @@
-//! `supervol info`: what a container holds, or what a volume file says of itself.
+//! `supervol info`: description of a container, of a volume file, or of a folder with unfinished files.
 
 mod source;
 
@@ -20,17 +20,19 @@ use supervol_preprocess::manifest::{rms_kept_of, steps_of};
 use supervol_scene::facts::kind;
 use supervol_sources::{LineNumbers, Survey};
 
-/// Which containers.
+/// Inputs, and form of their description.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Containers, - for what standard input gives; volume files, to learn what they say of themselves; or folders, to learn which
-    /// unfinished files lie in them, and which volume they are
+    /// Containers, volume files or folders; - is a container from standard input
+    ///
+    /// For a folder, the command lists the unfinished files in it. If the folder is a volume, the command describes
+    /// this, too.
     #[arg(value_name = "CONTAINER|FILE|FOLDER", required = true)]
     inputs: Vec<PathBuf>,
-    /// As JSON: an object for each
+    /// Print JSON: one object for each input
     #[arg(long)]
     json: bool,
-    /// The text header of a SEG-Y file, or of the one that a container was built from, and nothing else
+    /// Print only the text header of a SEG-Y file, or of the SEG-Y file that a container was built from
     #[arg(long, conflicts_with = "json")]
     text_header: bool,
     #[command(flatten)]
@@ -80,9 +82,9 @@ struct LevelInfo {
     error: f64,
     uniform_bricks: u64,
     absent_bricks: u64,
-    /// Share of the amplitudes (RMS) of the level before that halving x, y or z alone would keep, where the build measured it.
+    /// Share of the amplitudes (RMS) that would remain if the level halved only x, y or z; `None` if not measured.
     rms_kept: Option<[f64; 3]>,
-    /// Data units; `None` where means are as exact as the voxel type.
+    /// Rounding of averages in data units; `None` if they are as exact as the voxel type.
     rounded_to: Option<f64>,
 }
 
@@ -105,7 +107,8 @@ fn describe(path: &Path, arguments: &Arguments) -> Result<(), Failure> {
     let reading = source.reading(source::MEMORY_BYTES)?;
     let container = match Container::open(input.path()) {
         Err(_) if !is_container(input.path()) => {
-            let described = source::Described::of(input.path(), &reading).map_err(|why| neither(why, &reading))?;
+            let described =
+                source::Described::of(input.path(), &reading).map_err(|why| unknown_file_error(why, &reading))?;
             return if *text_header { print_text_header(path, described.survey()) } else { described.print(*json) };
         }
         opened => opened.map_err(|e| with_container(path, e))?,
@@ -125,23 +128,23 @@ fn describe(path: &Path, arguments: &Arguments) -> Result<(), Failure> {
     printed.map_err(with_output)
 }
 
-/// What to say of a file that is no container and cannot be read as a volume file.
-fn neither(no_volume: Failure, reading: &Reading) -> Failure {
+/// Error message for a file that is neither a container nor a volume file.
+fn unknown_file_error(no_volume: Failure, reading: &Reading) -> Failure {
     match no_volume {
         Failure::Data(why) | Failure::Command(why) if reading.is_default() => Failure::Data(format!(
-            "no Supervol container (`supervol build` makes one of a volume file), and no volume file that is read: {why}"
+            "no Supervol container (`supervol build` makes one from a volume file), and no readable volume file: {why}"
         )),
         other => other,
     }
 }
 
-/// The unfinished files of a folder, and the volume that it is, if it is one.
+/// Describes the unfinished files of a folder, and the volume in it, if it is one.
 fn describe_folder(folder: &Path, arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { json, text_header, source, .. } = arguments;
     if *text_header {
         return print_text_header(folder, None);
     }
-    // Most folders are no volume, and are not asked to be one.
+    // Most folders hold no volume, which is no error.
     let described = source::Described::of(folder, &source.reading(source::MEMORY_BYTES)?);
     list_unfinished(folder, *json, described.as_ref())?;
     match described {
@@ -152,14 +155,14 @@ fn describe_folder(folder: &Path, arguments: &Arguments) -> Result<(), Failure> 
 
 fn print_text_header(path: &Path, survey: Option<&Survey>) -> Result<(), Failure> {
     let Some(survey) = survey else {
-        let message = "--text-header: expected a SEG-Y file, or a container built from one";
+        let message = "--text-header: expected a SEG-Y file, or a container that was built from one";
         return Err(Failure::Command(format!("{}: {message}", path.display())));
     };
     let mut out = supervol_arguments::terminal::stdout();
     survey.text_header.lines().try_for_each(|line| writeln!(out, "{}", line.trim_end())).map_err(with_output)
 }
 
-/// Names what builds and other commands have not finished, or never will.
+/// Lists unfinished files of builds and other commands.
 fn list_unfinished(folder: &Path, json: bool, volume: Result<&source::Described, &Failure>) -> Result<(), Failure> {
     let found =
         unfinished::list(folder).map_err(|e| Failure::Machine(format!("cannot read {}: {e}", folder.display())))?;
@@ -178,10 +181,10 @@ fn list_unfinished(folder: &Path, json: bool, volume: Result<&source::Described,
     }
     if let (true, Err(failure)) = (found.is_empty(), volume) {
         let why = match failure {
-            Failure::Data(why) | Failure::Command(why) => format!(", and no volume: {why}"),
-            _ => String::new(),
+            Failure::Data(why) | Failure::Command(why) => format!("no volume and no unfinished files: {why}"),
+            _ => "no unfinished files".into(),
         };
-        return writeln!(out, "{}: a folder without unfinished files{why}", folder.display()).map_err(with_output);
+        return writeln!(out, "{}: the folder holds {why}", folder.display()).map_err(with_output);
     }
     found
         .iter()
@@ -192,15 +195,15 @@ fn list_unfinished(folder: &Path, json: bool, volume: Result<&source::Described,
         .map_err(with_output)
 }
 
-/// The state of a partial's writer, for programs and for people.
+/// State of the writer of an unfinished file: for JSON, and as text.
 fn words_for(writer: Writer) -> (&'static str, &'static str) {
     match writer {
-        Writer::Alive => ("alive", "a command is writing it"),
+        Writer::Alive => ("alive", "a running command writes it"),
         Writer::Dead => (
             "dead",
-            "its command was ended; the next build to this folder goes on with it if it is the same, else removes it",
+            "its command has ended; the next build to this folder continues it if it is the same build, else removes it",
         ),
-        Writer::Unknown => ("unknown", "whether a command is writing it cannot be told; remove it if none is"),
+        Writer::Unknown => ("unknown", "its command may be running or not; remove the file if no command writes it"),
     }
 }
 
@@ -209,7 +212,7 @@ fn gather(container: &Container) -> Result<Info<'_>, supervol_format::container:
     let manifest = container.manifest();
     let pyramid = container.pyramid();
     let recognised = kind::recognise(container);
-    // Of the levels from 1 on.
+    // Both lists start at level 1.
     let rms_kept = rms_kept_of(manifest).unwrap_or_default();
     let steps = steps_of(manifest, descriptor.voxel_type).unwrap_or_default();
     let mut levels = Vec::new();
@@ -270,7 +273,7 @@ fn gather(container: &Container) -> Result<Info<'_>, supervol_format::container:
     })
 }
 
-/// Where voxels lie, and what the axes are called: of a container, or of a volume file.
+/// Grid and axes of a container or of a volume file.
 struct Place<'a> {
     dims: Dims,
     dtype: &'static str,
@@ -305,7 +308,7 @@ fn print(info: &Info<'_>, container: &Container, survey: Option<&Survey>, out: &
     writeln!(out, "kind       {}: {}", info.kind, info.kind_because)?;
     match info.value_range {
         Some([min, max]) => writeln!(out, "values     {} {}", ValueRange { min, max }, info.unit)?,
-        None => writeln!(out, "values     none present")?,
+        None => writeln!(out, "values     none: all voxels are absent")?,
     }
     if let Some(nodata) = info.nodata {
         writeln!(out, "no data    {nodata}")?;
@@ -347,26 +350,26 @@ fn print(info: &Info<'_>, container: &Container, survey: Option<&Survey>, out: &
     let rounded = info.levels.iter().enumerate().filter_map(|(lod, level)| Some((lod, level.rounded_to?)));
     for (i, (lod, step)) in rounded.enumerate() {
         if i == 0 {
-            writeln!(out, "\nmeans are rounded to multiples of")?;
+            writeln!(out, "\naverages are rounded to multiples of")?;
         }
         writeln!(out, "{lod:>5}  {step}")?;
     }
     Ok(())
 }
 
-/// What halving each axis would keep, where the build measured it.
+/// Prints the share of amplitudes that halving each axis would keep, if the build measured it.
 fn print_kept(levels: &[LevelInfo], out: &mut impl Write) -> std::io::Result<()> {
     let measured = levels.iter().enumerate().filter_map(|(lod, level)| Some((lod, level.rms_kept?)));
     for (i, (lod, [x, y, z])) in measured.enumerate() {
         if i == 0 {
-            writeln!(out, "\nkept of amplitudes (RMS) if a level halved x, y, z alone")?;
+            writeln!(out, "\nshare of amplitudes (RMS) that a level keeps if it halves only x, y, z")?;
         }
         writeln!(out, "{lod:>5}  {x:.3}  {y:.3}  {z:.3}")?;
     }
     Ok(())
 }
 
-/// Which way the grid lies, and where the survey is.
+/// Prints the orientation of the grid and the position of a survey.
 fn print_orientation(place: &Place<'_>, out: &mut impl Write) -> std::io::Result<()> {
     let Place { geometry, space, survey, .. } = place;
     let d = geometry.direction;
@@ -391,7 +394,7 @@ fn print_orientation(place: &Place<'_>, out: &mut impl Write) -> std::io::Result
         };
         writeln!(
             out,
-            "map        crosslines ascend towards {:.1} degrees from north, inlines towards {:.1}: to the {hand} of it",
+            "map        crossline numbers ascend towards {:.1} degrees from north, inline numbers towards {:.1}, to the {hand}",
             azimuth(1),
             azimuth(2)
         )?;
@@ -399,7 +402,7 @@ fn print_orientation(place: &Place<'_>, out: &mut impl Write) -> std::io::Result
     Ok(())
 }
 
-/// Names of a survey's corners, in the order in which they are kept.
+/// Names of the corners of a survey, in stored order.
 const CORNERS: [&str; 4] = [
     "first inline, first crossline",
     "first inline, last crossline",

@@ -1,4 +1,4 @@
-//! What a volume file says of itself: all that is known before its voxels have been read.
+//! Description of a volume file: all facts that are known before its voxels are read.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -15,17 +15,17 @@ use supervol_sources::{SourceInfo, Survey, VolumeSource};
 
 use super::Place;
 
-/// Most memory that a reader may take.
+/// Memory limit of a reader, bytes.
 pub const MEMORY_BYTES: u64 = 1 << 30;
 
-/// A volume file that has been opened.
+/// Open volume file.
 pub struct Described {
     path: PathBuf,
     source: Box<dyn VolumeSource>,
 }
 
 impl Described {
-    /// Opens a volume file; its voxels are not read, except where it is compressed as a whole.
+    /// Opens a volume file. Its voxels are read only if the file is compressed as a whole.
     pub fn of(path: &Path, reading: &Reading) -> Result<Self, Failure> {
         let source = reading.open(path, &std::env::temp_dir()).map_err(BuildError::from)?;
         let source = Box::new(NamedSource::new(source, flag));
@@ -40,17 +40,17 @@ impl Described {
         self.path.file_name().unwrap_or(self.path.as_os_str()).to_string_lossy().into_owned()
     }
 
-    /// Bytes of all files that it is read from.
+    /// Total bytes of all files of the volume.
     fn bytes(&self) -> u64 {
         self.info().files.iter().map(SourceFile::bytes).sum()
     }
 
-    /// Lines and corners, where it is a survey.
+    /// Lines and corners of a survey.
     pub fn survey(&self) -> Option<&Survey> {
         self.info().survey.as_ref()
     }
 
-    /// As an object; the keys are those of a container, as far as they are known.
+    /// JSON object with the keys of `info` for containers, as far as they are known.
     pub fn to_json(&self) -> serde_json::Value {
         let info = self.info();
         let axis = |axis: &supervol_sources::Axis| serde_json::json!({ "name": axis.name, "unit": axis.unit });
@@ -73,7 +73,7 @@ impl Described {
         })
     }
 
-    /// On standard output.
+    /// Prints the description on standard output.
     pub fn print(&self, json: bool) -> Result<(), Failure> {
         let mut out = supervol_arguments::terminal::stdout();
         let printed = if json { writeln!(out, "{:#}", self.to_json()) } else { self.print_text(&mut out) };
@@ -98,7 +98,11 @@ impl Described {
         for note in &info.notes {
             writeln!(out, "note       {note}")?;
         }
-        let more = "what it is and what values it has is known once it is built:";
-        writeln!(out, "container  none yet; {more} `supervol build` makes {}", container_beside(&self.path).display())
+        let built = container_beside(&self.path);
+        writeln!(
+            out,
+            "container  none; kind and values are unknown until it is built: `supervol build` makes {}",
+            built.display()
+        )
     }
 }

@@ -1,7 +1,7 @@
-//! What a picture shows, said in words on the command line: each option changes one thing of the scene that is drawn.
+//! Options of `render` that change the scene: each changes one part of it.
 //!
-//! Options change the scene file's scene where there is one, else the default scene. An option that would change nothing
-//! in the mode that is drawn is refused.
+//! The options change the scene of the scene file, else the default scene. An option that would change nothing in the
+//! drawn mode is refused.
 
 mod parse;
 pub mod places;
@@ -22,89 +22,102 @@ use supervol_scene::scene::{
     CameraSpec, ImageSpec, IsoSpec, Mode, PointsSpec, Scene, ShadingSpec, SolidSpec, TransferFunctionSpec,
 };
 
-use self::parse::{CameraWish, ColorMapWish, Cutter, SurfaceWish};
+use self::parse::{CameraRequest, ClipShape, ColorMapRequest, SurfaceRequest};
 use self::places::{Crop, Cut};
 use self::slices::SliceArguments;
 use crate::panels::{Grid, PANEL_LIMIT};
 
-/// What is shown, from where, and how.
+/// Volume, camera and appearance.
 #[derive(Debug, Clone, Args)]
-#[command(next_help_heading = "What is shown")]
+#[command(next_help_heading = "Scene")]
 pub struct LookArguments {
-    /// What the data are, where they are not recognised or wrongly: seismic, attribute, ct, ct-offset, mri, fluorescence, em,
-    /// micro-ct, labels, mask, constant, empty or generic; `info` says what was recognised and why
+    /// Kind of data, if it is not recognised correctly
+    ///
+    /// One of seismic, attribute, ct, ct-offset, mri, fluorescence, em, micro-ct, labels, mask, constant, empty or
+    /// generic. `info` prints the recognised kind and the reason.
     #[arg(long, value_name = "KIND", visible_alias = "preset")]
     kind: Option<DataKind>,
-    /// What a ray gathers
+    /// Rendering mode: quantity that a ray computes
     #[arg(long, value_enum)]
     mode: Option<ModeName>,
-    /// Pixels of the picture
+    /// Size of the picture in pixels: 1 to 32768 each, for example 1024x768
     #[arg(long, value_name = "WxH", value_parser = quantity::image_size)]
     size: Option<[u32; 2]>,
-    /// Where the camera stands: front, back, left, right, top, bottom, or azimuth and elevation in degrees, and the distance
-    /// in world units if it is not to be chosen: 30,20 or 30,20,1500
+    /// Position of the camera: front, back, left, right, top, bottom, or angles AZ,EL in degrees, for example 30,20
+    ///
+    /// A third number is the distance from the volume in world units, for example 30,20,1500. Without it, the volume
+    /// fills the picture.
     #[arg(long, value_name = "DIRECTION|AZ,EL[,DIST]", value_parser = parse::camera, allow_hyphen_values = true)]
-    camera: Option<CameraWish>,
-    /// How many times as large as it would fit
+    camera: Option<CameraRequest>,
+    /// Magnification: 1 shows the volume as large as it fits, 2 twice as large
     #[arg(long, value_name = "FACTOR", value_parser = parse::positive, allow_negative_numbers = true)]
     zoom: Option<f64>,
-    /// Colours and opacities: VALUE:COLOUR:OPACITY,... with colours as in --background, or a file: JSON with `points` and
-    /// `unit_distance` as in a scene, a colour map of ParaView with opacities (.json), or a table of ImageVis3D (.1dt)
+    /// Transfer function: points VALUE:COLOUR:OPACITY,... or a file, for example 0:black:0,300:white:0.4
+    ///
+    /// Colours are written as in --background. A file is JSON with `points` and `unit_distance` as in a scene, a
+    /// colour map of ParaView with opacities (.json), or a table of ImageVis3D (.1dt).
     #[arg(long, value_name = "FILE|POINTS", allow_hyphen_values = true)]
     tf: Option<String>,
-    /// Colours by name: grey, seismic, viridis, magma, inferno, plasma, cividis, turbo, cubehelix, warm, cool or spectral; or those of
-    /// a file, as for --tf
+    /// Colour map by name, or of a file as for --tf
+    ///
+    /// Names: grey, seismic, viridis, magma, inferno, plasma, cividis, turbo, cubehelix, warm, cool and spectral.
     #[arg(long, value_name = "NAME|FILE", value_parser = parse::color_map)]
-    colormap: Option<ColorMapWish>,
-    /// Values that the colours and opacities span
+    colormap: Option<ColorMapRequest>,
+    /// Range of data values that colours and opacities span, for example -100,400
     #[arg(long, value_name = "LOW,HIGH", value_parser = parse::window, allow_hyphen_values = true)]
     window: Option<[f64; 2]>,
-    /// The same, leaving out this percentage of the voxels at each end
+    /// Set that range by percentiles: leave out this percentage of the voxels at each end, 0 to below 50
     #[arg(long, value_name = "PERCENT", value_parser = parse::percent, allow_negative_numbers = true, conflicts_with = "window")]
     clip_percent: Option<f64>,
-    /// How many times as dense (mode dvr)
+    /// Density: multiplies the extinction (mode dvr); 1 keeps the transfer function
     #[arg(long, value_name = "FACTOR", value_parser = parse::positive, allow_negative_numbers = true)]
     opacity: Option<f64>,
-    /// Surfaces at these values: all but the last are clear
+    /// Isosurfaces at these data values (mode iso); all but the last are semi-transparent
     #[arg(long, value_name = "V[,V..]", value_delimiter = ',', allow_hyphen_values = true)]
     iso: Vec<f64>,
-    /// A surface inside the semi-transparent volume (mode dvr), at this value: VALUE, VALUE:COLOUR or VALUE:COLOUR:OPACITY. May be
-    /// given again, up to 8 times
+    /// Isosurface inside the semi-transparent volume (mode dvr): VALUE, VALUE:COLOUR or VALUE:COLOUR:OPACITY
+    ///
+    /// Example: 300:white:0.5. Repeat the option for up to 8 surfaces.
     #[arg(long, value_name = "VALUE[:COLOUR[:OPACITY]]", value_parser = parse::surface, allow_hyphen_values = true)]
     #[arg(conflicts_with = "iso")]
-    surface: Vec<SurfaceWish>,
-    /// Show this box only: I0:I1,J0:J1,K0:K1 in voxels, ends not included; or AXIS=FROM:TO,... with i, j, k (voxels), x, y, z
-    /// (world), inline, crossline, time or depth, or sagittal, coronal, axial (world)
+    surface: Vec<SurfaceRequest>,
+    /// Show only this box: voxels I0:I1,J0:J1,K0:K1 (ends are excluded), or ranges AXIS=FROM:TO,...
+    ///
+    /// Axes: i, j, k (voxels); x, y, z (world); inline, crossline, time or depth; sagittal, coronal, axial (world).
+    /// Example: inline=100:200.
     #[arg(long, value_name = "BOX", value_parser = places::crop, allow_hyphen_values = true)]
     crop: Option<Crop>,
-    /// Show only what lies on this side of a plane: x * NX + y * NY + z * NZ >= D in world units; or inside a solid, in world
-    /// units: sphere:X,Y,Z,R, box:X0,Y0,Z0,X1,Y1,Z1, cylinder:X0,Y0,Z0,X1,Y1,Z1,R, or mesh:FILE (a closed triangle mesh, .ply,
-    /// .stl or .obj); outside-sphere: and so on show what lies around it. May be given again: what all of them leave is shown
-    #[arg(long, value_name = "NX,NY,NZ,D|SOLID", value_parser = parse::cutter, allow_hyphen_values = true)]
-    clip: Vec<Cutter>,
+    /// Show only one side of a plane, or only the inside or outside of a solid; all numbers in world units
+    ///
+    /// Plane NX,NY,NZ,D keeps x * NX + y * NY + z * NZ >= D. Solids: sphere:X,Y,Z,R, box:X0,Y0,Z0,X1,Y1,Z1,
+    /// cylinder:X0,Y0,Z0,X1,Y1,Z1,R, and mesh:FILE (a closed triangle mesh: .ply, .stl or .obj). The prefix
+    /// `outside-`, as in outside-sphere:, keeps the outside. Repeat the option for several cuts: the picture shows
+    /// their intersection.
+    #[arg(long, value_name = "NX,NY,NZ,D|SOLID", value_parser = parse::clip_shape, allow_hyphen_values = true)]
+    clip: Vec<ClipShape>,
     #[command(flatten)]
     slices: SliceArguments,
-    /// Without light
+    /// Draw without lighting
     #[arg(long)]
     unlit: bool,
-    /// Draw heights or depths this many times as large
+    /// Factor for heights or depths, for example 5
     #[arg(long, value_name = "FACTOR", value_parser = parse::positive, allow_negative_numbers = true)]
     vertical_exaggeration: Option<f64>,
-    /// Colour behind the volume: black, white, grey, another name, #rrggbb, or R,G,B from 0 to 1
+    /// Background colour: a name such as black, white or grey, #rrggbb, or R,G,B from 0 to 1
     #[arg(long, value_name = "COLOUR", value_parser = parse::color)]
     background: Option<[f64; 3]>,
-    /// Rays along each edge of a pixel
+    /// Number of rays along each edge of a pixel: 1 to 16; N means N x N rays a pixel
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=16))]
     supersample: Option<u32>,
 }
 
-/// Opacity of all surfaces but the last.
+/// Opacity of all surfaces except the last.
 const CLEAR_SURFACE: f64 = 0.35;
-/// Their colours, from the first on.
+/// Colours of these surfaces, starting with the first.
 const CLEAR_COLORS: [[f64; 3]; 4] = [[0.82, 0.50, 0.38], [0.35, 0.60, 0.85], [0.45, 0.75, 0.40], [0.85, 0.75, 0.35]];
 
 impl LookArguments {
-    /// The volume as it is drawn: of the given or recognised kind, with the requested vertical exaggeration.
+    /// The volume for drawing: of the given or recognised kind, with the requested vertical exaggeration.
     pub fn placed(&self, container: Container, scene: &Scene) -> Result<PlacedVolume, Failure> {
         let volume = Volume::of(container);
         let volume = match self.kind {
@@ -115,13 +128,13 @@ impl LookArguments {
         volume.placed_for(&Scene { vertical_exaggeration, ..Scene::default() }).map_err(Failure::command)
     }
 
-    /// Whether an overview of the volume has a say in [`Self::scene`]: in where the camera stands, or what projections show.
+    /// Tests if [`Self::scene`] needs an overview of the volume: for the camera or the values of projections.
     pub fn asks_overview(&self, scene: &Scene) -> bool {
         let leaves_open = scene.camera.is_none() || scene.transfer_function.is_none();
         leaves_open || self.camera.is_some() || self.zoom.is_some()
     }
 
-    /// Where several slices are asked for: each by itself, and how they lie side by side.
+    /// If several slices are requested: the options of each slice, and the grid of panels.
     pub fn panels(&self, scene: &Scene) -> Result<Option<(Vec<Self>, Grid)>, Failure> {
         let cuts = &self.slices.cuts;
         if self.slices.are_panels() {
@@ -135,7 +148,7 @@ impl LookArguments {
         let grid = grid.ok_or_else(|| {
             let [width, height] = size;
             Failure::Command(format!(
-                "--slice: at most {PANEL_LIMIT} slices, each with a pixel at least; found {} in a picture of {width} x {height}",
+                "--slice: expected at most {PANEL_LIMIT} slices of at least one pixel, found {} in a picture of {width} x {height}",
                 cuts.len()
             ))
         })?;
@@ -143,22 +156,22 @@ impl LookArguments {
         Ok(Some((cuts.iter().map(alone).collect(), grid)))
     }
 
-    /// Whether slices are shown face on.
+    /// True if slices are shown face on.
     pub fn shows_panels(&self) -> bool {
         self.slices.are_panels()
     }
 
-    /// Whether a colour behind the volume is asked for.
+    /// True if a background colour is requested.
     pub fn has_background(&self) -> bool {
         self.background.is_some()
     }
 
-    /// The slice that the picture shows, in words.
+    /// Names of the shown slices.
     pub fn name(&self) -> String {
         self.slices.cuts.iter().map(ToString::to_string).collect::<Vec<_>>().join(" ")
     }
 
-    /// Refuses what says how a volume is shown, where a slice is shown face on.
+    /// Refuses options of volumes if slices are shown face on.
     fn check_panels(&self) -> Result<(), Failure> {
         let of_volumes = [
             ("--mode", self.mode.is_some()),
@@ -170,13 +183,13 @@ impl LookArguments {
         ];
         match of_volumes.iter().find(|(_, given)| *given) {
             Some((option, _)) => Err(Failure::Command(format!(
-                "{option} changes nothing on a slice that is shown face on; --slices volume shows slices within the volume"
+                "{option} changes nothing on a slice that is shown face on; use --slices volume to show slices inside the volume"
             ))),
             None => Ok(()),
         }
     }
 
-    /// The scene with what is asked for, everything written out.
+    /// The complete scene with all options applied.
     pub fn scene(
         &self,
         scene: &Scene,
@@ -189,17 +202,17 @@ impl LookArguments {
         if let Some(crop) = &self.crop {
             scene.clip.index_box = Some(crop.in_voxels(container, facts)?);
         }
-        for cutter in &self.clip {
-            match cutter {
-                Cutter::Plane(plane) => scene.clip.planes.push(*plane),
-                Cutter::Solid(solid) => scene.clip.solids.push(SolidSpec::clone(solid)),
+        for clip_shape in &self.clip {
+            match clip_shape {
+                ClipShape::Plane(plane) => scene.clip.planes.push(*plane),
+                ClipShape::Solid(solid) => scene.clip.solids.push(SolidSpec::clone(solid)),
             }
         }
         let says_light = scene.shading.is_some();
         self.set_mode(&mut scene, facts, overview);
         self.add_surfaces(&mut scene, facts)?;
         if !self.surface.is_empty() && !says_light {
-            // Surfaces are nothing without light, whatever suits the kind of data.
+            // Surfaces need lighting to be visible, whatever the kind of data.
             scene.shading = Some(Some(ShadingSpec::default()));
         }
         if let Some(text) = &self.tf {
@@ -225,7 +238,7 @@ impl LookArguments {
         let mut scene = scene.complete(facts, overview);
         self.repaint(&mut scene, facts)?;
         if self.unlit {
-            self.put_out_light(&mut scene)?;
+            self.remove_shading(&mut scene)?;
         }
         scene.validate().map_err(Failure::command)?;
         Ok(scene)
@@ -245,7 +258,7 @@ impl LookArguments {
         let has_surfaces = !self.surface.is_empty() && scene.mode.is_none_or(|mode| mode == Mode::Dvr);
         let mode = mode.or(has_surfaces.then_some(Mode::Dvr));
         let Some(mode) = mode else { return };
-        // The look of the kind where it is of this mode, light and all.
+        // Uses the look of the kind, including its lighting, if it has this mode.
         let usual = Scene { image: scene.image.clone(), clip: scene.clip.clone(), ..Scene::default() };
         let usual = usual.complete(facts, overview);
         if scene.mode.is_none() && scene.transfer_function.is_none() && usual.mode == Some(mode) && self.iso.is_empty()
@@ -259,7 +272,7 @@ impl LookArguments {
         let keeps_surfaces = mode == Mode::Dvr && scene.mode == Some(Mode::Dvr);
         scene.mode = Some(mode);
         if keeps_surfaces {
-            // They are inside the volume as before.
+            // The surfaces inside the volume stay.
         } else if mode != Mode::Iso {
             scene.iso.clear();
         } else if !self.iso.is_empty() {
@@ -269,11 +282,11 @@ impl LookArguments {
         }
     }
 
-    /// Surfaces inside the volume that are asked for: instead of the scene's.
+    /// Replaces the surfaces inside the volume by the requested ones.
     fn add_surfaces(&self, scene: &mut Scene, facts: &VolumeFacts) -> Result<(), Failure> {
         if !self.iso.is_empty() && scene.mode != Some(Mode::Iso) {
             return Err(Failure::Command(
-                "--iso names the surfaces of mode iso; inside the semi-transparent volume (--mode dvr) --surface does"
+                "--iso needs mode iso; for surfaces inside the semi-transparent volume (mode dvr), use --surface"
                     .into(),
             ));
         }
@@ -282,42 +295,46 @@ impl LookArguments {
         }
         if scene.mode != Some(Mode::Dvr) {
             return Err(Failure::Command(
-                "--surface draws inside the semi-transparent volume, in mode dvr; in mode iso, --iso names surfaces"
-                    .into(),
+                "--surface needs mode dvr: it draws inside the semi-transparent volume; in mode iso, use --iso".into(),
             ));
         }
         let usual = looks::default_surface(facts).color;
-        let spec =
-            |wish: &SurfaceWish| IsoSpec { value: wish.value, color: wish.color.unwrap_or(usual), alpha: wish.alpha };
+        let spec = |request: &SurfaceRequest| IsoSpec {
+            value: request.value,
+            color: request.color.unwrap_or(usual),
+            alpha: request.alpha,
+        };
         scene.iso = self.surface.iter().map(spec).collect();
         Ok(())
     }
 
-    /// The camera of a scene that is complete, for going around what is seen: from there, all of it is in every picture.
+    /// Camera for a turntable: every picture shows the whole visible region.
     pub fn turning_camera(&self, scene: &Scene, facts: &VolumeFacts, overview: Option<&Overview>) -> CameraSpec {
         let framed = scene.framed(facts, overview);
         self.view(facts, &framed).turning_camera(&framed, [scene.image.width, scene.image.height], upright(facts))
     }
 
-    /// The direction to look from that is asked for, or the usual one.
+    /// The requested view direction, or the default one.
     fn view(&self, facts: &VolumeFacts, framed: &Framed) -> View {
         let usual = View::facing(facts, framed);
-        let wish =
-            self.camera.as_ref().map(|wish| View { distance: wish.distance, ..View::from(facts, wish.direction) });
-        View { zoom: self.zoom.unwrap_or(1.0), ..wish.unwrap_or(usual) }
+        let request = self
+            .camera
+            .as_ref()
+            .map(|request| View { distance: request.distance, ..View::from(facts, request.direction) });
+        View { zoom: self.zoom.unwrap_or(1.0), ..request.unwrap_or(usual) }
     }
 
     fn set_camera(&self, scene: &mut Scene, facts: &VolumeFacts, overview: Option<&Overview>) {
         if self.slices.are_panels() {
             return;
         }
-        // What is framed depends on what is shown.
+        // The framed region depends on the visible region.
         let shown = Scene { camera: None, ..scene.clone() }.complete(facts, overview);
         let framed = shown.framed(facts, overview);
         scene.camera = Some(self.view(facts, &framed).camera(&framed, [scene.image.width, scene.image.height]));
     }
 
-    /// Window, colours and opacities of the transfer function that is drawn with.
+    /// Applies the options of the transfer function: window, colours, opacities.
     fn repaint(&self, scene: &mut Scene, facts: &VolumeFacts) -> Result<(), Failure> {
         let mode = scene.mode.unwrap_or_default();
         let asked = [
@@ -331,22 +348,22 @@ impl LookArguments {
             && let Some((option, _)) = asked.iter().find(|(_, given)| *given)
         {
             return Err(Failure::Command(format!(
-                "{option} changes nothing in mode iso: surfaces have colours of their own"
+                "{option} changes nothing in mode iso: surfaces have their own colours"
             )));
         }
         if mode != Mode::Dvr && self.opacity.is_some() {
-            return Err(Failure::Command("--opacity changes nothing but in mode dvr".into()));
+            return Err(Failure::Command("--opacity changes nothing in this mode; it needs --mode dvr".into()));
         }
         let Some(TransferFunctionSpec::Points(spec)) = &mut scene.transfer_function else {
             return match asked.iter().find(|(_, given)| *given) {
-                Some((option, _)) => {
-                    Err(Failure::Command(format!("{option}: the scene names a preset; give --kind instead")))
-                }
+                Some((option, _)) => Err(Failure::Command(format!(
+                    "{option} changes nothing: the scene uses a preset; use --kind instead"
+                ))),
                 None => Ok(()),
             };
         };
         let window = self.window.or(self.clip_percent.map(|percent| ramps::clipped_window(facts, percent)));
-        let colors = self.colormap.as_ref().map(ColorMapWish::colors).transpose()?;
+        let colors = self.colormap.as_ref().map(ColorMapRequest::colors).transpose()?;
         for slice in &mut scene.slices {
             slices::repaint(slice, window, colors.as_deref())?;
         }
@@ -355,21 +372,21 @@ impl LookArguments {
             *spec = PointsSpec { unit_distance: spec.unit_distance, ..PointsSpec::of(&points, 1.0) };
         }
         if let Some(factor) = self.opacity {
-            // So many times the extinction.
+            // Multiplies the extinction.
             spec.points.iter_mut().for_each(|p| p.alpha = 1.0 - (1.0 - p.alpha).powf(factor));
         }
         Ok(())
     }
 
-    fn put_out_light(&self, scene: &mut Scene) -> Result<(), Failure> {
+    fn remove_shading(&self, scene: &mut Scene) -> Result<(), Failure> {
         match scene.shading.replace(None) {
             Some(Some(_)) => Ok(()),
-            _ => Err(Failure::Command("--unlit changes nothing: this picture is not lit".into())),
+            _ => Err(Failure::Command("--unlit changes nothing: this picture has no lighting".into())),
         }
     }
 }
 
-/// Surfaces of these values: the last opaque, those before it clear.
+/// Surfaces at these values: the last one is opaque, the others are semi-transparent.
 fn surfaces(values: &[f64], usual: [f64; 3]) -> Vec<IsoSpec> {
     let last = values.len().saturating_sub(1);
     let surface = |(i, &value): (usize, &f64)| IsoSpec {

@@ -1,4 +1,4 @@
-//! Looks as people write them: colours, cameras, planes, transfer functions.
+//! Parsers of colours, cameras, planes and transfer functions.
 
 use std::path::{Path, PathBuf};
 
@@ -10,28 +10,28 @@ use supervol_scene::preset::transfer_file::TransferFile;
 use supervol_scene::preset::view::Direction;
 use supervol_scene::scene::{BoxSpec, CylinderSpec, PlaneSpec, PointSpec, PointsSpec, SolidSpec, SphereSpec};
 
-/// Where a camera is wanted.
+/// Requested camera.
 #[derive(Debug, Clone, PartialEq)]
-pub struct CameraWish {
-    /// From which direction.
+pub struct CameraRequest {
+    /// Direction of the camera from the middle.
     pub direction: Direction,
-    /// How far from the middle, world units.
+    /// Distance from the middle in world units; `None`: chosen.
     pub distance: Option<f64>,
 }
 
-/// What the volume is cut with.
+/// Plane or solid that clips the volume.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Cutter {
-    /// Half of the world.
+pub enum ClipShape {
+    /// Keeps one side of a plane.
     Plane(PlaneSpec),
-    /// The inside or the outside of a solid.
+    /// Keeps the inside or the outside of a solid.
     Solid(Box<SolidSpec>),
 }
 
-/// Before the name of a solid of which the outside is kept.
+/// Prefix of a solid that keeps its outside.
 const OUTSIDE: &str = "outside-";
 
-/// Colours that have a name here.
+/// Named colours.
 const COLORS: [(&str, [f64; 3]); 10] = [
     ("black", [0.0; 3]),
     ("white", [1.0; 3]),
@@ -46,8 +46,8 @@ const COLORS: [(&str, [f64; 3]); 10] = [
 ];
 
 /// A direction's name, or `AZ,EL[,DIST]`.
-pub fn camera(text: &str) -> Result<CameraWish, String> {
-    let named = |direction| Ok(CameraWish { direction, distance: None });
+pub fn camera(text: &str) -> Result<CameraRequest, String> {
+    let named = |direction| Ok(CameraRequest { direction, distance: None });
     match text {
         "front" => named(Direction::Front),
         "back" => named(Direction::Back),
@@ -64,10 +64,10 @@ pub fn camera(text: &str) -> Result<CameraWish, String> {
             let numbers = finite_numbers(text).ok_or_else(expected)?;
             match numbers[..] {
                 [azimuth, elevation] => {
-                    Ok(CameraWish { direction: Direction::Angles([azimuth, elevation]), distance: None })
+                    Ok(CameraRequest { direction: Direction::Angles([azimuth, elevation]), distance: None })
                 }
                 [azimuth, elevation, distance] if distance > 0.0 => {
-                    Ok(CameraWish { direction: Direction::Angles([azimuth, elevation]), distance: Some(distance) })
+                    Ok(CameraRequest { direction: Direction::Angles([azimuth, elevation]), distance: Some(distance) })
                 }
                 _ => Err(expected()),
             }
@@ -90,7 +90,7 @@ pub fn share(text: &str) -> Result<f64, String> {
 /// Percent left out at each end.
 pub fn percent(text: &str) -> Result<f64, String> {
     let number = text.trim().trim_end_matches('%').trim().parse().ok().filter(|v: &f64| (0.0..50.0).contains(v));
-    number.ok_or_else(|| format!("'{text}': expected a percentage from 0 up to, not including, 50"))
+    number.ok_or_else(|| format!("'{text}': expected a percentage from 0 to below 50"))
 }
 
 /// LOW,HIGH.
@@ -102,8 +102,8 @@ pub fn window(text: &str) -> Result<[f64; 2], String> {
 }
 
 /// NX,NY,NZ,D, or a solid: its name, a colon, and its numbers or file.
-pub fn cutter(text: &str) -> Result<Cutter, String> {
-    let Some((name, rest)) = text.split_once(':') else { return plane(text).map(Cutter::Plane) };
+pub fn clip_shape(text: &str) -> Result<ClipShape, String> {
+    let Some((name, rest)) = text.split_once(':') else { return plane(text).map(ClipShape::Plane) };
     let (keep, name) = match name.strip_prefix(OUTSIDE) {
         Some(name) => (Keep::Outside, name),
         None => (Keep::Inside, name),
@@ -122,18 +122,18 @@ pub fn cutter(text: &str) -> Result<Cutter, String> {
         ("cylinder", &[x0, y0, z0, x1, y1, z1, radius]) => {
             solid.cylinder = Some(CylinderSpec { from: [x0, y0, z0], to: [x1, y1, z1], radius });
         }
-        // The scene that is printed may go anywhere.
+        // The printed scene may be used in another folder.
         ("mesh", _) if !rest.is_empty() => {
             solid.mesh = Some(std::path::absolute(rest).map_err(|e| format!("{rest}: {e}"))?)
         }
         _ => {
             return Err(format!(
                 "'{text}': expected NX,NY,NZ,D, sphere:X,Y,Z,R, box:X0,Y0,Z0,X1,Y1,Z1, cylinder:X0,Y0,Z0,X1,Y1,Z1,R or \
-                 mesh:FILE, the last four also with {OUTSIDE} before them"
+                 mesh:FILE; {OUTSIDE} may precede the name of a solid"
             ));
         }
     }
-    Ok(Cutter::Solid(Box::new(solid)))
+    Ok(ClipShape::Solid(Box::new(solid)))
 }
 
 fn plane(text: &str) -> Result<PlaneSpec, String> {
@@ -145,25 +145,25 @@ fn plane(text: &str) -> Result<PlaneSpec, String> {
 
 /// A colour map: its name, or the file that holds it.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum ColorMapWish {
-    /// One of those that are known by name.
+pub enum ColorMapRequest {
+    /// Built-in colour map.
     Named(String),
-    /// Of a file.
+    /// Colour map of a file.
     File(PathBuf),
 }
 
 /// The name of a colour map, or a file.
-pub fn color_map(text: &str) -> Result<ColorMapWish, String> {
+pub fn color_map(text: &str) -> Result<ColorMapRequest, String> {
     if colormap::NAMES.contains(&text) {
-        return Ok(ColorMapWish::Named(text.into()));
+        return Ok(ColorMapRequest::Named(text.into()));
     }
     if names_file(text) {
-        return Ok(ColorMapWish::File(text.into()));
+        return Ok(ColorMapRequest::File(text.into()));
     }
     Err(format!("'{text}': expected a file (.json, .1dt), or one of {}", colormap::NAMES.join(", ")))
 }
 
-impl ColorMapWish {
+impl ColorMapRequest {
     /// Colours at places from 0 to 1.
     pub fn colors(&self) -> Result<Vec<(f64, [f64; 3])>, Failure> {
         match self {
@@ -176,7 +176,7 @@ impl ColorMapWish {
     }
 }
 
-/// Whether a text is the name of a file with a transfer function or a colour map.
+/// Tests if the text names a file with a transfer function or a colour map.
 fn names_file(text: &str) -> bool {
     [".json", ".1dt"].iter().any(|end| text.to_lowercase().ends_with(end)) || Path::new(text).is_file()
 }
@@ -200,26 +200,26 @@ pub fn color(text: &str) -> Result<[f64; 3], String> {
     }
 }
 
-/// A surface inside the volume as it is asked for.
+/// Requested surface inside the volume.
 #[derive(Debug, Clone, PartialEq)]
-pub struct SurfaceWish {
+pub struct SurfaceRequest {
     /// Data value.
     pub value: f64,
-    /// Colour, each channel in [0, 1], where it is said.
+    /// Colour, each channel in [0, 1]; `None`: default.
     pub color: Option<[f64; 3]>,
     /// Opacity in [0, 1].
     pub alpha: f64,
 }
 
 /// `VALUE[:COLOUR[:OPACITY]]`.
-pub fn surface(text: &str) -> Result<SurfaceWish, String> {
+pub fn surface(text: &str) -> Result<SurfaceRequest, String> {
     let expected = || format!("'{text}': expected VALUE, VALUE:COLOUR or VALUE:COLOUR:OPACITY, such as 300:white:0.5");
     let mut parts = text.split(':');
     let value = parts.next().and_then(|value| value.trim().parse().ok()).filter(|v: &f64| v.is_finite());
     let color = parts.next().map(color).transpose()?;
     let alpha = parts.next().map_or(Ok(1.0), share)?;
     match (value, parts.next()) {
-        (Some(value), None) => Ok(SurfaceWish { value, color, alpha }),
+        (Some(value), None) => Ok(SurfaceRequest { value, color, alpha }),
         _ => Err(expected()),
     }
 }
@@ -245,7 +245,7 @@ fn points(text: &str) -> Result<PointsSpec, Failure> {
         }
     };
     let points: Result<Vec<_>, _> = text.split(',').map(point).collect();
-    let points = points.map_err(|e| Failure::Command(format!("--tf {e}, or the name of a file (.json, .1dt)")))?;
+    let points = points.map_err(|e| Failure::Command(format!("--tf {e}, or a file (.json, .1dt)")))?;
     Ok(PointsSpec { unit_distance: None, points })
 }
 
@@ -274,19 +274,19 @@ mod tests {
         assert!(window("7,-5").is_err() && window("1").is_err());
         assert_eq!(percent("2.5%"), Ok(2.5));
         assert!(percent("50").is_err() && plane("0,0,0,1").is_err() && positive("0").is_err());
-        let Ok(Cutter::Solid(solid)) = cutter("outside-box:0,0,0,2,4,6") else { panic!("a box") };
+        let Ok(ClipShape::Solid(solid)) = clip_shape("outside-box:0,0,0,2,4,6") else { panic!("a box") };
         let cuboid = solid.cuboid.expect("a box");
         assert_eq!((solid.keep, cuboid.center, cuboid.edges), (Keep::Outside, [1.0, 2.0, 3.0], [2.0, 4.0, 6.0]));
-        assert!(matches!(cutter("1,0,0,5"), Ok(Cutter::Plane(_))) && cutter("mesh:a:b.ply").is_ok());
-        assert!(["sphere:1,2,3", "ball:1,2,3,4", "mesh:", "1,2,3"].iter().all(|text| cutter(text).is_err()));
-        let wish = SurfaceWish { value: -3.5, color: Some([1.0; 3]), alpha: 0.25 };
-        assert_eq!(surface("-3.5:white:0.25"), Ok(wish));
-        assert_eq!(surface("7").map(|wish| (wish.color, wish.alpha)), Ok((None, 1.0)));
+        assert!(matches!(clip_shape("1,0,0,5"), Ok(ClipShape::Plane(_))) && clip_shape("mesh:a:b.ply").is_ok());
+        assert!(["sphere:1,2,3", "ball:1,2,3,4", "mesh:", "1,2,3"].iter().all(|text| clip_shape(text).is_err()));
+        let request = SurfaceRequest { value: -3.5, color: Some([1.0; 3]), alpha: 0.25 };
+        assert_eq!(surface("-3.5:white:0.25"), Ok(request));
+        assert_eq!(surface("7").map(|request| (request.color, request.alpha)), Ok((None, 1.0)));
         assert!(["", "a", "1:", "1:white:2", "1:white:1:1"].iter().all(|text| surface(text).is_err()));
         let read = points("0:black:0,100:#ffffff:0.5").expect("two points").points;
         assert_eq!((read.len(), read[1].color, read[1].alpha), (2, [1.0; 3], 0.5));
         assert!(points("0:black").is_err() && points("0:black:2").is_err());
-        assert_eq!(color_map("viridis"), Ok(ColorMapWish::Named("viridis".into())));
-        assert!(matches!(color_map("Map.JSON"), Ok(ColorMapWish::File(_))) && color_map("jet").is_err());
+        assert_eq!(color_map("viridis"), Ok(ColorMapRequest::Named("viridis".into())));
+        assert!(matches!(color_map("Map.JSON"), Ok(ColorMapRequest::File(_))) && color_map("jet").is_err());
     }
 }

@@ -1,4 +1,4 @@
-//! Places in a volume as people call them: voxels, line numbers, times, depths, world coordinates, a patient's planes.
+//! Parsers of positions in a volume: voxels, line numbers, times, depths, world coordinates, planes of a patient.
 
 use glam::DVec3;
 use supervol_arguments::failure::Failure;
@@ -9,15 +9,15 @@ use supervol_scene::preset;
 use supervol_scene::preset::placing::axis_along;
 use supervol_sources::Survey;
 
-/// A place along an axis that has a name.
+/// Position along a named axis.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Place {
     axis: String,
-    /// In what the axis counts in; `None`: the voxel in the middle.
+    /// Position in units of the axis; `None`: the middle voxel.
     at: Option<f64>,
 }
 
-/// The word for the voxel in the middle of an axis.
+/// Word for the middle voxel of an axis.
 const MIDDLE: &str = "middle";
 
 impl std::fmt::Display for Place {
@@ -29,15 +29,15 @@ impl std::fmt::Display for Place {
     }
 }
 
-/// Where a volume is cut by a slice.
+/// Plane of a slice.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Cut {
     /// Across an axis.
     Across(Place),
-    /// Along any plane, world.
+    /// Any plane, in world coordinates.
     Plane {
         normal: [f64; 3],
-        /// A point of it; `None`: the volume's middle.
+        /// Point on the plane; `None`: the middle of the volume.
         through: Option<[f64; 3]>,
     },
 }
@@ -56,7 +56,7 @@ impl std::fmt::Display for Cut {
 /// A box: voxels, or ranges of named axes.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Crop {
-    /// As it is written.
+    /// Box as on the command line.
     Voxels(WrittenBox),
     /// Name, from, to.
     Named(Vec<(String, f64, f64)>),
@@ -74,12 +74,12 @@ pub fn place(text: &str) -> Result<Place, String> {
     Ok(Place { axis: axis.to_lowercase(), at })
 }
 
-/// `AXIS=PLACE`, or `normal=NX,NY,NZ` with `@X,Y,Z` behind it for a point that the plane runs through.
+/// `AXIS=PLACE`, or `normal=NX,NY,NZ`, optionally with `@X,Y,Z` for a point on the plane.
 pub fn slice(text: &str) -> Result<Cut, String> {
     let Some(rest) = text.trim().strip_prefix("normal=") else { return place(text).map(Cut::Across) };
     let expected = || {
         format!(
-            "'{text}': expected normal=NX,NY,NZ or normal=NX,NY,NZ@X,Y,Z: a direction, not all zero, and a point, in world units"
+            "'{text}': expected normal=NX,NY,NZ or normal=NX,NY,NZ@X,Y,Z: a normal (not all zero) and a point in world units"
         )
     };
     let triple = |text: &str| -> Option<[f64; 3]> {
@@ -115,11 +115,11 @@ fn finite(text: &str) -> Option<f64> {
 }
 
 impl Place {
-    /// The axis of the grid, and the index coordinate along it.
+    /// Axis of the grid, and index coordinate along it.
     pub fn on_grid(&self, container: &Container, facts: &VolumeFacts) -> Result<(usize, f64), Failure> {
         let scale = Scale::of(&self.axis, container, facts)?;
         let axis = scale.axis;
-        // A voxel, not what lies between two: of two in the middle, the first.
+        // The middle is a voxel: of two middle voxels, the first.
         let middle = ((facts.dims.0[axis] - 1) / 2) as f64;
         let at = self.at.map_or(middle, |at| scale.index(at));
         let [low, high] = preset::domain(facts);
@@ -137,7 +137,7 @@ impl Place {
 }
 
 impl Crop {
-    /// Corners in index coordinates, faces of voxels included.
+    /// Corners of the box in index coordinates, including the faces of its voxels.
     pub fn in_voxels(&self, container: &Container, facts: &VolumeFacts) -> Result<[[f64; 3]; 2], Failure> {
         let [mut low, mut high] = preset::domain(facts);
         match self {
@@ -148,7 +148,10 @@ impl Crop {
                 let outside =
                     (0..3).any(|a| corners[0][a] < low[a] || corners[1][a] > high[a] || corners[0][a] >= corners[1][a]);
                 if outside {
-                    return Err(Failure::Command(format!("--crop: the volume has {} voxels", facts.dims)));
+                    return Err(Failure::Command(format!(
+                        "--crop: expected a box inside the volume, which has {} voxels",
+                        facts.dims
+                    )));
                 }
                 return Ok(corners);
             }
@@ -175,7 +178,7 @@ impl Crop {
     }
 }
 
-/// Line numbers and time or depth of an index point, by name; none where the volume is no survey.
+/// Names and values of line numbers and time or depth at an index point; empty if the volume is no survey.
 pub fn lines(index: [f64; 3], container: &Container, facts: &VolumeFacts) -> Result<Vec<(String, f64)>, Failure> {
     if Survey::of(container.manifest()).is_none() {
         return Ok(Vec::new());
@@ -188,7 +191,7 @@ pub fn lines(index: [f64; 3], container: &Container, facts: &VolumeFacts) -> Res
     ["inline".into(), "crossline".into(), third].into_iter().map(place).collect()
 }
 
-/// What an axis of the grid counts in, under one of its names: place = first + index * step.
+/// Scale of a grid axis under one of its names: place = first + index * step.
 struct Scale {
     axis: usize,
     first: f64,
@@ -215,7 +218,7 @@ impl Scale {
         Err(Failure::Command(format!("'{name}' is no axis of this volume: expected {}", names(container, facts))))
     }
 
-    /// The grid axis that runs along a world axis most of all, counted by that coordinate on the line through the middle.
+    /// Scale of the grid axis nearest to a world axis: its world coordinate on the line through the middle.
     fn world(world: usize, facts: &VolumeFacts) -> Self {
         let linear = facts.geometry.linear();
         let axis = axis_along(world, facts);
@@ -234,7 +237,7 @@ impl Scale {
     }
 }
 
-/// The world axis that a name means.
+/// World axis of a name.
 fn world_axis(name: &str, frame: Frame) -> Option<usize> {
     if let Some(axis) = ["x", "y", "z"].iter().position(|n| *n == name) {
         return Some(axis);

@@ -1,12 +1,12 @@
-//! `--slice` and what belongs to it.
+//! Options of slices: `--slice` and those that need it.
 
 use clap::{Args, ValueEnum};
 use glam::DVec3;
 use supervol_arguments::failure::Failure;
 use supervol_format::Container;
 use supervol_scene::facts::VolumeFacts;
-use supervol_scene::preset::section::{Slice, face_on, plane_across};
 use supervol_scene::preset::{Look, ramps};
+use supervol_scene::scene::section::{Slice, face_on, plane_across};
 use supervol_scene::scene::{Mode, PointSpec, Scene, TransferFunctionSpec};
 use supervol_scene::slices::filter::{FilterKind, FilterSpec};
 use supervol_scene::slices::{ColorSpec, Interpolation, SliceSpec};
@@ -15,45 +15,51 @@ use supervol_scene::transfer_function::ControlPoint;
 use super::parse;
 use super::places::{self, Cut};
 
-/// Which slices, and how.
+/// Slices, and how they are drawn.
 #[derive(Debug, Clone, Args)]
 pub struct SliceArguments {
-    /// Show a slice, face on: AXIS=PLACE, with the axes of --crop and a number or `middle`, or normal=NX,NY,NZ@X,Y,Z for the plane across this direction
-    /// through this point, world (without @X,Y,Z through the middle). Given again, slices lie side by side in one picture
+    /// Show a slice face on: AXIS=PLACE, or normal=NX,NY,NZ@X,Y,Z for any plane
+    ///
+    /// AXIS is one of the axes of --crop. PLACE is a number or `middle`. The plane has the given normal and passes
+    /// through the point X,Y,Z in world units; without a point, it passes through the middle. Repeat the option for
+    /// several slices side by side.
     #[arg(long = "slice", value_name = "AXIS=PLACE|normal=...", value_parser = places::slice, allow_hyphen_values = true)]
     pub cuts: Vec<Cut>,
-    /// Where slices are shown: side by side, or within the picture of the volume, which they cut at their depth
+    /// Place of the slices: side by side, or inside the picture of the volume
     #[arg(long, value_enum, default_value = "panels", requires = "cuts")]
     pub slices: Where,
-    /// The mean over this many voxels across the slice
+    /// Thickness of the slice in voxels: shows the mean across it
     #[arg(long, value_name = "VOXELS", value_parser = parse::positive, requires = "cuts")]
     slab: Option<f64>,
-    /// How values between voxels are found on slices
+    /// Interpolation between voxels on slices
     #[arg(long, value_enum, default_value = "linear", requires = "cuts")]
     interpolation: InterpolationName,
-    /// Opacity of slices within the picture, from 0 to 1
+    /// Opacity of slices inside the picture of the volume: 0 to 1
     #[arg(long, value_name = "SHARE", value_parser = parse::share, requires = "cuts")]
     slice_opacity: Option<f64>,
-    /// Image filter on slices: gaussian, median, sobel, laplacian or marr-hildreth; behind a colon a size in voxels (1 by default):
-    /// gaussian:2 and marr-hildreth:2 by their standard deviation, median:2 by the radius of its window
+    /// Image filter on slices: gaussian, median, sobel, laplacian or marr-hildreth, with a size in voxels behind a
+    /// colon [default size: 1]
+    ///
+    /// The size of gaussian and marr-hildreth is the standard deviation, for example gaussian:2. The size of median
+    /// is the radius of its window.
     #[arg(long, value_name = "NAME[:SIZE]", value_parser = filter, requires = "cuts")]
     filter: Option<FilterSpec>,
 }
 
-/// Where slices are shown.
+/// Place of the slices.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Where {
-    /// Each face on, side by side
+    /// Face on, side by side
     Panels,
-    /// In the picture of the volume
+    /// Inside the picture of the volume
     Volume,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum InterpolationName {
-    /// The value of the nearest voxel
+    /// Value of the nearest voxel
     Nearest,
-    /// Linear, as volumes are drawn
+    /// Trilinear, as in volumes
     Linear,
     /// Cubic (Catmull and Rom)
     Cubic,
@@ -75,17 +81,17 @@ fn filter(text: &str) -> Result<FilterSpec, String> {
 }
 
 impl SliceArguments {
-    /// Whether each slice is a picture of its own, face on.
+    /// True if each slice is a picture of its own, face on.
     pub fn are_panels(&self) -> bool {
         !self.cuts.is_empty() && self.slices == Where::Panels
     }
 
-    /// The same of one slice.
+    /// The options with only this slice.
     pub fn only(&self, cut: &Cut) -> Self {
         Self { cuts: vec![cut.clone()], ..self.clone() }
     }
 
-    /// The scene with nothing but this slice, face on.
+    /// Scene that shows only this slice, face on.
     pub fn panel(
         &self,
         scene: &Scene,
@@ -93,10 +99,12 @@ impl SliceArguments {
         (container, facts): (&Container, &VolumeFacts),
         (zoom, is_painted): (f64, bool),
     ) -> Result<Scene, Failure> {
-        let nothing = || Failure::Command(format!("--slice {cut}: outside what --crop and the volume leave"));
+        let nothing = || Failure::Command(format!("--slice {cut} lies outside the volume, or outside --crop"));
         let is_plain = self.interpolation == InterpolationName::Linear && self.filter.is_none();
         if self.slice_opacity.is_some() {
-            return Err(Failure::Command("--slice-opacity is of slices within the picture: --slices volume".into()));
+            return Err(Failure::Command(
+                "--slice-opacity needs --slices volume: slices that are shown face on are opaque".into(),
+            ));
         }
         if let (Cut::Across(place), true) = (cut, is_plain) {
             let (axis, at) = place.on_grid(container, facts)?;
@@ -112,7 +120,7 @@ impl SliceArguments {
         face_on(scene, facts, slice, zoom).ok_or_else(nothing)
     }
 
-    /// Puts all slices into the picture of the volume.
+    /// Adds all slices to the picture of the volume.
     pub fn add_to(&self, scene: &mut Scene, container: &Container, facts: &VolumeFacts) -> Result<(), Failure> {
         if self.cuts.is_empty() {
             return Ok(());
@@ -121,7 +129,7 @@ impl SliceArguments {
         for cut in &self.cuts {
             scene.slices.push(self.spec(cut, container, facts)?);
         }
-        // Projections know no depth: where nobody asked for one, the volume is drawn as a body.
+        // Projections have no depth. If no mode was requested, the volume is drawn in mode dvr.
         let is_projected = !matches!(Look::of(facts).mode, Mode::Dvr | Mode::Iso);
         if scene.mode.is_none() && scene.iso.is_empty() && is_projected {
             scene.mode = Some(Mode::Dvr);
@@ -132,7 +140,8 @@ impl SliceArguments {
     fn refuse_slab(&self) -> Result<(), Failure> {
         match self.slab {
             Some(_) => Err(Failure::Command(
-                "--slab is of slices across an axis, face on, with linear interpolation and without a filter".into(),
+                "--slab needs a slice across an axis, shown face on, with linear interpolation and without --filter"
+                    .into(),
             )),
             None => Ok(()),
         }
@@ -163,7 +172,7 @@ impl SliceArguments {
     }
 }
 
-/// Moves the colours of a slice to another window, and paints them otherwise, each where it is asked for.
+/// Changes window and colours of a slice, as far as they are given.
 pub fn repaint(
     slice: &mut SliceSpec,
     window: Option<[f64; 2]>,
@@ -174,10 +183,10 @@ pub fn repaint(
     }
     let point = |value, color| ControlPoint { value, color, alpha: 1.0 };
     let points: Vec<ControlPoint> = match (&slice.colors[..], window) {
-        // What a filter makes of values has another range.
+        // Filtered values have another range.
         ([], None) => {
             return Err(Failure::Command(
-                "--colormap: give --window, too, for what this --filter makes of values".into(),
+                "--colormap needs --window here: this --filter changes the range of values".into(),
             ));
         }
         ([], Some([low, high])) => vec![point(low, [0.0; 3]), point(high, [1.0; 3])],

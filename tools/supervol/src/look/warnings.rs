@@ -1,4 +1,4 @@
-//! What is worth saying of a picture: why it shows nothing, and what it is cut by to no effect.
+//! Warnings about a picture: reasons for an empty picture, and cuts without effect.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -11,14 +11,15 @@ use supervol_scene::image::{GREY_LEVELS, Image};
 use supervol_scene::scene::{Mode, ResolvedScene};
 use supervol_scene::units::Units;
 
-/// Rays along each edge of the picture that are tried, to see whether the camera meets anything.
+/// Test rays along each edge of the picture for tests whether the camera sees anything.
 const PROBES: u32 = 128;
-/// The same, to see whether a cut takes anything away: every ray of most pictures, for what it takes away may be small.
+/// Test rays along each edge for tests whether a cut removes anything. This is every ray of most pictures, because a
+/// cut may remove little.
 const CUT_PROBES: u32 = 1024;
-/// Share of what is on a ray that rounding may take away.
+/// Relative difference of length along a ray that is attributed to rounding.
 const ROUNDED_SHARE: f64 = 1e-9;
 
-/// Why nothing but the background is to be seen; `None` where something is.
+/// Reason why the picture shows only background; `None` if it shows something.
 pub fn reason(image: &Image, scene: &ResolvedScene, facts: &VolumeFacts) -> Option<String> {
     let shown = |pixel: &[f32; 4]| {
         let [.., alpha] = pixel.map(f64::from);
@@ -27,39 +28,39 @@ pub fn reason(image: &Image, scene: &ResolvedScene, facts: &VolumeFacts) -> Opti
     if image.pixels.iter().any(shown) {
         return None;
     }
-    // What is drawn is in units of its own.
+    // Drawing uses scaled units.
     let units = Units::of(facts);
     let placed = &units.facts(facts);
     let (range, data) = (facts.value_range, facts.kind);
     let is_outside = |value: f64| value < placed.value_range.min || value > placed.value_range.max;
     Some(if data == DataKind::Empty {
-        "no voxel of the volume is present".into()
+        "all voxels of the volume are absent".into()
     } else if !meets(scene, &Clip::default(), placed) {
-        "the camera does not see the volume; leave the scene's `camera` out, or choose a direction with --camera".into()
+        "the camera does not see the volume; remove `camera` from the scene, or set --camera".into()
     } else if !meets(scene, &scene.clip, placed) {
         let cut_by = if scene.clip.solids.is_empty() { "clip box and planes" } else { "clip box, planes and solids" };
-        format!("{cut_by} leave nothing of the volume where the camera looks")
+        format!("{cut_by} leave nothing of the volume in the camera's view")
     } else if scene.mode == Mode::Iso && scene.iso.iter().all(|iso| is_outside(iso.value)) {
         let values: Vec<String> = scene.iso.iter().map(|iso| Number(iso.value * units.value).to_string()).collect();
-        format!("values run from {range}, and no surface is at {}", values.join(", "))
+        format!("values range from {range}, and no surface is at {}", values.join(", "))
     } else if scene.mode == Mode::Iso {
-        "no surface of these values lies where the camera looks".into()
+        "the camera's view holds no surface of these values".into()
     } else if data == DataKind::Constant && scene.iso.is_empty() {
-        format!("every voxel is {}, and the transfer function shows nothing there", Number(range.min))
+        format!("every voxel is {}, and the transfer function is transparent there", Number(range.min))
     } else {
         let points = scene.transfer_function.points();
         let ends = [points.first(), points.last()].map(|p| p.map_or(f64::NAN, |p| p.value * units.value));
-        let with_surfaces = if scene.iso.is_empty() { "" } else { "no surface lies where the camera looks, and " };
+        let with_surfaces = if scene.iso.is_empty() { "" } else { "the camera's view holds no surface, and " };
         format!(
-            "{with_surfaces}the transfer function, from {} to {}, shows nothing where the camera looks of values that run from {range}; try \
-             --clip-percent 1",
+            "{with_surfaces}the transfer function (from {} to {}) is transparent for all values in the camera's view; the \
+             volume's values range from {range}; try --clip-percent 1",
             Number(ends[0]),
             Number(ends[1])
         )
     })
 }
 
-/// The planes and solids each of which alone cuts nothing off, by name: a sign of a wrong unit or a wrong place.
+/// Names of planes and solids that cut nothing off: a sign of a wrong unit or position.
 pub fn idle_cuts(scene: &ResolvedScene, facts: &VolumeFacts) -> Vec<String> {
     let placed = &Units::of(facts).facts(facts);
     let uncut = Clip { planes: Vec::new(), solids: Vec::new(), ..scene.clip.clone() };
@@ -76,7 +77,7 @@ pub fn idle_cuts(scene: &ResolvedScene, facts: &VolumeFacts) -> Vec<String> {
         });
         left < all * (1.0 - ROUNDED_SHARE)
     };
-    // Few rays find nearly every cut that cuts.
+    // A few rays suffice for nearly every effective cut.
     let is_idle = |cut: &Clip| {
         ![PROBES, CUT_PROBES]
             .iter()
@@ -87,14 +88,14 @@ pub fn idle_cuts(scene: &ResolvedScene, facts: &VolumeFacts) -> Vec<String> {
         _ => format!("{what} {} of {count}", n + 1),
     };
     let idle_planes = (0..planes.len()).filter(|n| is_idle(&plane(*n))).map(|n| named("clip plane", planes.len(), n));
-    // A mesh takes long to ask ray by ray.
+    // Testing a mesh ray by ray is slow.
     let (low, high) = extent(placed, &uncut);
     let is_idle_solid = |n: &usize| solids[*n].surely_keeps(low, high) || is_idle(&solid(*n));
     let idle_solids = (0..solids.len()).filter(is_idle_solid).map(|n| named("clip solid", solids.len(), n));
     idle_planes.chain(idle_solids).collect()
 }
 
-/// The least and the greatest coordinates, along each axis of the world, of what the clip box leaves of the volume.
+/// World bounding box of the volume inside the clip box.
 fn extent(facts: &VolumeFacts, clip: &Clip) -> (DVec3, DVec3) {
     let ends: [[f64; 2]; 3] = std::array::from_fn(|a| {
         let [low, high] = clip.index_box.map_or([f64::NEG_INFINITY, f64::INFINITY], |ends| ends.map(|end| end[a]));
@@ -106,12 +107,12 @@ fn extent(facts: &VolumeFacts, clip: &Clip) -> (DVec3, DVec3) {
     (0..8).map(corner).fold(nothing, |(low, high), corner| (low.min(corner), high.max(corner)))
 }
 
-/// Whether any of the rays that are tried has something of the volume on it.
+/// Tests if any test ray meets the volume.
 fn meets(scene: &ResolvedScene, clip: &Clip, facts: &VolumeFacts) -> bool {
     any_ray(scene, facts, PROBES, |ray, index_ray| !clip_parts(ray, index_ray, facts.dims, clip).is_empty())
 }
 
-/// Whether this holds for any ray of the picture, of which so many along each edge are tried.
+/// Tests if `holds` is true for any test ray; `probes` is their number along each edge.
 fn any_ray(
     scene: &ResolvedScene,
     facts: &VolumeFacts,

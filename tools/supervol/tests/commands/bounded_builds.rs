@@ -1,4 +1,5 @@
-//! `build --codec wavelet` and `build --max-error`: what goes in comes out, exactly or within the bound, and everybody says so.
+//! `build --codec wavelet` and `build --max-error`: voxels come back exactly or within the bound, and all commands
+//! state the bound.
 
 use crate::support;
 use support::{Folder, json};

@@ -39,8 +39,11 @@ fn a_volume_file_is_built_once_and_drawn_as_its_container_is() {
         folder.said(&arguments)
     };
     let first = of_file("1.npy");
-    assert!(first.contains("a.raw is no container: one is built first") && first.contains("32.00 GiB"), "{first}");
-    assert!(!of_file("2.npy").contains("built first"));
+    assert!(
+        first.contains("a.raw: building a container of this volume file") && first.contains("32.00 GiB"),
+        "{first}"
+    );
+    assert!(!of_file("2.npy").contains("building a container"));
     let kept = folder.kept();
     assert!(kept.len() == 1 && kept[0].starts_with("a-") && kept[0].ends_with(".svol"), "{kept:?}");
     let build: Vec<&str> = ["build", "a.raw", "-o", "a.svol"].into_iter().chain(SHAPE).collect();
@@ -52,11 +55,11 @@ fn a_volume_file_is_built_once_and_drawn_as_its_container_is() {
     // Read otherwise, it is another volume.
     let spaced: Vec<&str> =
         ["histogram", "a.raw", "--cache", "cache", "--spacing", "1,1,2"].into_iter().chain(SHAPE).collect();
-    assert!(folder.said(&spaced).contains("built first"));
+    assert!(folder.said(&spaced).contains("building a container"));
     assert_eq!(folder.kept().len(), 2);
-    // What changes a file's reading changes nothing in a container.
+    // Options for volume files change nothing in a container.
     let message = folder.expect(2, &["render", "a.svol", "--spacing", "1,1,2", "-o", "4.npy"]);
-    assert!(message.contains("a container says all about itself"), "{message}");
+    assert!(message.contains("expected a volume file, found a container"), "{message}");
     // A picture never takes the place of the file that it shows.
     folder.raw("voxels.png", 3);
     let shown: Vec<&str> =
@@ -72,7 +75,7 @@ fn what_no_reader_takes_is_refused_before_a_build_is_announced() {
     let run = folder.run(&["render", "letter.txt", "-o", "a.png", "--cache", "cache"]);
     let said = String::from_utf8_lossy(&run.stderr);
     assert!(!run.status.success() && said.contains("letter.txt: neither its first bytes"), "{said}");
-    assert!(!said.contains("is built first"), "{said}");
+    assert!(!said.contains("building a container"), "{said}");
 }
 
 #[test]

@@ -58,11 +58,11 @@ fn a_raw_volume_goes_in_and_the_same_voxels_come_out() {
     for key in ["factors", "dims", "bricks", "bytes", "error"] {
         assert!(info["levels"][0].get(key).is_some(), "a level has no {key}");
     }
-    // How the axes of coarser levels were chosen is stated.
+    // The report states the choice of the axes of coarser levels.
     assert!(info["levels"][0]["rms_kept"].is_null());
     let kept = info["levels"][1]["rms_kept"].as_array().expect("auto measures").clone();
     assert!(kept.len() == 3 && kept.iter().all(|share| (0.0..=1.0).contains(&share.as_f64().expect("a share"))));
-    assert!(folder.expect(0, &["info", "a.svol"]).contains("kept of amplitudes"));
+    assert!(folder.expect(0, &["info", "a.svol"]).contains("share of amplitudes"));
 
     folder.expect(0, &["extract", "a.svol", "-o", "b.raw"]);
     assert_eq!(std::fs::read(folder.path("b.raw")).expect("extract wrote it"), raw);
@@ -91,7 +91,7 @@ fn other_formats_go_in_and_out_and_several_volumes_are_chosen_from() {
         let message = folder.expect(2, &["build", name, "--frame", "1", "-o", "again.svol", "--force"]);
         assert!(message.contains("--frame 1") && message.contains(name), "{message}");
     }
-    // What was chosen is part of what a container was built from.
+    // The chosen part is recorded in the container.
     folder.expect(0, &["build", "v.nii", "--frame", "0", "-o", "again.svol", "--force"]);
     let info = json(&folder.expect(0, &["info", "again.svol", "--json"]));
     assert_eq!(info["source"]["name"], "v.nii --frame 0");
@@ -176,7 +176,7 @@ fn pictures_are_written_in_three_formats_with_statistics() {
     assert!(worst <= 0.5 / 255.0, "{worst}");
 }
 
-/// Who draws a picture, and the lines of standard error about it, with lavapipe as the adapter that is named.
+/// Backend of a picture, and the lines of standard error about it. The adapter variable names lavapipe.
 fn about_backend(folder: &Folder, backend: &[&str]) -> (String, Vec<String>) {
     let picture = ["render", "v.svol", "-o", "p.png", "--size", "16x12", "--stats", "t.json"];
     let command = [&picture[..], backend].concat();
@@ -196,7 +196,7 @@ fn who_casts_the_rays_and_why_is_said_in_one_line() {
     let (backend, lines) = about_backend(&folder, &["--backend", "auto"]);
     let [line] = &lines[..] else { panic!("not one line: {lines:?}") };
     assert!(line.starts_with(&format!("--backend auto: {backend}, because ")), "{line}");
-    // Who has not asked is told only what is not as on most machines.
+    // Without `--backend`, only an unusual choice is reported.
     let is_plain = line.ends_with(NO_DEVICE);
     assert_eq!(about_backend(&folder, &[]).1, if is_plain { vec![] } else { lines.clone() });
     assert!(about_backend(&folder, &["--backend", "cpu"]).1.is_empty());
@@ -258,7 +258,7 @@ fn a_check_says_how_far_the_picture_is_from_the_exact_one() {
     assert!(printed.contains(&figure), "'{figure}' is not in {printed}");
     assert_eq!(check(&["--level", "0", "--check"]).1["largest_grey_levels"], measured["largest_grey_levels"]);
 
-    // What was predicted, term by term, is not less than what was measured.
+    // The predicted error, term by term, is at least the measured one.
     let stats = json(&std::fs::read_to_string(folder.path("t.json")).expect("render wrote it"));
     let predicted = &stats["error_predicted"];
     let terms = ["cells", "ray_ends", "transfer_function", "levels", "rounding"];
@@ -302,7 +302,8 @@ fn a_check_says_how_far_the_picture_is_from_the_exact_one() {
     assert_eq!(number(&exact, "largest_grey_levels"), 0.0);
 }
 
-/// From the start of the program on, and no later than it ends; whoever gives less time than there is in all waits no longer for it.
+/// The deadline counts from the start of the program, and the picture is handed over no later. A deadline that has
+/// already passed is no reason to wait.
 #[test]
 fn the_time_until_a_picture_is_there_is_told() {
     let folder = Folder::new();
@@ -318,7 +319,7 @@ fn the_time_until_a_picture_is_there_is_told() {
     }
 }
 
-/// What rays cost, as numbers and as colours; the picture is what it is without.
+/// Work map as numbers and as colours; the picture is the same with and without it.
 #[test]
 fn work_maps_count_what_the_statistics_count() {
     let folder = Folder::new();
@@ -533,7 +534,7 @@ fn a_chart_is_written_as_a_page_and_as_points() {
     }
     let page = read("report.html");
     assert!(page.contains("<svg") && page.contains("supervol chart --quick --scene marschner-lobb"));
-    // What is stated of pixels is compared at two levels, and no picture of any look contradicts it.
+    // The report compares stated errors at two levels; no picture of any look contradicts them.
     let section =
         |id: &str| page.split(&format!("id=\"{id}\"")).nth(1).and_then(|rest| rest.split("</section>").next());
     let stated = section("stated").expect("a section on what is stated");
@@ -557,7 +558,7 @@ fn a_chart_is_written_as_a_page_and_as_points() {
 fn stability_is_written_as_a_page_and_as_regimes() {
     let folder = Folder::new();
     let unknown = folder.expect(2, &["chart", "--stability", "--only", "S99", "-o", "report"]);
-    let known = unknown.rsplit("there are ").next().expect("the known ones are listed");
+    let known = unknown.rsplit("expected one of ").next().expect("the known ones are listed");
     // One that exists already; S06 as soon as it does.
     let Some(id) = known.split([',', ' ', '\n']).filter(|id| id.starts_with('S')).min_by_key(|id| *id != "S06") else {
         panic!("no regime exists: {unknown}");
@@ -599,7 +600,7 @@ fn a_missing_executable_is_named_with_the_command_that_builds_it() {
     assert_eq!(run(&["view", "--no-such-option"]).0, Some(2));
 }
 
-/// What lies outside the caster's limits would be brought to them in silence; 1 is documented as any error.
+/// Errors outside the limits of the caster are refused; it would clamp them silently. 1 is documented as any error.
 #[test]
 fn errors_that_cannot_be_aimed_at_are_refused() {
     let folder = Folder::new();

@@ -63,8 +63,8 @@ fn every_option_is_tried() {
     }
 }
 
-/// A SEG-Y file of 2 inlines, 3 crosslines and 8 samples, floats: sample k of a trace is 100 times the offset, plus 10 times the
-/// inline, plus the crossline, plus k.
+/// A SEG-Y file of 2 inlines, 3 crosslines and 8 samples, floats. Sample k of a trace is 100 times the offset, plus
+/// 10 times the inline, plus the crossline, plus k.
 struct Segy {
     /// Bytes of inline, crossline and offset in the trace header, from 1.
     at: [usize; 3],
@@ -109,7 +109,7 @@ impl Segy {
 }
 
 impl Folder {
-    /// What `info` says of a container of this file, read so.
+    /// Output of `info` for a container that is built from this file with these options.
     fn built(&self, file: &str, options: &[&str]) -> serde_json::Value {
         self.expect(0, &[&["build", file, "-o", "v.svol", "--force"], options].concat());
         json(&self.expect(0, &["info", "v.svol", "--json"]))
@@ -122,7 +122,7 @@ impl Folder {
     }
 }
 
-/// What the manifest calls what this option said.
+/// Name of an option in the manifest.
 fn reader_parameter(option: &str) -> String {
     option.replace("--", "reader_").replace('-', "_")
 }
@@ -195,7 +195,7 @@ fn absent_voxels_and_what_coarser_levels_are() {
     let dims = |info: &serde_json::Value| info["levels"][1]["dims"].clone();
     assert_eq!(dims(&built(&["--lod-axes", "xyz"])), serde_json::json!([35, 35, 35]));
     assert_eq!(dims(&built(&["--lod-axes", "xy"])), serde_json::json!([35, 35, 70]));
-    // Of two voxels along x one has the greatest value.
+    // One of two voxels along x has the greatest value.
     let greatest = built(&["--reduce", "max", "--lod-axes", "xyz"]);
     assert_eq!(greatest["parameters"]["reduce"], "max");
     folder.expect(0, &["extract", "v.svol", "-o", "coarse.raw", "--level", "1"]);
@@ -271,7 +271,7 @@ fn files_that_need_options(folder: &Folder) -> Vec<(&'static str, Vec<&'static s
     ]
 }
 
-/// What is said of how a file is read means the same to every command that reads one.
+/// Options for volume files mean the same to every command that reads one.
 #[test]
 fn every_command_reads_files_alike() {
     let folder = Folder::new();
@@ -312,10 +312,10 @@ fn options_for_volume_files_belong_to_one() {
         [&["info"][..], &["histogram"], &["render", "-o", "p.npy"], &["view"], &["bench", "--quick", "--volume"]]
     {
         let message = folder.expect(2, &[command, &container].concat());
-        assert!(message.contains("a container says all about itself"), "{command:?}: {message}");
+        assert!(message.contains("expected a volume file, found a container"), "{command:?}: {message}");
     }
     let message = folder.expect(2, &["view", "--dims", "8,8,8", "--dtype", "u8"]);
-    assert!(message.contains("name it, too"), "{message}");
+    assert!(message.contains("name the file, too"), "{message}");
     for measured in
         [&["--quick"][..], &["--path", "orbit", "--virtual", "128"], &["--random-scenes", "1"], &["--leaping"]]
     {

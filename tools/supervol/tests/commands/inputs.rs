@@ -76,7 +76,7 @@ fn volume_files_say_what_they_are_before_they_are_built() {
         assert!(text.contains(said), "{said}: {text}");
     }
     let before = json(&folder.expect(0, &["info", "v.nrrd", "--json"]));
-    // Where nothing is said, the container lies beside its source.
+    // By default, the container lies beside its source.
     folder.expect(0, &["build", "v.nrrd"]);
     let after = json(&folder.expect(0, &["info", "v.svol", "--json"]));
     for (key, value) in before.as_object().expect("an object") {
@@ -94,7 +94,7 @@ fn volume_files_say_what_they_are_before_they_are_built() {
     // A folder may be a volume, too.
     std::fs::create_dir(folder.path("stack")).expect("a folder");
     let said = folder.expect(0, &["info", "stack"]);
-    assert!(said.contains("a folder without unfinished files, and no volume: "), "{said}");
+    assert!(said.contains("the folder holds no volume and no unfinished files: "), "{said}");
 }
 
 #[test]

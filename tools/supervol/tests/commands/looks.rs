@@ -219,7 +219,10 @@ fn nothing_is_black_without_a_word() {
     assert!(scene(away).contains("the camera does not see the volume"));
     assert!(scene(r#"{"clip": {"planes": [{"normal": [1, 0, 0], "offset": 500}]}}"#).contains("clip box and planes"));
     assert!(warning(&folder, &["--iso", "1e6"]).contains("no surface is at 1000000"));
-    assert!(warning(&folder, &["--tf", "1e6:black:0,2e6:white:1"]).contains("shows nothing where the camera looks"));
+    assert!(
+        warning(&folder, &["--tf", "1e6:black:0,2e6:white:1"])
+            .contains("is transparent for all values in the camera's view")
+    );
     let trace = Folder::with_bytes([1, 1, 250], |[_, _, k]| k as u8);
     assert!(!warning(&trace, &[]).contains("warning"), "a trace is drawn so wide that it can be seen");
     let constant = Folder::with_bytes([9, 9, 9], |_| 5);
@@ -336,7 +339,7 @@ fn shells_and_manuals_know_every_command() {
     folder.expect(0, &["man", "-o", "pages"]);
     assert!(!std::path::Path::new(&folder.path("pages/supervol-help.1")).exists());
     let page = std::fs::read_to_string(folder.path("pages/supervol-render.1")).expect("man wrote it");
-    assert!(page.contains("Where the camera stands"), "{page}");
+    assert!(page.contains("Position of the camera"), "{page}");
 }
 
 #[test]
@@ -367,7 +370,7 @@ fn sections_have_places_along_their_edges() {
     // The lowest rows hold the first and the last place, the axis, and round places between them.
     let columns = (0..240).filter(|x| (166..180).any(|y| differs(*x, y))).count();
     assert!(columns > 100, "{columns}");
-    // What stands at the left of the section is its other edge.
+    // The left edge of the section is its other edge.
     let rows = (30..150).filter(|y| (10..36).any(|x| differs(x, *y))).count();
     assert!(rows > 30, "{rows}");
 }
@@ -431,7 +434,7 @@ fn a_place_given_by_hand_is_kept_with_its_unit() {
         let unit = again["axes"][2]["unit"].as_str();
         assert_eq!((again["spacing"][2].as_f64(), unit), (Some(2000.0), Some("um")), "{name}");
     }
-    // What a file says of itself can be overruled, with a note.
+    // Options override the data of a file, with a note.
     folder.expect(0, &["build", "v.nrrd", "--spacing", "3,3,3", "-o", "w.svol"]);
     assert!(folder.expect(0, &["info", "w.svol"]).contains("note       the spacing was given by hand"));
     assert!(folder.expect(2, &["build", "v.nrrd", "--spacing", "3,3,-3", "-o", "x.svol"]).contains("spacing"));

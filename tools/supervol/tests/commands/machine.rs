@@ -33,11 +33,11 @@ fn memory_that_the_system_does_not_give_is_no_abort() {
     let synth = "synth constant --dims 2048,2048,2048 --memory 8GiB";
     for output in ["o.svol", "o.svol --brick 128 --threads 2"] {
         let built = run_in(&folder, 700_000, "", &format!("{synth} -o {output}"));
-        fails(&folder, &built, "no memory left", &[]);
+        fails(&folder, &built, "out of memory", &[]);
     }
     folder.expect(0, &["synth", "constant", "--dims", "1024,1024,512", "-o", "c.svol"]);
     let extracted = run_in(&folder, 400_000, "", "extract c.svol -o c.raw --memory 8GiB");
-    fails(&folder, &extracted, "no memory left", &["c.svol"]);
+    fails(&folder, &extracted, "out of memory", &["c.svol"]);
 }
 
 #[test]

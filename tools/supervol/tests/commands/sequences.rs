@@ -44,7 +44,8 @@ fn a_turntable_goes_on_with_what_is_missing() {
     assert_eq!(frames.iter().map(read).collect::<Vec<_>>(), pictures);
 }
 
-/// Pictures of the same in another format go beside those that are there; for something else, all of them are in the way.
+/// Pictures of the same animation in another format go beside the existing ones. Pictures of another animation are
+/// refused.
 #[test]
 fn sequences_are_written_as_floats_too() {
     let folder = with_vessels();

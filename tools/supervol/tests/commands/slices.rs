@@ -1,4 +1,5 @@
-//! Slices in any direction, with filters, within the volume; axes with names and units; scenes that hold all of a picture.
+//! Slices in any direction, with filters, inside the volume; axes with names and units; scenes that hold a whole
+//! picture.
 
 use crate::support;
 use support::{Folder, json};
@@ -97,7 +98,7 @@ fn slices_within_the_volume_are_in_the_scene_that_is_printed() {
     assert_eq!((&slices[1]["opacity"], slices.as_array().map(Vec::len)), (&0.5.into(), Some(2)));
     std::fs::write(folder.path("scene.json"), printed).expect("room");
     assert_eq!(picture, folder.pixels(&["--scene", "scene.json"]));
-    // Of what is projected by default a body is made, but only for slices' sake.
+    // A volume whose default mode is a projection is drawn as a body, but only if slices need a depth.
     let mode = |more: &[&str]| {
         let options = [&["render", "v.svol", "--kind", "fluorescence", "--print-scene"], more].concat();
         json(&folder.expect(0, &options))["mode"].to_string()
@@ -105,11 +106,11 @@ fn slices_within_the_volume_are_in_the_scene_that_is_printed() {
     assert_eq!([mode(&[]), mode(&["--slice", "k=3", "--slices", "volume"])], ["\"mip\"", "\"dvr\""]);
     for (options, part) in [
         (&["--slice", "normal=0,0,0"][..], "not all zero"),
-        (&["--slice", "normal=1,0,0@99,0,0"], "outside what --crop and the volume leave"),
+        (&["--slice", "normal=1,0,0@99,0,0"], "lies outside the volume, or outside --crop"),
         (&["--slice", "k=3", "--filter", "sobel:2"], "has no size"),
         (&["--slice", "k=3", "--filter", "blur"], "gaussian, median"),
         (&["--slice", "k=3", "--slice-opacity", "0.5"], "--slices volume"),
-        (&["--slice", "normal=1,1,0", "--slab", "3"], "--slab is of slices across an axis"),
+        (&["--slice", "normal=1,1,0", "--slab", "3"], "--slab needs a slice across an axis"),
         (&["--slice", "k=3", "--camera", "top"], "--camera changes nothing"),
         (&["--slice", "k=3", "--slices", "volume", "--mode", "mip"], "knows no depth"),
         (&["--slices", "volume"], "--slice"),

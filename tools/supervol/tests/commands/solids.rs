@@ -7,12 +7,12 @@ const RENDER: [&str; 8] = ["render", "v.svol", "--size", "48x36", "--backend", "
 const PYRAMID: &str = "v 2 2 2\nv 13 2 2\nv 8 13 2\nv 8 8 20\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n";
 
 impl Folder {
-    /// What it says: standard error where the code is not 0.
+    /// Output: standard error if the code is not 0.
     fn render(&self, code: i32, options: &[&str]) -> String {
         self.expect(code, &[&RENDER[..], &["front"], options].concat())
     }
 
-    /// What is said on standard error of a picture that is cut so.
+    /// Messages on standard error about a picture with these cuts.
     fn said_of(&self, cuts: &[&str]) -> String {
         let cuts: Vec<&str> = cuts.iter().flat_map(|cut| ["--clip", cut]).collect();
         let done = self.run(&[&RENDER[..], &["front", "-o", "p.png"], &cuts].concat());
@@ -37,7 +37,7 @@ fn solids_are_in_the_scene_that_is_printed() {
     folder.expect(0, &["render", "v.svol", "--backend", "cpu", "--scene", "sub/scene.json", "-o", "b.npy"]);
     let [a, b] = ["a.npy", "b.npy"].map(|name| std::fs::read(folder.path(name)).expect("a picture"));
     assert!(a == b, "another picture");
-    // What a scene names lies beside it, and is not written over.
+    // Files of a scene lie beside it, and are not overwritten.
     std::fs::write(folder.path("sub/m.obj"), PYRAMID).expect("a temporary folder has room");
     let beside = r#"{"clip": {"solids": [{"mesh": "m.obj"}]}}"#;
     std::fs::write(folder.path("sub/beside.json"), beside).expect("a temporary folder has room");
@@ -100,7 +100,7 @@ fn the_point_under_a_pixel_is_said() {
     // Seen from the front, along y, the surface 10 i + j = 75 lies at the edge of what is framed.
     let text = folder.render(0, &["--iso", "75", "--pick", "28,18", "--pick", "0,0"]);
     assert!(text.starts_with("pixel 28,18: surface 0\n  value  75\n  world  "), "{text}");
-    assert!(text.ends_with("pixel 0,0: nothing is to be seen\n"), "{text}");
+    assert!(text.ends_with("pixel 0,0: nothing visible\n"), "{text}");
     let text = folder.render(0, &["--iso", "75", "--pick", "28,18", "--json"]);
     let found: serde_json::Value = support::json(&text);
     let picked = &found[0]["picked"];

@@ -1,4 +1,4 @@
-//! What belongs to the user stays: nothing is overwritten unasked, nothing half written is left, by any command.
+//! Files of the user stay: no command overwrites them without `--force`, and no command leaves unfinished files.
 #![cfg(unix)]
 
 use std::os::unix::fs::{FileTypeExt, PermissionsExt, symlink};
@@ -53,7 +53,7 @@ impl Folder {
             .expect("the program starts")
     }
 
-    /// What is unfinished in a folder, as `info` lists it.
+    /// Unfinished files of a folder, as `info` lists them.
     fn unfinished(&self, inside: &str) -> Vec<serde_json::Value> {
         let listed = json(&self.expect(0, &["info", inside, "--json"]));
         listed["unfinished"].as_array().expect("a list").clone()
@@ -162,7 +162,7 @@ fn reports_replace_reports_and_nothing_else() {
     let message = folder.expect(2, &bench);
     assert!(message.contains("random-scenes.json") && message.contains("--force"), "{message}");
     assert_eq!(std::fs::read_to_string(&mine).expect("still there"), r#"{"mine": 1}"#);
-    // What was measured is not lost either.
+    // The measured results are not lost either.
     let aside = message.trim().rsplit(' ').next().expect("the message ends with a folder");
     assert!(Path::new(&folder.path(aside)).join("random-scenes.json").is_file(), "{message}");
     folder.expect(0, &[&bench[..], &["--force"]].concat());

@@ -8,7 +8,7 @@ use supervol_scene::camera_path::{CameraPath, FRAME_LIMIT, KeyFrame};
 use supervol_scene::image::ImageFormat;
 use supervol_scene::scene::{CameraSpec, RAY_LIMIT};
 
-use super::dialogs::{SIDE_LIMIT, beside, path_field, window};
+use super::dialogs::{SIDE_LIMIT, path_beside, path_field, window};
 use crate::viewer::Viewer;
 use crate::worker::{Animation, Motion};
 
@@ -20,13 +20,13 @@ const KEY_LIMIT: usize = 200;
 
 /// File formats of the pictures, with names and descriptions.
 const FORMATS: [(ImageFormat, &str, &str); 3] = [
-    (ImageFormat::Png, "PNG", "8 bits a channel, with the background: for films"),
+    (ImageFormat::Png, "PNG", "8 bits a channel, with background: for films"),
     (
         ImageFormat::Exr,
         "EXR",
-        "OpenEXR: 32-bit floats, premultiplied, without the background: for compositing (--frame-format exr)",
+        "OpenEXR: 32-bit floats, premultiplied, without background: for compositing (--frame-format exr)",
     ),
-    (ImageFormat::Npy, "NumPy", "Arrays of 32-bit floats, premultiplied, without the background (--frame-format npy)"),
+    (ImageFormat::Npy, "NumPy", "Arrays of 32-bit floats, premultiplied, without background (--frame-format npy)"),
 ];
 
 /// Kind of the requested animation.
@@ -48,9 +48,9 @@ pub(crate) struct AnimationDialog {
 
 /// Key frames taken by the user. They persist while the dialog is closed.
 #[derive(Default)]
-pub(crate) struct Keys(Vec<KeyFrame>);
+pub(crate) struct KeyFrames(Vec<KeyFrame>);
 
-impl Keys {
+impl KeyFrames {
     fn add(&mut self, camera: &CameraSpec) {
         let frame = self.0.last().map_or(0, |last| last.frame + STEP_FRAMES);
         if self.0.len() < KEY_LIMIT && frame < FRAME_LIMIT {
@@ -68,7 +68,7 @@ impl Keys {
     /// The camera path, or the reason why there is none.
     fn path(&self) -> Result<CameraPath, String> {
         if self.0.len() < 2 {
-            return Err("Take two views at least: turn the volume, take the view, and so on.".into());
+            return Err("Take at least two views: turn the volume, then press `Take this view`.".into());
         }
         let path = CameraPath { keys: self.0.clone() };
         let text = serde_json::to_string(&path).map_err(|e| e.to_string())?;
@@ -79,7 +79,7 @@ impl Keys {
 impl AnimationDialog {
     pub(super) fn new(viewer: &Viewer) -> Self {
         let image = &viewer.scene.image;
-        let folder = beside(viewer.opened.as_deref(), "frames");
+        let folder = path_beside(viewer.opened.as_deref(), "frames");
         Self {
             kind: Kind::Turntable,
             frames: TURN_FRAMES,
@@ -114,8 +114,10 @@ pub(super) fn show(viewer: &mut Viewer, ctx: &egui::Context) {
 /// Draws the content of the dialog. Returns the requested motion.
 fn contents(viewer: &mut Viewer, dialog: &mut AnimationDialog, ui: &mut Ui) -> Option<Motion> {
     ui.horizontal(|ui| {
-        ui.selectable_value(&mut dialog.kind, Kind::Turntable, "Turntable").on_hover_text("Once around (--turntable)");
-        ui.selectable_value(&mut dialog.kind, Kind::Path, "Key frames").on_hover_text("From view to view (--path)");
+        ui.selectable_value(&mut dialog.kind, Kind::Turntable, "Turntable")
+            .on_hover_text("One turn around the volume (--turntable)");
+        ui.selectable_value(&mut dialog.kind, Kind::Path, "Key frames")
+            .on_hover_text("Moves from view to view (--path)");
     });
     let motion = match dialog.kind {
         Kind::Turntable => {
@@ -137,20 +139,20 @@ fn contents(viewer: &mut Viewer, dialog: &mut AnimationDialog, ui: &mut Ui) -> O
         }
     });
     let ending = dialog.format.ending();
-    ui.label(format!("Files in this folder, frame-00000.{ending} and so on; what is there already is kept:"));
+    ui.label(format!("Folder for frame-00000.{ending} and so on; existing pictures are kept:"));
     path_field(ui, &mut dialog.folder, "Folder of the pictures");
     ui.horizontal(|ui| {
         ui.label("Pixels");
         for (side, name) in dialog.size.iter_mut().zip(["Width of pictures", "Height of pictures"]) {
             ui.add(DragValue::new(side).range(1..=SIDE_LIMIT).clamp_existing_to_range(false)).accessible_name(name);
         }
-        ui.checkbox(&mut dialog.replace, "Replace pictures of something else");
+        ui.checkbox(&mut dialog.replace, "Overwrite other pictures");
     });
     let samples = u64::from(viewer.scene.samples_per_pixel.unwrap_or(1));
     let rays = dialog.size.map(u64::from).iter().product::<u64>() * samples;
     let trouble = match &motion {
         Err(why) => Some(why.clone()),
-        _ if rays > RAY_LIMIT => Some(format!("at most {RAY_LIMIT} rays in a picture; these would be {rays}")),
+        _ if rays > RAY_LIMIT => Some(format!("expected at most {RAY_LIMIT} rays a picture, found {rays}")),
         _ => None,
     };
     if let Some(trouble) = &trouble {
@@ -177,11 +179,11 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
                 // The first key frame is always frame 0.
                 let drag = DragValue::new(&mut key.frame).range(0..=FRAME_LIMIT - 1).clamp_existing_to_range(false);
                 ui.add_enabled(i > 0, drag).accessible_name(format!("View {}, picture", i + 1));
-                if ui.small_button("show").on_hover_text("Looks from there").clicked() {
+                if ui.small_button("show").on_hover_text("Shows this view").clicked() {
                     shown = Some(key.camera.clone());
                 }
-                let button = ui.small_button("x").on_hover_text("Takes it away");
-                if button.accessible_name(format!("View {}, take away", i + 1)).clicked() {
+                let button = ui.small_button("x").on_hover_text("Removes this view");
+                if button.accessible_name(format!("View {}, remove", i + 1)).clicked() {
                     gone = Some(i);
                 }
             });
@@ -206,7 +208,7 @@ mod tests {
             fov_y: Some(30.0),
             height: None,
         };
-        let mut keys = Keys::default();
+        let mut keys = KeyFrames::default();
         keys.add(&camera(0.0));
         assert!(keys.path().unwrap_err().contains("two views"));
         (1..4).for_each(|x| keys.add(&camera(f64::from(x))));

@@ -1,5 +1,4 @@
-//! The file dialog: chooses a volume, a transfer function or a mesh. Folders are listed by an [`Errand`], a background
-//! task.
+//! The file dialog: chooses a volume, a transfer function or a mesh. Folders are listed by a [`BackgroundTask`].
 
 use std::path::{Path, PathBuf};
 
@@ -8,10 +7,10 @@ use supervol_scene::clip::solids::Keep;
 use supervol_scene::scene::SolidSpec;
 
 use super::dialogs::{path_field, window};
+use crate::background_task::BackgroundTask;
 use crate::cutting;
-use crate::errand::Errand;
 use crate::viewer::Viewer;
-use crate::worker::{Message, Opened};
+use crate::worker::{Message, OpenVolume};
 
 /// Most files listed of a folder.
 const LIST_LIMIT: usize = 2000;
@@ -29,7 +28,7 @@ const MESHES: [&str; 3] = ["ply", "stl", "obj"];
 
 /// Kind of file to choose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Wanted {
+pub(crate) enum FileKind {
     /// A volume to open.
     Volume,
     /// A transfer function or a colour map.
@@ -38,7 +37,7 @@ pub(crate) enum Wanted {
     Mesh,
 }
 
-impl Wanted {
+impl FileKind {
     fn endings(self) -> &'static [&'static str] {
         match self {
             Self::Volume => &VOLUMES,
@@ -51,7 +50,7 @@ impl Wanted {
         match self {
             Self::Volume => "Open",
             Self::TransferFunction => "Load a transfer function",
-            Self::Mesh => "Cut with a mesh",
+            Self::Mesh => "Clip with a mesh",
         }
     }
 }
@@ -67,13 +66,13 @@ struct Listing {
 
 /// State of the dialog.
 pub(crate) struct Browser {
-    wanted: Wanted,
+    wanted: FileKind,
     /// Text of the path field.
     path: String,
     folder: PathBuf,
     listing: Listing,
     /// The listing in progress.
-    errand: Option<Errand<Listing>>,
+    task: Option<BackgroundTask<Listing>>,
     all_files: bool,
 }
 
@@ -98,7 +97,7 @@ fn list(folder: &Path, endings: Option<&[&str]>) -> Listing {
     }
     listing.entries.sort_by(|a, b| b.1.cmp(&a.1).then_with(|| a.0.to_lowercase().cmp(&b.0.to_lowercase())));
     if listing.entries.len() > LIST_LIMIT {
-        listing.trouble = Some(format!("{LIST_LIMIT} of {} names are listed", listing.entries.len()));
+        listing.trouble = Some(format!("only {LIST_LIMIT} of {} names are listed", listing.entries.len()));
         listing.entries.truncate(LIST_LIMIT);
     }
     listing
@@ -106,17 +105,17 @@ fn list(folder: &Path, endings: Option<&[&str]>) -> Listing {
 
 impl Browser {
     /// A dialog that starts in the folder of the open volume, or in the working directory.
-    pub(crate) fn new(wanted: Wanted, opened: Option<&Opened>) -> Self {
+    pub(crate) fn new(wanted: FileKind, opened: Option<&OpenVolume>) -> Self {
         let folder =
             opened.and_then(|opened| std::path::absolute(&opened.source).ok()?.parent().map(Path::to_path_buf));
         let folder = folder.or_else(|| std::env::current_dir().ok()).unwrap_or_default();
         let path = folder.display().to_string();
-        Self { wanted, path, folder, listing: Listing::default(), errand: None, all_files: false }
+        Self { wanted, path, folder, listing: Listing::default(), task: None, all_files: false }
     }
 
     fn begin_list(&mut self, ctx: &egui::Context) {
         let (folder, endings) = (self.folder.clone(), (!self.all_files).then(|| self.wanted.endings()));
-        self.errand = Some(Errand::start(ctx, move || list(&folder, endings)));
+        self.task = Some(BackgroundTask::start(ctx, move || list(&folder, endings)));
     }
 
     fn go(&mut self, ctx: &egui::Context, folder: PathBuf) {
@@ -128,7 +127,7 @@ impl Browser {
     /// Draws the content of the dialog. Returns the chosen file.
     fn show(&mut self, ui: &mut Ui) -> Option<PathBuf> {
         let ctx = ui.ctx().clone();
-        match self.errand.as_ref().map(Errand::take) {
+        match self.task.as_ref().map(BackgroundTask::take) {
             Some(Some(listing)) => self.listing = listing,
             Some(None) => {}
             None => self.begin_list(&ctx),
@@ -190,9 +189,9 @@ pub(super) fn show(viewer: &mut Viewer, ctx: &egui::Context) {
     window(browser.wanted.title(), &mut is_open).default_pos(middle).show(ctx, |ui| chosen = browser.show(ui));
     match chosen {
         Some(path) => match browser.wanted {
-            Wanted::Volume => viewer.open(&path),
-            Wanted::TransferFunction => viewer.transfer.load(ctx, path),
-            Wanted::Mesh => {
+            FileKind::Volume => viewer.open(&path),
+            FileKind::TransferFunction => viewer.transfer.load(ctx, path),
+            FileKind::Mesh => {
                 let mesh = Some(std::path::absolute(&path).unwrap_or(path));
                 let solid = SolidSpec { keep: Keep::Inside, mesh, ..SolidSpec::default() };
                 if let Err(why) = cutting::push_solid(&mut viewer.scene, solid) {
@@ -221,8 +220,8 @@ mod tests {
         let names = |endings: Option<&[&str]>| -> Vec<String> {
             list(folder.path(), endings).entries.into_iter().map(|(name, _)| name).collect()
         };
-        assert_eq!(names(Some(Wanted::Volume.endings())), ["z", "A.NII", "b.svol"]);
-        assert_eq!(names(Some(Wanted::TransferFunction.endings())), ["z", "look.1dt"]);
+        assert_eq!(names(Some(FileKind::Volume.endings())), ["z", "A.NII", "b.svol"]);
+        assert_eq!(names(Some(FileKind::TransferFunction.endings())), ["z", "look.1dt"]);
         assert_eq!(names(None), ["z", "A.NII", "b.svol", "look.1dt", "notes.txt"]);
         assert!(list(&folder.path().join("none"), None).trouble.is_some_and(|trouble| trouble.contains("none")));
     }

@@ -4,7 +4,7 @@ use eframe::egui::{DragValue, Ui};
 use supervol_scene::clip::solids::Keep;
 use supervol_scene::scene::{PlaneSpec, SolidSpec};
 
-use super::browse::{Browser, Wanted};
+use super::browse::{Browser, FileKind};
 use super::heading;
 use crate::cutting::{self, NewSolid};
 use crate::edit;
@@ -18,30 +18,30 @@ const STEPS: f64 = 500.0;
 pub(super) fn controls(viewer: &mut Viewer, ui: &mut Ui) {
     heading(ui, "Clip planes and solids");
     let Some(opened) = viewer.opened.clone().filter(|_| viewer.slice.is_none()) else {
-        ui.weak("A slice is not cut by them.");
+        ui.weak("They do not clip a slice.");
         return;
     };
-    let words = "Handles of the crop box, of planes, slices and solids in the picture: drag them (B)";
-    ui.checkbox(&mut viewer.looks.are_handles_shown, "Handles in the picture").on_hover_text(words);
+    let words = "Shows handles of crop box, planes, slices and solids in the picture: drag them (B)";
+    ui.checkbox(&mut viewer.panel_state.are_handles_shown, "Handles in the picture").on_hover_text(words);
     let mut added = None;
     ui.horizontal_wrapped(|ui| {
-        let words = "Takes away what lies before the middle of the volume, as it is seen now (--clip)";
+        let words = "Removes the front half of the volume, as seen now (--clip)";
         if ui.button("+ plane").on_hover_text(words).clicked() {
             added = Some(cutting::add_plane(&mut viewer.scene, &opened.facts));
         }
         let solids = [("+ sphere", NewSolid::Sphere), ("+ box", NewSolid::Cuboid), ("+ cylinder", NewSolid::Cylinder)];
         for (label, kind) in solids {
-            if ui.button(label).on_hover_text("Takes away what lies in it, or around it (--clip)").clicked() {
+            if ui.button(label).on_hover_text("Removes the inside or the outside of this solid (--clip)").clicked() {
                 added = Some(cutting::add_solid(&mut viewer.scene, &opened.facts, kind));
             }
         }
-        let words = "A closed triangle mesh in world coordinates (.ply, .stl, .obj)";
+        let words = "Clips with a closed triangle mesh in world coordinates (.ply, .stl, .obj)";
         if ui.button("+ mesh ...").on_hover_text(words).clicked() {
-            viewer.dialogs.browser = Some(Browser::new(Wanted::Mesh, Some(&opened)));
+            viewer.dialogs.browser = Some(Browser::new(FileKind::Mesh, Some(&opened)));
         }
     });
     match added {
-        Some(Ok(())) => viewer.looks.are_handles_shown = true,
+        Some(Ok(())) => viewer.panel_state.are_handles_shown = true,
         Some(Err(why)) => viewer.message = Some(Message::Failure(why)),
         None => {}
     }
@@ -72,8 +72,8 @@ fn title(ui: &mut Ui, name: &str, more: impl FnOnce(&mut Ui)) -> bool {
     ui.horizontal(|ui| {
         ui.label(name);
         more(ui);
-        let button = ui.small_button("x").on_hover_text("Take it away");
-        is_gone = button.accessible_name(format!("{name}, take away")).clicked();
+        let button = ui.small_button("x").on_hover_text("Removes it");
+        is_gone = button.accessible_name(format!("{name}, remove")).clicked();
     });
     is_gone
 }
@@ -98,7 +98,7 @@ fn length(number: &mut f64, name: &str, speed: f64, ui: &mut Ui) {
 fn plane_numbers(plane: &mut PlaneSpec, number: usize, speed: f64, ui: &mut Ui) -> bool {
     let is_gone = title(ui, &format!("Plane {number}"), |ui| {
         let words = "Keeps the other side";
-        if ui.small_button("turn over").on_hover_text(words).clicked() {
+        if ui.small_button("flip").on_hover_text(words).clicked() {
             (plane.normal, plane.offset) = (plane.normal.map(|n| -n), -plane.offset);
         }
     });
@@ -109,7 +109,7 @@ fn plane_numbers(plane: &mut PlaneSpec, number: usize, speed: f64, ui: &mut Ui) 
         plane.normal = normal;
     }
     ui.add(DragValue::new(&mut plane.offset).speed(speed).max_decimals(3))
-        .on_hover_text("What is kept: normal . position is at least this")
+        .on_hover_text("Keeps points where normal . position is at least this number")
         .accessible_name(format!("Plane {number}, offset"));
     is_gone
 }
@@ -124,7 +124,7 @@ fn solid_numbers(solid: &mut SolidSpec, number: usize, speed: f64, ui: &mut Ui) 
     let is_gone = title(ui, &format!("Solid {number}: {shape}"), |_| {});
     ui.horizontal(|ui| {
         for (keep, label) in [(Keep::Inside, "inside"), (Keep::Outside, "outside")] {
-            let words = format!("Keeps what lies {label}");
+            let words = format!("Keeps the {label}");
             let response = ui.selectable_value(&mut solid.keep, keep, label).on_hover_text(words);
             let _ = response.accessible_name(format!("Solid {number}, keep {label}"));
         }

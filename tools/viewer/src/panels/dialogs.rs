@@ -12,12 +12,12 @@ use supervol_scene::scene::{Mode, RAY_LIMIT, Scene};
 use xxhash_rust::xxh3::xxh3_64;
 
 use super::animate::AnimationDialog;
-use super::browse::{Browser, Wanted};
+use super::browse::{Browser, FileKind};
 use super::{animate, browse, transfer};
 use crate::command::{BINDINGS, MOUSE, words_of};
 use crate::folders::{self, Folders};
 use crate::viewer::Viewer;
-use crate::worker::{Decorations, Export, Message, Opened, Settings};
+use crate::worker::{Decorations, Export, Message, OpenVolume, Settings};
 
 /// Most scene files kept for copied commands.
 const SCENE_LIMIT: usize = 200;
@@ -57,42 +57,43 @@ struct ExportDialog {
 }
 
 /// Default path for an output file: beside the volume, with another extension.
-pub(super) fn beside(opened: Option<&Opened>, ending: &str) -> String {
+pub(super) fn path_beside(opened: Option<&OpenVolume>, ending: &str) -> String {
     let path = opened.map(|opened| opened.source.with_extension(ending)).unwrap_or_default();
     std::path::absolute(&path).unwrap_or(path).display().to_string()
 }
 
 impl Dialogs {
     /// Opens the file dialog in the folder of the open volume.
-    pub(crate) fn begin_open(&mut self, opened: Option<&Opened>) {
-        self.browser = Some(Browser::new(Wanted::Volume, opened));
+    pub(crate) fn begin_open(&mut self, opened: Option<&OpenVolume>) {
+        self.browser = Some(Browser::new(FileKind::Volume, opened));
     }
 
     /// Opens the dialog to save the scene.
-    pub(crate) fn begin_save(&mut self, opened: Option<&Opened>) {
-        self.save = Some(SaveDialog { path: beside(opened, "scene.json"), replace: false, scene: None });
+    pub(crate) fn begin_save(&mut self, opened: Option<&OpenVolume>) {
+        self.save = Some(SaveDialog { path: path_beside(opened, "scene.json"), replace: false, scene: None });
     }
 
     /// Opens the dialog to save the scene of a section.
-    pub(crate) fn begin_save_section(&mut self, opened: &Opened, scene: Scene) {
-        let path = beside(Some(opened), "section.json");
+    pub(crate) fn begin_save_section(&mut self, opened: &OpenVolume, scene: Scene) {
+        let path = path_beside(Some(opened), "section.json");
         self.save = Some(SaveDialog { path, replace: false, scene: Some(scene) });
     }
 
     /// Opens the dialog to export a section.
-    pub(crate) fn begin_export_section(&mut self, opened: &Opened, scene: Scene) {
+    pub(crate) fn begin_export_section(&mut self, opened: &OpenVolume, scene: Scene) {
         self.begin_export(Some(opened), &scene);
         if let Some(dialog) = &mut self.export {
-            dialog.path = beside(Some(opened), "section.png");
+            dialog.path = path_beside(Some(opened), "section.png");
             dialog.scene = Some(scene);
         }
     }
 
     /// Opens the dialog to export a picture, with the size of the picture on the screen.
-    pub(crate) fn begin_export(&mut self, opened: Option<&Opened>, scene: &Scene) {
+    pub(crate) fn begin_export(&mut self, opened: Option<&OpenVolume>, scene: &Scene) {
         let size = [scene.image.width, scene.image.height];
         let aspect = f64::from(size[0]) / f64::from(size[1]);
-        self.export = Some(ExportDialog { path: beside(opened, "png"), replace: false, size, aspect, scene: None });
+        self.export =
+            Some(ExportDialog { path: path_beside(opened, "png"), replace: false, size, aspect, scene: None });
     }
 }
 
@@ -147,7 +148,7 @@ pub(super) fn path_field(ui: &mut Ui, path: &mut String, name: &str) {
 pub(super) fn may_write(ui: &mut Ui, path: &str, replace: &mut bool) -> bool {
     let exists = Path::new(path).exists();
     if exists {
-        ui.checkbox(replace, "Replace the file that is there");
+        ui.checkbox(replace, "Overwrite the existing file");
     }
     !path.trim().is_empty() && (!exists || *replace)
 }
@@ -157,7 +158,7 @@ fn save(viewer: &mut Viewer, ctx: &egui::Context) {
     let (mut is_open, mut is_saved) = (true, false);
     let middle = ctx.content_rect().center();
     window("Save scene", &mut is_open).default_pos(middle).show(ctx, |ui| {
-        ui.label("All of this picture, as `supervol render --scene` takes it:");
+        ui.label("Complete scene of this picture, for `supervol render --scene`:");
         path_field(ui, &mut dialog.path, "Scene file");
         let may = may_write(ui, &dialog.path, &mut dialog.replace);
         is_saved = ui.add_enabled(may, egui::Button::new("Save")).clicked();
@@ -188,8 +189,7 @@ fn save_scene(viewer: &Viewer, scene: &Scene, path: &Path, existing: Existing) -
 
 /// Content of a scene file.
 fn scene_text(scene: &Scene) -> String {
-    serde_json::to_string_pretty(scene).expect("a scene has no keys that are no text, and no number that JSON lacks")
-        + "\n"
+    serde_json::to_string_pretty(scene).expect("a scene has only text keys and finite numbers") + "\n"
 }
 
 fn export(viewer: &mut Viewer, ctx: &egui::Context) {
@@ -199,7 +199,9 @@ fn export(viewer: &mut Viewer, ctx: &egui::Context) {
     let samples = dialog.scene.as_ref().unwrap_or(&viewer.scene).samples_per_pixel;
     let samples = u64::from(samples.unwrap_or(1));
     window("Export picture", &mut is_open).default_pos(middle).show(ctx, |ui| {
-        ui.label("PNG, EXR or NumPy (.npy), by the name's ending; written when it has converged:");
+        ui.label(
+            "The name selects the format: .png, .exr or .npy. The file is written when the picture has converged:",
+        );
         path_field(ui, &mut dialog.path, "Picture file");
         ui.horizontal(|ui| {
             ui.label("Pixels");
@@ -218,7 +220,7 @@ fn export(viewer: &mut Viewer, ctx: &egui::Context) {
         let rays = dialog.size.map(u64::from).iter().product::<u64>() * samples;
         let format = ImageFormat::from_path(Path::new(dialog.path.trim()));
         if rays > RAY_LIMIT {
-            ui.colored_label(ui.visuals().error_fg_color, format!("at most {RAY_LIMIT} rays; these would be {rays}"));
+            ui.colored_label(ui.visuals().error_fg_color, format!("expected at most {RAY_LIMIT} rays, found {rays}"));
         }
         if let Err(error) = &format {
             ui.colored_label(ui.visuals().error_fg_color, error.to_string());
@@ -238,13 +240,15 @@ fn export(viewer: &mut Viewer, ctx: &egui::Context) {
 
 /// The command that draws this picture. Its scene is written to a file in the cache folder, named by its checksum.
 pub(crate) fn command_line(
-    opened: &Opened,
+    opened: &OpenVolume,
     scene: &Scene,
     settings: &Settings,
     folders: &Folders,
 ) -> Result<String, String> {
-    let folder =
-        folders.cache.as_ref().ok_or("there is no folder for the scene of the command; save the scene instead")?;
+    let folder = folders
+        .cache
+        .as_ref()
+        .ok_or("there is no cache folder for the scene of the command; save the scene instead")?;
     let text = scene_text(scene);
     let file = folder.join("scenes").join(format!("{:016x}.json", xxh3_64(text.as_bytes())));
     let write = || {

@@ -10,7 +10,7 @@ use supervol_scene::scene::{PointSpec, Scene};
 
 use crate::edit;
 use crate::viewer::Viewer;
-use crate::worker::Opened;
+use crate::worker::OpenVolume;
 
 /// Heights of the diagram and of the colour strip, in points.
 const HEIGHT: f32 = 150.0;
@@ -58,19 +58,19 @@ impl Axes {
 }
 
 /// Draws the editor and the fields of the selected control point.
-pub(super) fn show(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
+pub(super) fn show(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
     let Some(spec) = edit::points_mut(&mut viewer.scene) else {
-        ui.weak("This scene names a preset; choose one above to edit it.");
+        ui.weak("This scene uses a preset. Choose a preset above to edit it.");
         return;
     };
     let size = egui::vec2(ui.available_width(), HEIGHT);
     let (rect, response) = ui.allocate_exact_size(size, Sense::click_and_drag());
     let response = response.accessible_name("Transfer function").on_hover_text_at_pointer(
-        "Bars: how often values occur, logarithmic. Line: opacity (cube root). Drag points; double click adds one, right click \
-         takes one away",
+        "Bars: number of voxels by value, logarithmic. Line: opacity (cube root). Drag a point to move it, double click to add one, \
+         right click to remove one",
     );
     let axes = Axes::new(rect.shrink2(egui::vec2(4.0, 8.0)), &opened.facts, &spec.points);
-    let chosen = &mut viewer.looks.chosen;
+    let chosen = &mut viewer.panel_state.chosen;
     *chosen = chosen.filter(|i| *i < spec.points.len());
     let pointer = ui.input(|input| input.pointer.press_origin().filter(|_| response.drag_started()));
     let at = pointer.or_else(|| response.interact_pointer_pos());
@@ -178,11 +178,11 @@ fn color(rgb: [f64; 3]) -> Color32 {
 }
 
 /// Draws the fields of the selected control point.
-fn numbers(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
-    let chosen = viewer.looks.chosen;
+fn numbers(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
+    let chosen = viewer.panel_state.chosen;
     let Some(spec) = edit::points_mut(&mut viewer.scene) else { return };
     let Some((i, point)) = chosen.and_then(|i| spec.points.get(i).map(|p| (i, *p))) else {
-        ui.weak(format!("{} points; click one for its numbers", spec.points.len()));
+        ui.weak(format!("{} points; click one to edit its numbers", spec.points.len()));
         return;
     };
     let (mut value, mut alpha, mut rgb) = (point.value, point.alpha, point.color.map(|c| c as f32));
@@ -207,6 +207,6 @@ fn numbers(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
     }
     if is_removed {
         edit::remove_point(&mut spec.points, i);
-        viewer.looks.chosen = None;
+        viewer.panel_state.chosen = None;
     }
 }

@@ -4,7 +4,7 @@ use eframe::egui::{Align2, Color32, FontId, Rect, Stroke, Ui};
 use glam::DVec3;
 use supervol_scene::preset::colormap;
 
-use super::handles::{EDGES, Sight};
+use super::handles::{EDGES, Projector};
 use super::picture::color;
 use crate::viewer::Viewer;
 use crate::worker::{Inspect, MARK_LIMIT};
@@ -25,11 +25,11 @@ pub(super) fn paint(viewer: &Viewer, ui: &Ui, rect: Rect) {
         return;
     };
     let painter = ui.painter().with_clip_rect(rect);
-    let (see, world) = (Sight { camera, rect }, opened.facts.geometry.world_from_index());
+    let (projector, world) = (Projector { camera, rect }, opened.facts.geometry.world_from_index());
     for mark in &picture.marks {
         let corner = |n: usize| {
             let at: [f64; 3] = std::array::from_fn(|a| mark.corners[n >> a & 1][a]);
-            see.place(world.transform_point3(DVec3::from_array(at)))
+            projector.place(world.transform_point3(DVec3::from_array(at)))
         };
         let stroke = if mark.is_failed { Stroke::new(2.0, FAILED) } else { Stroke::new(1.0, of_level(mark.level)) };
         for (from, to) in EDGES {
@@ -40,14 +40,14 @@ pub(super) fn paint(viewer: &Viewer, ui: &Ui, rect: Rect) {
     }
     let mut lines: Vec<(String, Color32)> = Vec::new();
     if picture.marks.iter().any(|mark| mark.is_failed) {
-        lines.push(("could not be read: coarser bricks stand in".into(), FAILED));
+        lines.push(("not readable: replaced by coarser bricks".into(), FAILED));
     }
     if viewer.settings.inspect == Inspect::Bricks {
         let mut levels: Vec<u8> = picture.marks.iter().filter(|mark| !mark.is_failed).map(|mark| mark.level).collect();
         levels.dedup();
         lines.extend(levels.into_iter().map(|level| (format!("level {level}"), of_level(level))));
         if picture.marks.len() >= MARK_LIMIT {
-            lines.push((format!("the first {MARK_LIMIT} bricks are shown"), Color32::GRAY));
+            lines.push((format!("only the first {MARK_LIMIT} bricks are shown"), Color32::GRAY));
         }
     }
     for (i, (words, color)) in lines.into_iter().enumerate() {

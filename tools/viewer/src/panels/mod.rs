@@ -23,11 +23,11 @@ use supervol_scene::slices::SliceSpec;
 
 pub(crate) use self::dialogs::Dialogs;
 use crate::edit;
-use crate::worker::Opened;
+use crate::worker::OpenVolume;
 
 /// State of the panels that is not part of the scene: the last look of each mode, and selections of the editors.
 #[derive(Default)]
-pub(crate) struct Looks {
+pub(crate) struct PanelState {
     left: Vec<(Mode, Look)>,
     /// Index of the selected control point in the editor.
     pub(crate) chosen: Option<usize>,
@@ -44,7 +44,7 @@ pub(crate) struct Looks {
     /// Whether handles are shown.
     pub(crate) are_handles_shown: bool,
     /// The dragged handle.
-    pub(crate) held: Option<handles::Held>,
+    pub(crate) held: Option<handles::DraggedHandle>,
     /// Slices in the volume, kept while a mode without depth is shown.
     kept_slices: Vec<SliceSpec>,
 }
@@ -58,7 +58,7 @@ struct Look {
     samples_per_pixel: Option<u32>,
 }
 
-impl Looks {
+impl PanelState {
     /// Initial state for an opened volume.
     pub(crate) fn of(scene: &Scene) -> Self {
         let unit_distance = edit::points(scene).and_then(|points| points.unit_distance);
@@ -66,7 +66,7 @@ impl Looks {
     }
 
     /// The scene in another mode, with the mode's last look or its default look.
-    pub(crate) fn switched(&mut self, scene: &Scene, opened: &Opened, mode: Mode) -> Scene {
+    pub(crate) fn switched(&mut self, scene: &Scene, opened: &OpenVolume, mode: Mode) -> Scene {
         let Scene { transfer_function, shading, iso, samples_per_pixel, .. } = scene.clone();
         let now = scene.mode.unwrap_or_default();
         self.left.retain(|(left, _)| *left != now);

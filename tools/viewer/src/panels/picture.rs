@@ -26,25 +26,25 @@ pub(crate) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     egui::CentralPanel::default().frame(frame).show(ui, |ui| {
         let (whole, _) = ui.allocate_exact_size(ui.available_size(), Sense::hover());
         let layout = if viewer.opened.is_some() { viewer.sections.layout } else { Layout::Alone };
-        let rooms = sections::rooms(layout, whole);
-        let rect = rooms.picture;
+        let panel_rects = sections::panel_rects(layout, whole);
+        let rect = panel_rects.picture;
         let response = ui.interact(rect, ui.scope_id().with("picture"), Sense::click_and_drag());
         let response = response.accessible_name("Picture");
-        sections::show(viewer, ui, &rooms);
+        sections::show(viewer, ui, &panel_rects);
         fit(viewer, ui, rect);
         move_slice(viewer, ui, &response);
         move_camera(viewer, ui, &response);
-        look_at_point(viewer, &response);
+        probe_under_mouse(viewer, &response);
         paint(viewer, ui, rect);
         if response.contains_pointer()
             && let Some(opened) = viewer.opened.clone()
         {
-            sections::tell_of_point(viewer, &opened, None, &ui.painter().with_clip_rect(rect), rect);
+            sections::draw_point_description(viewer, &opened, None, &ui.painter().with_clip_rect(rect), rect);
         }
         marks::paint(viewer, ui, rect);
         handles::show(viewer, ui, &response);
         if viewer.opened.is_none() {
-            invite(viewer, ui, rect);
+            draw_instructions(viewer, ui, rect);
         }
         super::status::show_over(viewer, ui, rect);
     });
@@ -80,9 +80,9 @@ pub(super) fn place(rect: Rect, at: Pos2) -> [f64; 2] {
 /// releasing Alt would move the camera by the rest.
 fn move_slice(viewer: &mut Viewer, ui: &Ui, response: &Response) {
     let (is_meant, scrolled) = ui.input(|input| (input.modifiers.alt, f64::from(input.smooth_scroll_delta().y)));
-    let before = viewer.looks.wheel_points.filter(|_| is_meant || scrolled != 0.0);
-    viewer.looks.wheel_points = before.or((is_meant && response.contains_pointer()).then_some(0.0));
-    let Some(points) = &mut viewer.looks.wheel_points else { return };
+    let before = viewer.panel_state.wheel_points.filter(|_| is_meant || scrolled != 0.0);
+    viewer.panel_state.wheel_points = before.or((is_meant && response.contains_pointer()).then_some(0.0));
+    let Some(points) = &mut viewer.panel_state.wheel_points else { return };
     let steps = wheel_steps(points, scrolled);
     if steps != 0.0 {
         viewer.step_slice(steps);
@@ -100,7 +100,7 @@ pub(super) fn wheel_steps(points: &mut f64, scrolled: f64) -> f64 {
 
 /// Requests a probe of the point under the mouse if the picture has converged. With panels, a click moves their cursor
 /// there.
-fn look_at_point(viewer: &mut Viewer, response: &Response) {
+fn probe_under_mouse(viewer: &mut Viewer, response: &Response) {
     let Some(opened) = viewer.opened.clone() else { return };
     let Some(at) = response.hover_pos().filter(|_| response.contains_pointer()) else { return };
     let is_ready = viewer.picture.as_ref().is_some_and(|picture| picture.is_converged) && viewer.is_up_to_date();
@@ -112,7 +112,7 @@ fn look_at_point(viewer: &mut Viewer, response: &Response) {
         viewer.sections.moving = number;
         // The answer may have arrived before the click.
         if let Some(probed) = viewer.sections.probed().cloned() {
-            viewer.hear(probed);
+            viewer.receive_answer(probed);
         }
     }
 }
@@ -135,7 +135,7 @@ fn move_camera(viewer: &mut Viewer, ui: &Ui, response: &Response) {
     }
     let at = response.hover_pos().map(|at| place(rect, at));
     if let Some(cursor) = at.filter(|_| response.contains_pointer()) {
-        let is_slices = viewer.looks.wheel_points.is_some();
+        let is_slices = viewer.panel_state.wheel_points.is_some();
         let (scroll, zoom) = ui.input(|input| {
             let scroll = if is_slices { 0.0 } else { f64::from(input.smooth_scroll_delta().y) };
             (scroll, f64::from(input.zoom_delta()))
@@ -171,10 +171,10 @@ fn paint(viewer: &Viewer, ui: &Ui, rect: Rect) {
 }
 
 /// Draws instructions if no volume is open.
-fn invite(viewer: &Viewer, ui: &Ui, rect: Rect) {
+fn draw_instructions(viewer: &Viewer, ui: &Ui, rect: Rect) {
     let words = match &viewer.busy {
         Some(Busy::Opening(_) | Busy::Building(..)) => "Opening ...",
-        _ => "Drop a volume here, or open one: Ctrl+O\n.svol, SEG-Y, NRRD, NIfTI, MetaImage, TIFF, npy",
+        _ => "Drop a volume here, or press Ctrl+O to open one\n.svol, SEG-Y, NRRD, NIfTI, MetaImage, TIFF, npy",
     };
     ui.painter().text(rect.center(), Align2::CENTER_CENTER, words, FontId::proportional(16.0), Color32::GRAY);
 }

@@ -12,17 +12,17 @@ use super::{editor, heading, transfer};
 use crate::edit;
 use crate::sections::short;
 use crate::viewer::Viewer;
-use crate::worker::{Inspect, Opened};
+use crate::worker::{Inspect, OpenVolume};
 
 /// Default width of the panel, in points.
 const WIDTH: f32 = 300.0;
 /// Modes with names and descriptions for the user.
 const MODES: [(Mode, &str, &str); 5] = [
     (Mode::Dvr, "Volume", "Emission and absorption (dvr)"),
-    (Mode::Iso, "Iso", "Surfaces at values (iso)"),
-    (Mode::Mip, "Max", "The greatest value along each ray (mip)"),
-    (Mode::Minip, "Min", "The least value along each ray (minip)"),
-    (Mode::Mean, "Mean", "The mean value along each ray (mean)"),
+    (Mode::Iso, "Iso", "Isosurfaces (iso)"),
+    (Mode::Mip, "Max", "Maximum value along each ray (mip)"),
+    (Mode::Minip, "Min", "Minimum value along each ray (minip)"),
+    (Mode::Mean, "Mean", "Mean value along each ray (mean)"),
 ];
 /// Least and greatest density, relative to the volume's first picture.
 const DENSITIES: std::ops::RangeInclusive<f64> = 0.01..=100.0;
@@ -32,36 +32,24 @@ const MEMORY_MIB: std::ops::RangeInclusive<u64> = 64..=65_536;
 const INTERACTION_MS: std::ops::RangeInclusive<u64> = 10..=1000;
 /// Devices that can cast rays.
 const BACKENDS: [(Backend, &str, &str); 3] = [
-    (Backend::Cpu, "CPU", "The processor, which also says how far each pixel may be off (--backend cpu)"),
-    (
-        Backend::Gpu,
-        "GPU",
-        "The graphics device, whichever there is; sections are drawn by the processor (--backend gpu)",
-    ),
-    (
-        Backend::Auto,
-        "auto",
-        "A graphics device where there is one that is no processor itself, else the CPU (--backend auto)",
-    ),
+    (Backend::Cpu, "CPU", "The processor; it also states the error of each pixel (--backend cpu)"),
+    (Backend::Gpu, "GPU", "The graphics device, also a software adapter; the CPU draws the sections (--backend gpu)"),
+    (Backend::Auto, "auto", "The GPU if there is a hardware adapter, else the CPU (--backend auto)"),
 ];
 /// Diagnostic displays.
 const INSPECTIONS: [(Inspect, &str, &str); 4] = [
-    (Inspect::Nothing, "nothing", "The picture; bricks that could not be read are marked all the same, in red"),
-    (
-        Inspect::Bricks,
-        "bricks",
-        "Bricks in memory, in the colours of their levels, whether the picture shows them or not",
-    ),
+    (Inspect::Nothing, "nothing", "The picture alone; unreadable bricks are still outlined in red"),
+    (Inspect::Bricks, "bricks", "Outlines of all bricks in memory, coloured by level"),
     (
         Inspect::Errors,
         "errors",
-        "How far each pixel may be off, in grey levels: black 0.1, blue 0.5, green 2, yellow 16, red 64 (--error-map)",
+        "Stated error of each pixel in grey levels: black 0.1, blue 0.5, green 2, yellow 16, red 64 (--error-map)",
     ),
     (
         Inspect::Work,
         "work",
-        "What the rays of each pixel cost, by the logarithm: orange for cells crossed, blue for leaps over what shows nothing, full \
-         at 1,000 (--work-map). Pictures take several times as long meanwhile",
+        "Work of each pixel's rays: orange for cells crossed, blue for leaps over empty space, on a logarithmic scale up to 1,000 \
+         (--work-map). Pictures take several times as long",
     ),
 ];
 /// Possible numbers of samples per pixel.
@@ -72,7 +60,7 @@ pub(crate) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     egui::Panel::right("properties").default_size(WIDTH).size_range(220.0..=600.0).show(ui, |ui| {
         super::scrolled(ui, |ui| {
             let Some(opened) = viewer.opened.clone() else {
-                ui.weak("Nothing is open.");
+                ui.weak("No volume is open.");
                 return;
             };
             volume(&opened, ui);
@@ -92,7 +80,7 @@ pub(crate) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     });
 }
 
-fn volume(opened: &Opened, ui: &mut Ui) {
+fn volume(opened: &OpenVolume, ui: &mut Ui) {
     heading(ui, "Volume");
     let (facts, manifest) = (&opened.facts, opened.container.manifest());
     let [x, y, z] = facts.dims.0;
@@ -112,15 +100,18 @@ fn volume(opened: &Opened, ui: &mut Ui) {
 
 /// Draws the channel and time point of a source file. Their numbers are known only after reading: an invalid choice is
 /// refused with the valid range.
-fn parts(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
+fn parts(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
     if opened.source == opened.path || opened.preview_of.is_some() {
         return;
     }
     let selection = &opened.reading.options.selection;
     let mut chosen = [selection.channel, selection.frame];
     let names = [
-        ("Channel", "Channel, colour or component of the file, from 0 on (--channel); -: all colours, or the first"),
-        ("Time point", "Time point of the file, from 0 on (--frame); -: the first"),
+        (
+            "Channel",
+            "Channel, colour or component of the file, starting at 0 (--channel); -: all colours, or the first channel",
+        ),
+        ("Time point", "Time point of the file, starting at 0 (--frame); -: the first"),
     ];
     // Disabled while another volume is opened.
     ui.add_enabled_ui(viewer.busy.is_none(), |ui| {
@@ -159,7 +150,7 @@ fn part_number(part: Option<u64>, (name, words): (&str, &str), ui: &mut Ui) -> O
 }
 
 /// Lines and samples of a survey; for other volumes, the voxel spacing.
-fn extent(opened: &Opened) -> Vec<String> {
+fn extent(opened: &OpenVolume) -> Vec<String> {
     let axes = &opened.container.manifest().axes;
     let Some(survey) = &opened.survey else {
         let [x, y, z] = opened.container.stored_geometry().spacing.map(short);
@@ -171,7 +162,7 @@ fn extent(opened: &Opened) -> Vec<String> {
     vec![format!("{}, {}", range(1), range(0)), format!("{} {}", range(2), axes[2].unit).trim_end().into()]
 }
 
-fn look(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
+fn look(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
     heading(ui, "Look");
     ui.horizontal(|ui| {
         ui.label("Preset");
@@ -181,11 +172,11 @@ fn look(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
                 .find(|kind| ui.selectable_label(*kind == opened.facts.kind, kind.name()).clicked())
         });
         box_.response
-            .on_hover_text("The picture that suits a kind of data; `info` says which this is")
+            .on_hover_text("Default picture of a kind of data; `info` prints the recognised kind")
             .accessible_name("Preset");
         if let Some(kind) = box_.inner.flatten() {
             viewer.scene = edit::with_kind(&viewer.scene, opened, kind);
-            viewer.looks = super::Looks::of(&viewer.scene);
+            viewer.panel_state = super::PanelState::of(&viewer.scene);
         }
     });
     ui.horizontal_wrapped(|ui| {
@@ -207,14 +198,16 @@ fn look(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
         let box_ = ComboBox::from_id_salt("samples").width(40.0).selected_text(samples.to_string()).show_ui(ui, |ui| {
             SAMPLES.into_iter().find(|n| ui.selectable_label(*n == samples, n.to_string()).clicked())
         });
-        box_.response.accessible_name("Rays a pixel").on_hover_text("Rays of each pixel: more for fine lines");
+        box_.response
+            .accessible_name("Rays a pixel")
+            .on_hover_text("Number of rays of each pixel; fine lines need more");
         if let Some(samples) = box_.inner.flatten() {
             viewer.scene.samples_per_pixel = Some(samples);
         }
     });
 }
 
-fn colors(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
+fn colors(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
     heading(ui, "Colours and opacity");
     let facts = &opened.facts;
     editor::show(viewer, opened, ui);
@@ -224,10 +217,10 @@ fn colors(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
         let box_ = ComboBox::from_id_salt("colormap")
             .selected_text("choose")
             .show_ui(ui, |ui| colormap::NAMES.into_iter().find(|name| ui.selectable_label(false, *name).clicked()));
-        box_.response.accessible_name("Colour map").on_hover_text("Paint the opacities with a colour map");
+        box_.response.accessible_name("Colour map").on_hover_text("Applies a colour map; opacities stay");
         if let Some(name) = box_.inner.flatten() {
             edit::set_colors(&mut viewer.scene, name);
-            viewer.looks.chosen = None;
+            viewer.panel_state.chosen = None;
         }
     });
     if let Some([low, high]) = edit::window(&viewer.scene) {
@@ -245,14 +238,14 @@ fn colors(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
     }
     ui.horizontal(|ui| {
         ui.label("Clip");
-        let percent = &mut viewer.looks.clip_percent;
+        let percent = &mut viewer.panel_state.clip_percent;
         let drag = DragValue::new(percent)
             .speed(0.05)
             .range(0.0..=49.0)
             .clamp_existing_to_range(false)
             .suffix(" %")
             .max_decimals(2);
-        let words = "Percentage of the voxels that the window leaves out at each end";
+        let words = "Percentage of the voxels outside the window, at each end";
         if ui.add(drag).on_hover_text(words).accessible_name("Clip, percent").changed() {
             let percent = *percent;
             edit::clip_percent(&mut viewer.scene, facts, percent);
@@ -265,7 +258,7 @@ fn colors(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
 
 /// Draws the density: the unit distance of the volume's first picture divided by the present one.
 fn density(viewer: &mut Viewer, ui: &mut Ui) {
-    let Some(first) = viewer.looks.unit_distance else { return };
+    let Some(first) = viewer.panel_state.unit_distance else { return };
     let Some(spec) = edit::points_mut(&mut viewer.scene) else { return };
     let Some(unit) = spec.unit_distance.filter(|unit| *unit > 0.0) else { return };
     let mut density = first / unit;
@@ -276,7 +269,7 @@ fn density(viewer: &mut Viewer, ui: &mut Ui) {
             .logarithmic(true)
             .max_decimals(3)
             .suffix(" x");
-        let words = "How many times as dense: opacities hold over a length that is so many times shorter";
+        let words = "Multiplies the extinction (1 = as in the first picture)";
         if ui.add(slider).on_hover_text(words).accessible_name("Density").changed() {
             spec.unit_distance = Some(first / density);
         }
@@ -284,7 +277,7 @@ fn density(viewer: &mut Viewer, ui: &mut Ui) {
 }
 
 /// Draws the iso surfaces of mode `iso`; at least one stays.
-fn surfaces(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
+fn surfaces(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
     heading(ui, "Surfaces");
     let is_lone = viewer.scene.iso.len() == 1;
     list_of_surfaces(&mut viewer.scene.iso, opened, !is_lone, ui);
@@ -294,12 +287,11 @@ fn surfaces(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
 }
 
 /// Draws the iso surfaces inside the semi-transparent volume.
-fn inner_surfaces(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
+fn inner_surfaces(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
     heading(ui, "Surfaces in the volume");
     list_of_surfaces(&mut viewer.scene.iso, opened, true, ui);
     let has_room = viewer.scene.iso.len() < INNER_SURFACE_LIMIT;
-    let words =
-        format!("A surface at one value, at its place within the volume; at most {INNER_SURFACE_LIMIT} (--surface)");
+    let words = format!("Adds an isosurface inside the volume; at most {INNER_SURFACE_LIMIT} (--surface)");
     let button = ui.add_enabled(has_room, egui::Button::new("+ surface")).on_hover_text(words);
     if button.clicked() {
         edit::add_inner_surface(&mut viewer.scene, &opened.facts);
@@ -307,9 +299,9 @@ fn inner_surfaces(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
 }
 
 /// Draws colour, value and opacity of each surface, with a button to remove it if `may_go` is set.
-fn list_of_surfaces(surfaces: &mut Vec<IsoSpec>, opened: &Opened, may_go: bool, ui: &mut Ui) {
+fn list_of_surfaces(surfaces: &mut Vec<IsoSpec>, opened: &OpenVolume, may_go: bool, ui: &mut Ui) {
     let range = opened.facts.value_range;
-    let words = format!("Value at which the surface lies {}", opened.container.manifest().unit);
+    let words = format!("Value of the surface {}", opened.container.manifest().unit);
     let mut removed = None;
     for (i, iso) in surfaces.iter_mut().enumerate() {
         ui.push_id(i, |ui| {
@@ -321,12 +313,12 @@ fn list_of_surfaces(surfaces: &mut Vec<IsoSpec>, opened: &Opened, may_go: bool, 
                 ui.spacing_mut().slider_width = (ui.available_width() - 110.0).max(40.0);
                 let slider = Slider::new(&mut iso.value, range.min..=range.max).clamping(SliderClamping::Edits);
                 ui.add(slider.max_decimals(4)).on_hover_text(words.trim_end()).accessible_name("Value of the surface");
-                if may_go && ui.small_button("x").on_hover_text("Take this surface away").clicked() {
+                if may_go && ui.small_button("x").on_hover_text("Removes this surface").clicked() {
                     removed = Some(i);
                 }
             });
             ui.add(Slider::new(&mut iso.alpha, 0.0..=1.0).clamping(SliderClamping::Edits).text("opacity"))
-                .on_hover_text("Share of the light from behind that the surface keeps back, 0 to 1")
+                .on_hover_text("Fraction of the light from behind that the surface absorbs, 0 to 1")
                 .accessible_name("Opacity of the surface");
         });
     }
@@ -338,11 +330,11 @@ fn list_of_surfaces(surfaces: &mut Vec<IsoSpec>, opened: &Opened, may_go: bool, 
 fn light(viewer: &mut Viewer, ui: &mut Ui) {
     heading(ui, "Light");
     if !matches!(viewer.scene.mode, Some(Mode::Dvr | Mode::Iso)) {
-        ui.weak("Projections are not lit.");
+        ui.weak("Projections have no lighting.");
         return;
     }
     let mut is_lit = matches!(viewer.scene.shading, Some(Some(_)));
-    if ui.checkbox(&mut is_lit, "Lit").on_hover_text("Surfaces and gradients scatter light").changed() {
+    if ui.checkbox(&mut is_lit, "Lit").on_hover_text("Lights surfaces and gradients").changed() {
         viewer.scene.shading = Some(is_lit.then(ShadingSpec::default));
     }
     let Some(Some(shading)) = &mut viewer.scene.shading else { return };
@@ -357,7 +349,7 @@ fn light(viewer: &mut Viewer, ui: &mut Ui) {
             .accessible_name(name);
     }
     let mut is_head_light = shading.lights.is_none();
-    let words = "Light shines where the camera looks; else it stays where it is in the world";
+    let words = "The light moves with the camera; otherwise it is fixed in the world";
     if ui.checkbox(&mut is_head_light, "From the camera").on_hover_text(words).changed() && is_head_light {
         shading.lights = None;
     }
@@ -365,12 +357,13 @@ fn light(viewer: &mut Viewer, ui: &mut Ui) {
         return;
     }
     let Some(camera) = &viewer.scene.camera else { return };
-    let angles = &mut viewer.looks.light;
+    let angles = &mut viewer.panel_state.light;
     let mut changed = shading.lights.is_none();
     for (angle, name) in angles.iter_mut().zip(["from the right", "from above"]) {
         let slider =
             Slider::new(angle, -90.0..=90.0).clamping(SliderClamping::Edits).suffix("°").text(name).max_decimals(0);
-        changed |= ui.add(slider).on_hover_text("Degrees, as the camera stands now").accessible_name(name).changed();
+        changed |=
+            ui.add(slider).on_hover_text("Degrees, relative to the present camera").accessible_name(name).changed();
     }
     if changed {
         shading.lights = Some(vec![LightSpec { direction: edit::light_from(camera, *angles), intensity: 1.0 }]);
@@ -387,7 +380,7 @@ fn quality(viewer: &mut Viewer, ui: &mut Ui) {
         .logarithmic(true)
         .max_decimals(2)
         .text("error");
-    let words = "Largest error of a pixel that is aimed for, in grey levels of 255 (--max-error)";
+    let words = "Largest allowed error of a pixel, in grey levels of 255 (--max-error)";
     let response = ui.add(slider).on_hover_text(words).accessible_name("Error target");
     if response.changed() {
         settings.max_error = (levels / GREY_LEVELS).clamp(MAX_ERROR_LIMITS[0], MAX_ERROR_LIMITS[1]);
@@ -397,7 +390,7 @@ fn quality(viewer: &mut Viewer, ui: &mut Ui) {
         ui.label("Memory");
         let drag =
             DragValue::new(&mut mebibytes).range(MEMORY_MIB).clamp_existing_to_range(false).suffix(" MiB").speed(8.0);
-        let words = "Most memory for bricks, rays and pictures, beside the window itself (--host-memory)";
+        let words = "Memory limit for bricks, rays and pictures; the window itself needs more (--host-memory)";
         if ui.add(drag).on_hover_text(words).accessible_name("Memory").changed() {
             settings.host_memory_bytes = mebibytes << 20;
         }
@@ -408,7 +401,7 @@ fn quality(viewer: &mut Viewer, ui: &mut Ui) {
             .range(INTERACTION_MS)
             .clamp_existing_to_range(false)
             .suffix(" ms");
-        let words = "Time after which a change shows a picture, if coarse at first";
+        let words = "Deadline for the first picture after a change; it may be coarse (--time-budget)";
         ui.add(drag).on_hover_text(words).accessible_name("Time for interaction");
     });
     ui.horizontal_wrapped(|ui| {

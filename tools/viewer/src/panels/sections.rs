@@ -9,9 +9,9 @@ use supervol_scene::scene::{CameraSpec, ImageSpec, RAY_LIMIT, Scene};
 use super::picture::{color, pixels_of, place, wheel_steps};
 use super::{heading, slices, wide_slider};
 use crate::planes::{self, axis_name};
-use crate::sections::{Layout, short, told_of};
+use crate::sections::{Layout, describe_point, short};
 use crate::viewer::Viewer;
-use crate::worker::{Message, Opened, PANELS, Probe};
+use crate::worker::{Message, OpenVolume, PANELS, Probe};
 use crate::{edit, navigate};
 
 /// Points between panels.
@@ -25,26 +25,26 @@ pub(super) const PLANE_COLORS: [Color32; PANELS] =
     [Color32::from_rgb(235, 90, 80), Color32::from_rgb(90, 200, 90), Color32::from_rgb(90, 150, 255)];
 
 /// Rectangles of the picture and of the panels.
-pub(super) struct Rooms {
+pub(super) struct PanelRects {
     pub(super) picture: Rect,
     panels: [Option<Rect>; PANELS],
 }
 
 /// Divides the available room.
-pub(super) fn rooms(layout: Layout, whole: Rect) -> Rooms {
+pub(super) fn panel_rects(layout: Layout, whole: Rect) -> PanelRects {
     let half = |from: f32, to: f32| [from, 0.5 * (from + to - GAP), 0.5 * (from + to + GAP), to].map(f32::round);
     let [x, y] = [half(whole.left(), whole.right()), half(whole.top(), whole.bottom())];
     let room = |[x0, y0]: [f32; 2], [x1, y1]: [f32; 2]| Rect::from_min_max(pos2(x0, y0), pos2(x1, y1));
     match layout {
-        Layout::Alone => Rooms { picture: whole, panels: [None; PANELS] },
+        Layout::Alone => PanelRects { picture: whole, panels: [None; PANELS] },
         Layout::One(axis) => {
             let mut panels = [None; PANELS];
             if let Some(panel) = panels.get_mut(axis) {
                 *panel = Some(room([x[0], y[0]], [x[1], y[3]]));
             }
-            Rooms { picture: room([x[2], y[0]], [x[3], y[3]]), panels }
+            PanelRects { picture: room([x[2], y[0]], [x[3], y[3]]), panels }
         }
-        Layout::Three => Rooms {
+        Layout::Three => PanelRects {
             picture: room([x[2], y[2]], [x[3], y[3]]),
             panels: [
                 Some(room([x[0], y[2]], [x[1], y[3]])),
@@ -56,19 +56,19 @@ pub(super) fn rooms(layout: Layout, whole: Rect) -> Rooms {
 }
 
 /// Draws the panels of the layout.
-pub(super) fn show(viewer: &mut Viewer, ui: &Ui, rooms: &Rooms) {
+pub(super) fn show(viewer: &mut Viewer, ui: &Ui, panel_rects: &PanelRects) {
     let Some(opened) = viewer.opened.clone() else { return };
     let before = viewer.sections.cursor;
     for axis in 0..PANELS {
         viewer.sections.panels[axis].scene = None;
-        let Some(rect) = rooms.panels[axis].filter(|rect| rect.is_positive()) else { continue };
+        let Some(rect) = panel_rects.panels[axis].filter(|rect| rect.is_positive()) else { continue };
         let response = ui.interact(rect, ui.scope_id().with(("section", axis)), Sense::click_and_drag());
         let response = response.accessible_name(format!("Section {}", axis_name(&opened, axis)));
         aim(viewer, &opened, ui, axis, rect);
-        steer(viewer, &opened, ui, axis, &response);
+        handle_input(viewer, &opened, ui, axis, &response);
         aim(viewer, &opened, ui, axis, rect);
         paint(viewer, &opened, ui, axis, &response);
-        take_along(viewer, &opened, axis, &response);
+        show_context_menu(viewer, &opened, axis, &response);
     }
     // Panels drawn before the one that moved the cursor are updated in the next frame.
     if viewer.sections.cursor != before {
@@ -77,7 +77,7 @@ pub(super) fn show(viewer: &mut Viewer, ui: &Ui, rooms: &Rooms) {
 }
 
 /// Sets the panel's scene, with as many pixels as the screen has there.
-fn aim(viewer: &mut Viewer, opened: &Opened, ui: &Ui, axis: usize, rect: Rect) {
+fn aim(viewer: &mut Viewer, opened: &OpenVolume, ui: &Ui, axis: usize, rect: Rect) {
     let [width, height] = pixels_of(ui, rect);
     let image = ImageSpec { width, height, ..viewer.scene.image };
     let scene = viewer.sections.scene_of(axis, opened, &image);
@@ -86,7 +86,7 @@ fn aim(viewer: &mut Viewer, opened: &Opened, ui: &Ui, axis: usize, rect: Rect) {
 }
 
 /// Context menu: saves the section as a scene, or exports it as a picture.
-fn take_along(viewer: &mut Viewer, opened: &Opened, axis: usize, response: &Response) {
+fn show_context_menu(viewer: &mut Viewer, opened: &OpenVolume, axis: usize, response: &Response) {
     let Some(scene) = viewer.sections.panels[axis].scene.clone().filter(|_| !viewer.is_preview()) else { return };
     response.context_menu(|ui| {
         if ui.button("Save the scene of this section ...").clicked() {
@@ -100,7 +100,7 @@ fn take_along(viewer: &mut Viewer, opened: &Opened, axis: usize, response: &Resp
     });
 }
 
-fn steer(viewer: &mut Viewer, opened: &Opened, ui: &Ui, axis: usize, response: &Response) {
+fn handle_input(viewer: &mut Viewer, opened: &OpenVolume, ui: &Ui, axis: usize, response: &Response) {
     let rect = response.rect;
     let moves = ui.input(|input| input.modifiers.shift) || response.dragged_by(PointerButton::Middle);
     let moves = moves || response.dragged_by(PointerButton::Secondary);
@@ -144,7 +144,7 @@ fn turn(viewer: &mut Viewer, axis: usize, turned: impl FnOnce(&CameraSpec) -> Ca
 }
 
 /// Requests a probe at a position of a panel, or of the picture, unless it is the last one. Returns its number.
-pub(super) fn probe(viewer: &mut Viewer, opened: &Opened, panel: Option<usize>, at: [f64; 2]) -> Option<u64> {
+pub(super) fn probe(viewer: &mut Viewer, opened: &OpenVolume, panel: Option<usize>, at: [f64; 2]) -> Option<u64> {
     let image = match panel {
         Some(axis) => viewer.sections.panels[axis].shown.as_ref().map(|shown| shown.image.size),
         None => viewer.picture.as_ref().map(|picture| picture.image.size),
@@ -163,7 +163,7 @@ pub(super) fn probe(viewer: &mut Viewer, opened: &Opened, panel: Option<usize>, 
     Some(next.number)
 }
 
-fn paint(viewer: &Viewer, opened: &Opened, ui: &Ui, axis: usize, response: &Response) {
+fn paint(viewer: &Viewer, opened: &OpenVolume, ui: &Ui, axis: usize, response: &Response) {
     let rect = response.rect;
     let painter = ui.painter().with_clip_rect(rect);
     painter.rect_filled(rect, 0.0, color(viewer.scene.image.background));
@@ -191,18 +191,18 @@ fn paint(viewer: &Viewer, opened: &Opened, ui: &Ui, axis: usize, response: &Resp
     }
     painter.rect_stroke(rect, 0.0, Stroke::new(1.0, PLANE_COLORS[axis]), eframe::egui::StrokeKind::Inside);
     let corner = rect.left_top() + Vec2::splat(MARGIN);
-    tell(&painter, corner, Align2::LEFT_TOP, &title(viewer, opened, axis));
+    draw_text(&painter, corner, Align2::LEFT_TOP, &title(viewer, opened, axis));
     name_borders(viewer.sections.panels[axis].scene.as_ref(), opened, &painter, rect);
     if response.contains_pointer() {
-        tell_of_point(viewer, opened, Some(axis), &painter, rect);
+        draw_point_description(viewer, opened, Some(axis), &painter, rect);
     }
     if viewer.sections.panels[axis].scene.is_none() {
-        tell(&painter, rect.center(), Align2::CENTER_CENTER, "no section can be shown here");
+        draw_text(&painter, rect.center(), Align2::CENTER_CENTER, "cannot show a section here");
     }
 }
 
 /// Draws the names of a patient's sides, or of compass directions, at the borders of a section.
-fn name_borders(scene: Option<&Scene>, opened: &Opened, painter: &eframe::egui::Painter, rect: Rect) {
+fn name_borders(scene: Option<&Scene>, opened: &OpenVolume, painter: &eframe::egui::Painter, rect: Rect) {
     let Some(camera) = scene.and_then(|scene| scene.camera.as_ref()) else { return };
     let right = navigate::right_of(camera);
     let names = named_borders(&opened.container, &opened.facts, [right, right.cross(navigate::forward_of(camera))]);
@@ -215,7 +215,7 @@ fn name_borders(scene: Option<&Scene>, opened: &Opened, painter: &eframe::egui::
     ];
     for (name, (at, align)) in names.into_iter().zip(borders) {
         if let Some(name) = name {
-            tell(painter, at, align, name);
+            draw_text(painter, at, align, name);
         }
     }
 }
@@ -227,14 +227,14 @@ pub(super) fn point(rect: Rect, [x, y]: [f64; 2]) -> Pos2 {
 }
 
 /// Draws text over a picture on a readable background.
-fn tell(painter: &eframe::egui::Painter, at: Pos2, align: Align2, words: &str) {
+fn draw_text(painter: &eframe::egui::Painter, at: Pos2, align: Align2, words: &str) {
     let galley = painter.layout(words.into(), FontId::proportional(12.0), Color32::WHITE, painter.clip_rect().width());
     let rect = align.anchor_size(at, galley.size());
     painter.rect_filled(rect.expand(2.0), 2.0, Color32::from_black_alpha(170));
     painter.galley(rect.min, galley, Color32::WHITE);
 }
 
-fn title(viewer: &Viewer, opened: &Opened, axis: usize) -> String {
+fn title(viewer: &Viewer, opened: &OpenVolume, axis: usize) -> String {
     let voxel = viewer.sections.cursor[axis];
     let place = opened.survey.as_ref().map(|survey| {
         let [first, step] = survey.scales()[axis];
@@ -247,9 +247,9 @@ fn title(viewer: &Viewer, opened: &Opened, axis: usize) -> String {
 }
 
 /// Draws value and position of the point under the mouse, when they are known.
-pub(super) fn tell_of_point(
+pub(super) fn draw_point_description(
     viewer: &Viewer,
-    opened: &Opened,
+    opened: &OpenVolume,
     panel: Option<usize>,
     painter: &eframe::egui::Painter,
     rect: Rect,
@@ -257,10 +257,10 @@ pub(super) fn tell_of_point(
     let Some(probed) = viewer.sections.probed().filter(|probed| probed.probe.panel == panel) else { return };
     let corner = rect.left_bottom() + Vec2::new(MARGIN, -MARGIN);
     match &probed.found {
-        Ok(Some(picked)) => tell(painter, corner, Align2::LEFT_BOTTOM, &told_of(picked, opened)),
-        Ok(None) if panel.is_some() => tell(painter, corner, Align2::LEFT_BOTTOM, "nothing is here"),
+        Ok(Some(picked)) => draw_text(painter, corner, Align2::LEFT_BOTTOM, &describe_point(picked, opened)),
+        Ok(None) if panel.is_some() => draw_text(painter, corner, Align2::LEFT_BOTTOM, "nothing visible"),
         Ok(None) => {}
-        Err(why) if panel.is_some() => tell(painter, corner, Align2::LEFT_BOTTOM, why),
+        Err(why) if panel.is_some() => draw_text(painter, corner, Align2::LEFT_BOTTOM, why),
         Err(_) => {}
     }
 }
@@ -292,7 +292,7 @@ pub(super) fn controls(viewer: &mut Viewer, ui: &mut Ui) {
         ui.label(format!("Cursor, {name}"));
         wide_slider(ui);
         ui.add(Slider::new(place, 0.0..=last).clamping(SliderClamping::Edits).integer())
-            .on_hover_text(format!("Voxel along {name}, 0 to {last}, through which the section goes"))
+            .on_hover_text(format!("Voxel along {name} of the section, 0 to {last}"))
             .accessible_name(format!("Cursor, {name}"));
     }
     if cursor != viewer.sections.cursor {
@@ -303,14 +303,14 @@ pub(super) fn controls(viewer: &mut Viewer, ui: &mut Ui) {
         slices::interpolation(look, "Panels", ui);
         slices::filter(look, &opened, "Panels", ui);
     });
-    let words = "Slices of the picture at the cursor, with which they move";
+    let words = "Adds slices at the cursor to the picture; they move with the cursor";
     if ui.button("Show them in the volume").on_hover_text(words).clicked() {
         show_in_volume(viewer, &opened);
     }
 }
 
 /// Adds slices at the cursor to the picture, with the look of the panels.
-fn show_in_volume(viewer: &mut Viewer, opened: &Opened) {
+fn show_in_volume(viewer: &mut Viewer, opened: &OpenVolume) {
     for axis in (0..PANELS).filter(|axis| viewer.sections.layout.shows(*axis)) {
         let place = viewer.sections.cursor[axis];
         let is_there = |slice| {

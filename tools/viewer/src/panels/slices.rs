@@ -9,7 +9,7 @@ use supervol_scene::slices::{Interpolation, SLICE_LIMIT, SliceSpec};
 use super::{heading, wide_slider};
 use crate::planes::{self, Place};
 use crate::viewer::Viewer;
-use crate::worker::{Message, Opened};
+use crate::worker::{Message, OpenVolume};
 
 /// Interpolations with names for the user.
 const INTERPOLATIONS: [(Interpolation, &str); 3] =
@@ -19,12 +19,12 @@ const INTERPOLATIONS: [(Interpolation, &str); 3] =
 pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     heading(ui, "Slices in the volume");
     let Some(opened) = viewer.opened.clone().filter(|_| viewer.slice.is_none()) else {
-        ui.weak("Here is one slice face on.");
+        ui.weak("Not available while one slice is shown face on.");
         return;
     };
     let is_possible = planes::has_depth(viewer.scene.mode.unwrap_or_default());
     if !is_possible {
-        ui.weak("Projections know no depth: choose Volume or Iso.");
+        ui.weak("Projections have no depth. Choose Volume or Iso.");
     }
     let has_room = viewer.scene.slices.len() < SLICE_LIMIT;
     ui.add_enabled_ui(is_possible && has_room, |ui| ui.horizontal_wrapped(|ui| adders(viewer, &opened, ui)));
@@ -37,17 +37,17 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
             ui.horizontal(|ui| {
                 let what = planes::place_of(slice, &opened.facts).axis;
                 let what = what.map_or("oblique".into(), |axis| planes::axis_name(&opened, axis));
-                let words = "Alt and the wheel over the picture move this slice";
-                ui.radio_value(&mut viewer.looks.held_slice, i, format!("{number}: {what}")).on_hover_text(words);
-                let button = ui.small_button("x").on_hover_text("Take this slice away");
-                if button.accessible_name(format!("Slice {number}, take away")).clicked() {
+                let words = "Selects this slice: Alt and the wheel over the picture move it";
+                ui.radio_value(&mut viewer.panel_state.held_slice, i, format!("{number}: {what}")).on_hover_text(words);
+                let button = ui.small_button("x").on_hover_text("Removes this slice");
+                if button.accessible_name(format!("Slice {number}, remove")).clicked() {
                     removed = Some(i);
                 }
             });
             place(slice, &opened, number, ui);
             wide_slider(ui);
             ui.add(Slider::new(&mut slice.opacity, 0.0..=1.0).clamping(SliderClamping::Edits).max_decimals(2))
-                .on_hover_text("Opacity: 1 hides what lies behind")
+                .on_hover_text("Opacity, 0 to 1; 1 hides everything behind the slice")
                 .accessible_name(format!("Slice {number}, opacity"));
             let name = format!("Slice {number}");
             interpolation(slice, &name, ui);
@@ -57,27 +57,27 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     viewer.scene = scene;
     if let Some(i) = removed {
         viewer.scene.slices.remove(i);
-        viewer.looks.held_slice = viewer.looks.held_slice.min(viewer.scene.slices.len().saturating_sub(1));
+        viewer.panel_state.held_slice = viewer.panel_state.held_slice.min(viewer.scene.slices.len().saturating_sub(1));
     }
 }
 
-fn adders(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
+fn adders(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
     for axis in [Some(0), Some(1), Some(2), None] {
         let name = axis.map_or("oblique".into(), |axis| planes::axis_name(opened, axis));
         let words = match axis {
-            Some(_) => format!("A slice across {name}, at its depth (--slices volume)"),
-            None => "A slice in any direction, at its depth".into(),
+            Some(_) => format!("Adds a slice across {name} (--slices volume)"),
+            None => "Adds a slice in any direction".into(),
         };
         if ui.button(format!("+ {name}")).on_hover_text(words).clicked() {
             match planes::add(&mut viewer.scene, &opened.facts, axis) {
-                Ok(()) => viewer.looks.held_slice = viewer.scene.slices.len() - 1,
+                Ok(()) => viewer.panel_state.held_slice = viewer.scene.slices.len() - 1,
                 Err(why) => viewer.message = Some(Message::Failure(why)),
             }
         }
     }
 }
 
-fn place(slice: &mut SliceSpec, opened: &Opened, number: usize, ui: &mut Ui) {
+fn place(slice: &mut SliceSpec, opened: &OpenVolume, number: usize, ui: &mut Ui) {
     let Place { axis, mut at, range: [least, most], .. } = planes::place_of(slice, &opened.facts);
     wide_slider(ui);
     let slider = Slider::new(&mut at, least..=most).clamping(SliderClamping::Edits);
@@ -95,7 +95,7 @@ fn place(slice: &mut SliceSpec, opened: &Opened, number: usize, ui: &mut Ui) {
     ui.label("normal");
     ui.horizontal(|ui| {
         for (component, name) in normal.iter_mut().zip(["x", "y", "z"]) {
-            let words = format!("Part of the normal along the world's {name}; the length does not matter");
+            let words = format!("Component of the normal along world {name}; the length of the normal does not matter");
             ui.add(DragValue::new(component).speed(0.01).max_decimals(3))
                 .on_hover_text(words)
                 .accessible_name(format!("Slice {number}, normal {name}"));
@@ -117,7 +117,7 @@ pub(super) fn interpolation(slice: &mut SliceSpec, what: &str, ui: &mut Ui) {
                 .find(|(how, name)| ui.selectable_label(*how == slice.interpolation, *name).clicked())
         });
         box_.response
-            .on_hover_text("How values between voxels are found (--interpolation)")
+            .on_hover_text("Interpolation between voxels (--interpolation)")
             .accessible_name(format!("{what}, interpolation"));
         if let Some((how, _)) = box_.inner.flatten() {
             slice.interpolation = how;
@@ -126,7 +126,7 @@ pub(super) fn interpolation(slice: &mut SliceSpec, what: &str, ui: &mut Ui) {
 }
 
 /// Draws filter and colours; `what` names the slice for accessibility.
-pub(super) fn filter(slice: &mut SliceSpec, opened: &Opened, what: &str, ui: &mut Ui) {
+pub(super) fn filter(slice: &mut SliceSpec, opened: &OpenVolume, what: &str, ui: &mut Ui) {
     let now = slice.filter.map(|filter| filter.kind);
     let named = |kind: Option<FilterKind>| {
         FilterKind::NAMES.iter().find(|(_, known)| Some(*known) == kind).map_or("none", |(name, _)| name)
@@ -151,7 +151,7 @@ pub(super) fn filter(slice: &mut SliceSpec, opened: &Opened, what: &str, ui: &mu
             && let Some([least, most]) = kind.sizes()
         {
             ui.add(DragValue::new(size).speed(0.05).range(least..=most).clamp_existing_to_range(false).max_decimals(1))
-                .on_hover_text("Size of the filter, voxels")
+                .on_hover_text("Size of the filter in voxels")
                 .accessible_name(format!("{what}, size of the filter"));
         }
     });
@@ -160,14 +160,14 @@ pub(super) fn filter(slice: &mut SliceSpec, opened: &Opened, what: &str, ui: &mu
     }
 }
 
-fn colors(slice: &mut SliceSpec, opened: &Opened, what: &str, ui: &mut Ui) {
+fn colors(slice: &mut SliceSpec, opened: &OpenVolume, what: &str, ui: &mut Ui) {
     ui.label("colours");
     let box_ = ComboBox::from_id_salt("colours")
         .width(70.0)
         .selected_text("choose")
         .show_ui(ui, |ui| colormap::NAMES.into_iter().find(|name| ui.selectable_label(false, *name).clicked()));
     box_.response
-        .on_hover_text("Colour map of the slice, over the values that slices of this volume show")
+        .on_hover_text("Colour map of the slice, over its default range of values")
         .accessible_name(format!("{what}, colours"));
     if let Some(name) = box_.inner.flatten() {
         planes::paint(slice, &opened.facts, name);

@@ -13,7 +13,7 @@ const MARGIN: f32 = 10.0;
 /// is longer than that of an unfinished one. If it took another line, the picture would shrink, start again, and so on
 /// without end.
 #[derive(Default)]
-pub(crate) struct Room {
+pub(crate) struct StatusHeight {
     width: f32,
     height: f32,
 }
@@ -22,17 +22,17 @@ pub(crate) struct Room {
 pub(crate) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     egui::Panel::bottom("status").show(ui, |ui| {
         let width = ui.available_width();
-        if width != viewer.status_room.width {
-            viewer.status_room = Room { width, height: 0.0 };
+        if width != viewer.status_height.width {
+            viewer.status_height = StatusHeight { width, height: 0.0 };
         }
-        ui.set_min_height(viewer.status_room.height);
+        ui.set_min_height(viewer.status_height.height);
         let shown = ui.horizontal_wrapped(|ui| match &viewer.picture {
             Some(picture) => numbers(viewer, ui, picture),
             None => {
                 ui.label("no picture yet");
             }
         });
-        let room = &mut viewer.status_room;
+        let room = &mut viewer.status_height;
         room.height = room.height.max(shown.response.rect.height());
     });
 }
@@ -82,12 +82,12 @@ fn busy(viewer: &Viewer, ui: &mut Ui) {
             None => ui.spinner(),
         };
         ui.label(words);
-        if matches!(busy, Busy::Exporting(..) | Busy::Animating(..)) && ui.button("Give up").clicked() {
+        if matches!(busy, Busy::Exporting(..) | Busy::Animating(..)) && ui.button("Stop").clicked() {
             viewer.worker.iter().for_each(crate::worker::Worker::cancel_export);
         }
         if matches!(busy, Busy::Opening(_) | Busy::Building(..)) {
-            let tip = "Stops the build. What is finished stays in the cache folder, and the same file opened again goes on with it; so does \
-                       closing the window";
+            let tip = "Stops the build. Finished parts stay in the cache folder. Opening the same file again continues the build. \
+                       Closing the window has the same effect";
             if ui.button("Cancel").on_hover_text(tip).clicked() {
                 viewer.worker.iter().for_each(crate::worker::Worker::cancel_build);
             }
@@ -119,19 +119,19 @@ fn number(ui: &mut Ui, text: String, tip: &str) {
 fn numbers(viewer: &Viewer, ui: &mut Ui, picture: &Picture) {
     let stats = &picture.stats;
     if let Some([x, y, z]) = viewer.opened.as_ref().and_then(|opened| opened.preview_of) {
-        let words = "Voxels at equal distances, while the container is built: thin things between them are missing";
+        let words = "Every n-th voxel, shown while the container is built; thin structures between them are missing";
         ui.colored_label(ui.visuals().warn_fg_color, format!("preview: one of {x} x {y} x {z} voxels"))
             .on_hover_text(words);
         ui.separator();
     }
     if picture.is_converged {
-        ui.strong("converged").on_hover_text("Every pixel is finished as the error target asks");
+        ui.strong("converged").on_hover_text("Every pixel is finished within the error target");
     } else {
         let pixels = u64::from(stats.image_width) * u64::from(stats.image_height);
         let share = 100.0 * (1.0 - stats.pixels_unfinished as f64 / pixels.max(1) as f64);
         let edge = stats.coarsest_pixel;
         ui.strong(format!("refining {share:.0} %"))
-            .on_hover_text(format!("The other pixels are taken from a picture whose pixels are {edge} times as large"));
+            .on_hover_text(format!("The other pixels have 1/{edge} of the resolution in each direction"));
     }
     ui.separator();
     number(ui, format!("{:.0} ms", picture.spent_ms), "Time of drawing this picture so far");
@@ -139,30 +139,30 @@ fn numbers(viewer: &Viewer, ui: &mut Ui, picture: &Picture) {
         number(ui, format!("{latency:.0} ms to first"), "Time from the last change to the first picture of it");
     }
     number(ui, levels(stats), "Levels of detail in memory; 0 is the finest");
-    number(ui, bricks(stats), "Bricks in memory, wanted and not there yet, and failed to read");
+    number(ui, bricks(stats), "Bricks in memory, bricks still to be read, and unreadable bricks");
     if let Some(ahead) = viewer.looked_ahead().filter(|ahead| ahead.page_ins > 0) {
-        let words = "Bricks read for the next picture, should the camera go on as it came here";
+        let words = "Bricks already read for the next picture, if the camera motion continues";
         number(ui, format!("{} ahead", ahead.page_ins), words);
     }
     let [cache, budget] = [stats.host_cache_bytes, stats.host_budget_bytes].map(mebibytes);
-    number(ui, format!("{cache} of {budget} MiB"), "Bricks in memory, and the memory for bricks, rays and pictures");
+    number(ui, format!("{cache} of {budget} MiB"), "Memory of the bricks, and the limit for bricks, rays and pictures");
     let seconds = picture.spent_ms.max(1.0) / 1e3;
     let words = format!(
         "{} MiB read, {:.0} reads/s",
         mebibytes(stats.streaming.bytes_read),
         stats.streaming.reads as f64 / seconds
     );
-    number(ui, words, "Read from the file for this picture, and how many reads a second of drawing it");
+    number(ui, words, "Bytes read from the file for this picture, and reads per second of drawing time");
     if let Some(stated) = &stats.error_stated {
-        let words = format!("off by at most {:.2} of 255", stated.largest_grey_levels);
+        let words = format!("error at most {:.2} of 255", stated.largest_grey_levels);
         number(
             ui,
             words,
-            "Stated error: how far any pixel may be from the exact picture of the finest level, in grey levels",
+            "Stated error: largest difference of a pixel from the exact picture of the finest level, in grey levels",
         );
     }
     if let Some(failure) = stats.failures.first() {
-        let words = format!("{}. Coarser bricks stand in for it", failure.reason);
+        let words = format!("{}. A coarser brick replaces it", failure.reason);
         let label = format!("{} could not be read", failure.brick);
         ui.colored_label(ui.visuals().error_fg_color, label).on_hover_text(words);
     }
@@ -171,7 +171,7 @@ fn numbers(viewer: &Viewer, ui: &mut Ui, picture: &Picture) {
         "gpu" => format!("GPU{}", if stats.adapter_is_software { " (a processor)" } else { "" }),
         _ => format!("CPU, {} threads", stats.threads),
     };
-    ui.label(words).on_hover_text(format!("Who casts the rays{why}"));
+    ui.label(words).on_hover_text(format!("Backend that casts the rays{why}"));
 }
 
 fn mebibytes(bytes: u64) -> u64 {

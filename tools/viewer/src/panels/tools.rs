@@ -7,7 +7,7 @@ use super::{heading, wide_slider};
 use crate::command::{Command, keys_of};
 use crate::edit;
 use crate::planes::axis_name;
-use crate::remembered::Theme;
+use crate::saved_settings::Theme;
 use crate::viewer::{Viewer, set_theme};
 use crate::worker::Decorations;
 
@@ -51,7 +51,7 @@ fn command(viewer: &mut Viewer, ui: &mut Ui, command: Command, label: &str) {
 fn files(viewer: &mut Viewer, ui: &mut Ui) {
     heading(ui, "File");
     command(viewer, ui, Command::Open, "Open ...");
-    let recent = viewer.remembered.recent.clone();
+    let recent = viewer.saved.recent.clone();
     ui.add_enabled_ui(!recent.is_empty(), |ui| {
         ui.menu_button("Recent files", |ui| {
             for path in &recent {
@@ -96,13 +96,15 @@ fn view(viewer: &mut Viewer, ui: &mut Ui) {
     let is_parallel = viewer.scene.camera.as_ref().is_some_and(|camera| camera.height.is_some());
     command(viewer, ui, Command::Projection, if is_parallel { "Parallel rays" } else { "Perspective" });
     let mut are_on = viewer.settings.decorations == Decorations::On;
-    let words = "Box with places along its axes, orientation, scale, what the colours mean, name (--decorate)";
+    let words = "Draws box with axes, orientation, scale, colour legend and name (--decorate)";
     if ui.checkbox(&mut are_on, "Box, scale, colours").on_hover_text(words).changed() {
         viewer.settings.decorations = if are_on { Decorations::On } else { Decorations::Off };
-        viewer.remembered.decorations = viewer.settings.decorations;
+        viewer.saved.decorations = viewer.settings.decorations;
     }
     if viewer.opened.is_some() && viewer.scene.camera.is_none() {
-        ui.small("This volume lies where the world's coordinates are too coarse for a camera: it is seen from its default side.");
+        ui.small(
+            "The world coordinates of this volume are too coarse for a camera. It is shown from its default side.",
+        );
     }
     ui.label("Vertical exaggeration");
     let mut factor = viewer.exaggeration;
@@ -111,11 +113,11 @@ fn view(viewer: &mut Viewer, ui: &mut Ui) {
         .logarithmic(true)
         .max_decimals(2)
         .suffix(" x");
-    let response = ui.add(slider).on_hover_text("Heights or depths are drawn this many times as large");
+    let response = ui.add(slider).on_hover_text("Factor for heights or depths");
     let response = response.accessible_name("Vertical exaggeration");
     // Reopening the volume is expensive: only at the end of a drag.
     if response.changed() && !response.dragged() || response.drag_stopped() {
-        viewer.exaggerate(factor);
+        viewer.set_exaggeration(factor);
     } else {
         viewer.exaggeration = factor;
     }
@@ -126,10 +128,10 @@ fn slice(viewer: &mut Viewer, ui: &mut Ui) {
     let Some(opened) = viewer.opened.clone() else { return };
     let mut chosen = viewer.slice.as_ref().map(|slice| slice.axis);
     ui.horizontal_wrapped(|ui| {
-        ui.selectable_value(&mut chosen, None, "None").on_hover_text("The whole volume, as it was before");
+        ui.selectable_value(&mut chosen, None, "None").on_hover_text("Shows the whole volume again");
         for axis in 0..3 {
             let name = axis_name(&opened, axis);
-            let words = format!("One slice across {name}, face on (--slice)");
+            let words = format!("Shows one slice across {name}, face on (--slice)");
             let _ = ui.selectable_value(&mut chosen, Some(axis), name).on_hover_text(words);
         }
     });
@@ -151,7 +153,7 @@ fn slice(viewer: &mut Viewer, ui: &mut Ui) {
 fn crop(viewer: &mut Viewer, ui: &mut Ui) {
     heading(ui, "Crop, voxels");
     let Some(opened) = viewer.opened.clone().filter(|_| viewer.slice.is_none()) else {
-        ui.weak("A slice is cropped as the volume was.");
+        ui.weak("Not available while a slice is shown; its crop is that of the volume.");
         return;
     };
     let dims = opened.facts.dims.0;
@@ -165,7 +167,7 @@ fn crop(viewer: &mut Viewer, ui: &mut Ui) {
             let slider = Slider::new(&mut kept[axis][end], 0..=last).clamping(SliderClamping::Edits).integer();
             wide_slider(ui);
             ui.add(slider)
-                .on_hover_text(format!("The {what} voxel along {name} that is shown"))
+                .on_hover_text(format!("The {what} visible voxel along {name}"))
                 .accessible_name(format!("{name}, {what} voxel"));
         }
         let [first, end] = kept[axis];
@@ -189,7 +191,7 @@ fn crop(viewer: &mut Viewer, ui: &mut Ui) {
 fn theme(viewer: &mut Viewer, ui: &mut Ui) {
     ui.horizontal(|ui| {
         for (theme, label) in [(Theme::System, "System"), (Theme::Light, "Light"), (Theme::Dark, "Dark")] {
-            if ui.selectable_value(&mut viewer.remembered.theme, theme, label).changed() {
+            if ui.selectable_value(&mut viewer.saved.theme, theme, label).changed() {
                 set_theme(ui.ctx(), theme);
             }
         }

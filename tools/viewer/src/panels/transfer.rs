@@ -1,5 +1,5 @@
 //! Transfer functions in files: loading, saving, and a named collection in the settings folder. Files are read and
-//! written by an [`Errand`], a background task.
+//! written by a [`BackgroundTask`].
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -9,13 +9,13 @@ use supervol_files::{Existing, OutputError, OutputFile, check_distinct};
 use supervol_scene::preset::transfer_file::TransferFile;
 use supervol_scene::scene::TransferFunctionSpec;
 
-use super::browse::{Browser, Wanted};
-use super::dialogs::{beside, may_write, path_field, window};
+use super::browse::{Browser, FileKind};
+use super::dialogs::{may_write, path_beside, path_field, window};
+use crate::background_task::BackgroundTask;
 use crate::edit;
-use crate::errand::Errand;
 use crate::folders::Folders;
 use crate::viewer::Viewer;
-use crate::worker::{Message, Opened};
+use crate::worker::{Message, OpenVolume};
 
 /// Most listed names.
 const NAMED_LIMIT: usize = 500;
@@ -32,10 +32,10 @@ enum Outcome {
 /// Running tasks and the named collection.
 #[derive(Default)]
 pub(crate) struct Transfer {
-    errand: Option<Errand<Outcome>>,
+    task: Option<BackgroundTask<Outcome>>,
     /// Names of the collection; `None` until the folder has been listed.
     named: Option<Vec<String>>,
-    listing: Option<Errand<Vec<String>>>,
+    listing: Option<BackgroundTask<Vec<String>>>,
     save: Option<SaveDialog>,
 }
 
@@ -73,14 +73,14 @@ fn names_in(folder: &Path) -> Vec<String> {
 impl Transfer {
     /// Starts to read a file.
     pub(crate) fn load(&mut self, ctx: &egui::Context, path: PathBuf) {
-        self.errand = Some(Errand::start(ctx, move || match TransferFile::read(&path) {
+        self.task = Some(BackgroundTask::start(ctx, move || match TransferFile::read(&path) {
             Ok(file) => Outcome::Loaded(Box::new(file)),
             Err(error) => Outcome::Failed(error.to_string()),
         }));
     }
 
     fn save(&mut self, ctx: &egui::Context, (path, text): (PathBuf, String), existing: Existing, read: Vec<PathBuf>) {
-        self.errand = Some(Errand::start(ctx, move || match write(&path, &text, existing, &read) {
+        self.task = Some(BackgroundTask::start(ctx, move || match write(&path, &text, existing, &read) {
             Ok(()) => Outcome::Saved(path),
             Err(error) => Outcome::Failed(error.to_string()),
         }));
@@ -88,14 +88,14 @@ impl Transfer {
 
     /// Names of the collection; empty while the folder is being listed.
     fn names(&mut self, ctx: &egui::Context, folders: &Folders) -> &[String] {
-        if let Some(names) = self.listing.as_ref().and_then(Errand::take) {
+        if let Some(names) = self.listing.as_ref().and_then(BackgroundTask::take) {
             (self.named, self.listing) = (Some(names), None);
         }
         if self.named.is_none()
             && self.listing.is_none()
             && let Some(folder) = folder(folders)
         {
-            self.listing = Some(Errand::start(ctx, move || names_in(&folder)));
+            self.listing = Some(BackgroundTask::start(ctx, move || names_in(&folder)));
         }
         self.named.as_deref().unwrap_or_default()
     }
@@ -116,13 +116,13 @@ fn write(path: &Path, text: &str, existing: Existing, read: &[PathBuf]) -> Resul
 
 /// Takes the results of background tasks.
 pub(crate) fn receive(viewer: &mut Viewer) {
-    let Some(outcome) = viewer.transfer.errand.as_ref().and_then(Errand::take) else { return };
-    viewer.transfer.errand = None;
+    let Some(outcome) = viewer.transfer.task.as_ref().and_then(BackgroundTask::take) else { return };
+    viewer.transfer.task = None;
     let Some(opened) = viewer.opened.clone() else { return };
     match outcome {
         Outcome::Loaded(file) => {
             let taken = take(viewer, &opened, &file).map_err(|e| e.to_string());
-            viewer.looks.chosen = None;
+            viewer.panel_state.chosen = None;
             viewer.message = taken.err().map(Message::Failure).or(viewer.message.take());
         }
         Outcome::Saved(path) => {
@@ -137,7 +137,7 @@ pub(crate) fn receive(viewer: &mut Viewer) {
 /// colours.
 fn take(
     viewer: &mut Viewer,
-    opened: &Opened,
+    opened: &OpenVolume,
     file: &TransferFile,
 ) -> Result<(), supervol_scene::preset::transfer_file::TransferFileError> {
     if !file.has_opacities() {
@@ -156,13 +156,13 @@ fn take(
 pub(super) fn controls(viewer: &mut Viewer, ui: &mut Ui) {
     let ctx = ui.ctx().clone();
     ui.horizontal(|ui| {
-        let words = "A transfer function or a colour map of a file: JSON of this program, ParaView's JSON, ImageVis3D's .1dt \
+        let words = "Loads a transfer function or a colour map from a file: JSON of supervol or of ParaView, .1dt of ImageVis3D \
                      (--tf, --colormap)";
         if ui.button("Load ...").on_hover_text(words).clicked() {
-            viewer.dialogs.browser = Some(Browser::new(Wanted::TransferFunction, viewer.opened.as_deref()));
+            viewer.dialogs.browser = Some(Browser::new(FileKind::TransferFunction, viewer.opened.as_deref()));
         }
-        if ui.button("Save as ...").on_hover_text("To a file, or by a name in this list").clicked() {
-            let path = beside(viewer.opened.as_deref(), "tf.json");
+        if ui.button("Save as ...").on_hover_text("Saves to a file, or under a name in this list").clicked() {
+            let path = path_beside(viewer.opened.as_deref(), "tf.json");
             viewer.transfer.save = Some(SaveDialog { name: String::new(), path, replace: false });
         }
         let folders = viewer.folders.clone();
@@ -172,7 +172,7 @@ pub(super) fn controls(viewer: &mut Viewer, ui: &mut Ui) {
                 names.into_iter().find(|name| ui.selectable_label(false, name).clicked())
             });
             box_.response
-                .on_hover_text("Transfer functions that were saved by name")
+                .on_hover_text("Transfer functions that were saved under a name")
                 .accessible_name("Named transfer functions");
             if let Some(path) = box_.inner.flatten().and_then(|name| file_of(&folders, &name)) {
                 viewer.transfer.load(&ctx, path);
@@ -188,7 +188,7 @@ pub(super) fn show(viewer: &mut Viewer, ctx: &egui::Context) {
     let middle = ctx.content_rect().center();
     let folders = viewer.folders.clone();
     window("Save the transfer function", &mut is_open).default_pos(middle).show(ctx, |ui| {
-        ui.label("By a name, for other volumes too:");
+        ui.label("Under a name, for all volumes:");
         path_field(ui, &mut dialog.name, "Name to keep it by");
         let kept = file_of(&folders, &dialog.name);
         let words = format!("Letters, digits and ` _-+,()`, at most {NAME_LIMIT}");
@@ -196,7 +196,7 @@ pub(super) fn show(viewer: &mut Viewer, ctx: &egui::Context) {
             target = kept;
         }
         ui.separator();
-        ui.label("Or to a file, as --tf takes it:");
+        ui.label("Or to a file, for --tf:");
         path_field(ui, &mut dialog.path, "Transfer function file");
         let may = may_write(ui, &dialog.path, &mut dialog.replace);
         if ui.add_enabled(may, Button::new("Write")).clicked() {
@@ -210,7 +210,7 @@ pub(super) fn show(viewer: &mut Viewer, ctx: &egui::Context) {
         return;
     };
     let Some(spec) = edit::points(&viewer.scene) else { return };
-    let text = serde_json::to_string_pretty(spec).expect("points have no number that JSON lacks") + "\n";
+    let text = serde_json::to_string_pretty(spec).expect("points have finite numbers only") + "\n";
     let is_kept = folder(&folders).is_some_and(|folder| path.starts_with(folder));
     let existing = if dialog.replace || is_kept { Existing::Replace } else { Existing::Keep };
     let read = viewer.opened.iter().flat_map(|opened| [opened.source.clone(), opened.path.clone()]).collect();

@@ -14,8 +14,8 @@ use supervol_scene::image::ImageFormat;
 use supervol_scene::preset::view::upright;
 use supervol_scene::scene::{CameraSpec, Scene};
 
-use super::easel::{Easel, options};
-use super::{Busy, Decorations, Desk, Message, Settings, lock};
+use super::drawing::{DrawingState, options};
+use super::{Busy, Decorations, Message, Settings, Shared, lock};
 
 /// Motion of the camera.
 #[derive(Debug, Clone, PartialEq)]
@@ -58,17 +58,18 @@ impl Motion {
     }
 }
 
-impl Easel {
+impl DrawingState {
     /// Draws the missing pictures until all are written or the user cancels.
     pub(super) fn animate(
         &mut self,
-        desk: &Arc<Desk>,
+        shared: &Arc<Shared>,
         animation: &Animation,
         settings: &Settings,
     ) -> Result<Message, String> {
         let opened = self.opened.clone();
         let camera = animation.scene.camera.as_ref();
-        let camera = camera.ok_or("this volume lies where the world is too coarse for a camera that moves")?;
+        let camera =
+            camera.ok_or("cannot animate: the world coordinates of this volume are too coarse for a camera")?;
         let (cameras, motion) = (animation.motion.cameras(camera, &opened.facts), animation.motion.asked());
         let scene = Scene { camera: cameras.first().cloned(), ..animation.scene.clone() };
         let inputs: Vec<&Path> =
@@ -85,20 +86,20 @@ impl Easel {
         };
         let others = match animation.existing {
             Existing::Replace => Others::Replace,
-            _ => Others::Keep("tick that they are replaced"),
+            _ => Others::Keep("tick `Overwrite other pictures`"),
         };
-        let missing = frames.begin(&options(desk, settings), others).map_err(|e| e.to_string())?;
-        lock(&desk.wishes).export_canceller = Some(self.renderer.canceller());
+        let missing = frames.begin(&options(shared, settings), others).map_err(|e| e.to_string())?;
+        lock(&shared.requests).export_canceller = Some(self.renderer.canceller());
         let mut drawn = Ok(true);
         for (done, frame) in missing.iter().enumerate() {
             let progress = [cameras.len() - missing.len() + done, cameras.len()];
-            desk.tell(|news| news.busy = Some(Busy::Animating(animation.folder.clone(), progress)));
-            drawn = self.draw_frame(desk, (&frames, *frame), settings);
+            shared.send(|messages| messages.busy = Some(Busy::Animating(animation.folder.clone(), progress)));
+            drawn = self.draw_frame(shared, (&frames, *frame), settings);
             if !matches!(drawn, Ok(true)) {
                 break;
             }
         }
-        self.resume(desk, settings);
+        self.resume(shared, settings);
         let folder = animation.folder.display();
         drawn.map(|is_done| match is_done {
             true => Message::Done(format!(
@@ -107,14 +108,14 @@ impl Easel {
                 missing.len(),
                 frames.advice()
             )),
-            false => Message::Done(format!("given up; the same again goes on with what {folder} holds")),
+            false => Message::Done(format!("cancelled; the same animation continues with the pictures in {folder}")),
         })
     }
 
     /// Draws and writes one picture. Returns false if the user has cancelled.
     fn draw_frame(
         &mut self,
-        desk: &Arc<Desk>,
+        shared: &Arc<Shared>,
         (frames, frame): (&Frames<'_>, usize),
         settings: &Settings,
     ) -> Result<bool, String> {
@@ -122,7 +123,7 @@ impl Easel {
         check_distinct(&path, frames.inputs.iter().copied()).map_err(|e| e.to_string())?;
         let output = OutputFile::begin(&path, Existing::ReplacePicture).map_err(|e| e.to_string())?;
         let scene = frames.scene(frame).resolve(&self.opened.facts).map_err(|e| e.to_string())?;
-        self.aim(desk, scene.clone(), settings);
+        self.aim(shared, scene.clone(), settings);
         let step = self.renderer.advance(None).map_err(|e| e.to_string())?;
         let Some(picture) = self.renderer.picture().filter(|_| !step.is_cancelled && step.is_finished) else {
             return Ok(false);

@@ -9,8 +9,8 @@ use supervol_preprocess::Existing;
 use supervol_scene::image::ImageFormat;
 use supervol_scene::scene::Scene;
 
-use super::easel::Easel;
-use super::{Busy, Desk, Message, Settings, lock};
+use super::drawing::DrawingState;
+use super::{Busy, Message, Settings, Shared, lock};
 
 /// A picture to export.
 #[derive(Debug, Clone, PartialEq)]
@@ -23,21 +23,26 @@ pub struct Export {
     pub existing: Existing,
 }
 
-impl Easel {
+impl DrawingState {
     /// Draws the picture until it has converged or the user cancels, and writes it.
-    pub(super) fn export(&mut self, desk: &Arc<Desk>, export: &Export, settings: &Settings) -> Result<Message, String> {
+    pub(super) fn export(
+        &mut self,
+        shared: &Arc<Shared>,
+        export: &Export,
+        settings: &Settings,
+    ) -> Result<Message, String> {
         let format = ImageFormat::from_path(&export.path).map_err(|e| e.to_string())?;
         let scene = export.scene.resolve(&self.opened.facts).map_err(|e| e.to_string())?;
         let read = [self.opened.source.as_path(), self.opened.path.as_path()];
         check_distinct(&export.path, read).map_err(|e| e.to_string())?;
         let output = OutputFile::begin(&export.path, export.existing).map_err(|e| e.to_string())?;
-        desk.tell(|news| news.busy = Some(Busy::Exporting(export.path.clone(), [0, scene.image_size[1]])));
-        lock(&desk.wishes).export_canceller = Some(self.renderer.canceller());
-        self.aim(desk, scene.clone(), settings);
+        shared.send(|messages| messages.busy = Some(Busy::Exporting(export.path.clone(), [0, scene.image_size[1]])));
+        lock(&shared.requests).export_canceller = Some(self.renderer.canceller());
+        self.aim(shared, scene.clone(), settings);
         let step = self.renderer.advance(None);
         let written = step.map_err(|e| e.to_string()).and_then(|step| {
             let Some(picture) = self.renderer.picture().filter(|_| step.is_finished) else {
-                return Ok(Message::Done("export given up; no file was written".into()));
+                return Ok(Message::Done("export cancelled; no file was written".into()));
             };
             let mut file = output.file();
             self.decorated(picture, &scene).encode(format, scene.background, &mut file).map_err(|e| e.to_string())?;
@@ -49,7 +54,7 @@ impl Easel {
                 _ => Message::Failure(format!("{path} is written, but {failed} bricks could not be read")),
             })
         });
-        self.resume(desk, settings);
+        self.resume(shared, settings);
         written
     }
 }

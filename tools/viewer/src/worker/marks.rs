@@ -9,7 +9,7 @@ use super::Inspect;
 
 /// Most bricks that are outlined, and most bricks of a level that are checked for failures.
 pub const MARK_LIMIT: usize = 1000;
-const LOOK_LIMIT: usize = 1 << 18;
+const CHECK_LIMIT: usize = 1 << 18;
 /// The drawn field; only its bricks are outlined.
 const FIELD: Field = Field::FIRST;
 
@@ -37,7 +37,7 @@ pub(super) fn marks(renderer: &Renderer, inspect: Inspect) -> Vec<Mark> {
     };
     let has_failed = |lod: &Lod| streamer.states().count(*lod, StateKind::Failed) > 0;
     let failed = (0..=pyramid.coarsest().0).map(Lod).filter(has_failed).flat_map(|lod| {
-        let keys = pyramid.keys_of(lod).take(LOOK_LIMIT);
+        let keys = pyramid.keys_of(lod).take(CHECK_LIMIT);
         keys.filter(|key| streamer.states().state(FIELD.brick(*key)).kind() == StateKind::Failed)
     });
     let mut marks: Vec<Mark> = failed.map(|key| mark(key, true)).take(MARK_LIMIT).collect();

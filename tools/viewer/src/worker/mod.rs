@@ -6,13 +6,13 @@
 //!
 //! Names in this module:
 //!
-//! - `Wishes`: pending requests of the window.
-//! - `News`: pending messages of the worker.
-//! - `Desk`: shared state that holds both.
-//! - `Studio`: the worker's own state.
-//! - `Easel`: drawing state of one open volume.
+//! - `Requests`: pending requests of the window.
+//! - `Messages`: pending messages of the worker.
+//! - `Shared`: state shared by window and worker, which holds both.
+//! - `WorkerState`: the worker's own state.
+//! - `DrawingState`: drawing state of one open volume.
 //!
-//! 1. The window writes a request to the desk. It replaces an older request of its kind that has not begun.
+//! 1. The window writes a request to the shared state. It replaces an older request of its kind that has not begun.
 //! 2. The worker takes requests in a fixed order. First: quit, open a volume, result of a build (builds have a thread
 //!    of their own), settings. Then: export, animation, view, sections of panels, probe of a pixel. Without requests it
 //!    continues the begun sections, then the begun picture, until they have converged. Then it looks ahead: it reads
@@ -24,12 +24,12 @@
 //! Both directions hold at most one item of each kind: no queue can grow.
 
 mod animate;
-mod easel;
+mod drawing;
 mod export;
 mod marks;
 mod open;
 mod sections;
-mod studio;
+mod state;
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -57,7 +57,7 @@ use supervol_sources::Survey;
 pub use self::animate::{Animation, Motion};
 pub use self::export::Export;
 pub use self::marks::{MARK_LIMIT, Mark};
-pub(crate) use self::studio::refused_of_preview;
+pub(crate) use self::state::preview_refusal;
 use crate::folders::Folders;
 
 /// Number of panels with a section each, beside the picture.
@@ -79,7 +79,7 @@ pub struct Settings {
     /// Whether box, orientation, scale and colour bar are drawn around the volume.
     pub decorations: Decorations,
     /// Whether panels beside the picture get a part of the memory.
-    pub beside: Beside,
+    pub side_panels: SidePanels,
     /// Diagnostic display.
     pub inspect: Inspect,
 }
@@ -101,12 +101,12 @@ pub enum Inspect {
 
 /// Presence of panels beside the picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Beside {
+pub enum SidePanels {
     /// Only the picture.
     #[default]
-    Nothing,
+    Hidden,
     /// Panels with sections.
-    Panels,
+    Shown,
 }
 
 /// Presence of decorations around the volume.
@@ -129,7 +129,7 @@ impl Default for Settings {
             backend: Backend::Cpu,
             threads: None,
             decorations: Decorations::Off,
-            beside: Beside::Nothing,
+            side_panels: SidePanels::Hidden,
             inspect: Inspect::Nothing,
         }
     }
@@ -153,7 +153,7 @@ pub struct Open {
 pub struct View {
     /// Number of the request, ascending.
     pub number: u64,
-    /// Number of the volume: [`Opened::number`].
+    /// Number of the volume: [`OpenVolume::number`].
     pub volume: u64,
     /// Scene, with the size of the picture.
     pub scene: Scene,
@@ -161,7 +161,7 @@ pub struct View {
 
 /// An open volume. Its content is shared by reference counts.
 #[derive(Debug)]
-pub struct Opened {
+pub struct OpenVolume {
     /// Number of the volume, ascending.
     pub number: u64,
     /// Path of the opened file.
@@ -186,7 +186,7 @@ pub struct Opened {
     /// The scene of the request with all defaults filled in.
     pub scene: Scene,
     /// Whether the request contained a camera.
-    pub is_camera_asked: bool,
+    pub has_requested_camera: bool,
 }
 
 /// A drawn picture.
@@ -222,7 +222,7 @@ pub struct Probe {
 
 /// The answer to a [`Probe`]: a point, nothing, or an error.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Probed {
+pub struct ProbeAnswer {
     /// The request.
     pub probe: Probe,
     /// The point under the pixel, `None` if there is nothing, or the error.
@@ -264,17 +264,17 @@ pub enum Message {
     Done(String),
 }
 
-/// Pending messages of the worker. [`Worker::news`] takes them all and leaves only `busy`.
+/// Pending messages of the worker. [`Worker::messages`] takes them all and leaves only `busy`.
 #[derive(Default)]
-pub struct News {
+pub struct Messages {
     /// A volume has been opened.
-    pub opened: Option<Arc<Opened>>,
+    pub opened: Option<Arc<OpenVolume>>,
     /// A picture has been drawn.
     pub frame: Option<Frame>,
     /// Pictures of the panels.
     pub sections: [Option<Frame>; PANELS],
     /// Answer to the last probe.
-    pub probed: Option<Probed>,
+    pub probed: Option<ProbeAnswer>,
     /// Bricks read for the next picture.
     pub ahead: Option<LookedAhead>,
     /// The running task.
@@ -285,7 +285,7 @@ pub struct News {
 
 /// Pending requests of the window that have not begun.
 #[derive(Default)]
-struct Wishes {
+struct Requests {
     quit: bool,
     open: Option<Open>,
     settings: Option<Settings>,
@@ -295,7 +295,7 @@ struct Wishes {
     sections: [Option<View>; PANELS],
     probe: Option<Probe>,
     /// Canceller of the worker's current work, while it may be interrupted.
-    cut: Option<Canceller>,
+    interrupt: Option<Canceller>,
     /// Canceller of an export.
     export_canceller: Option<Canceller>,
     /// Canceller of a build.
@@ -305,7 +305,7 @@ struct Wishes {
     built: Option<(u64, Result<PathBuf, Message>)>,
 }
 
-impl Wishes {
+impl Requests {
     /// Takes the request to open a volume, and installs a canceller for its build.
     fn opening(&mut self) -> Option<Work> {
         let open = self.open.take()?;
@@ -321,13 +321,13 @@ impl Wishes {
 }
 
 /// State shared by the window and the worker.
-struct Desk {
-    wishes: Mutex<Wishes>,
-    rung: Condvar,
-    news: Mutex<News>,
+struct Shared {
+    requests: Mutex<Requests>,
+    request_added: Condvar,
+    messages: Mutex<Messages>,
     wake: Box<dyn Fn() + Send + Sync>,
     folders: Folders,
-    /// Number of the build that is still wanted; 0: none. Changed only while the news are locked.
+    /// Number of the build that is still wanted; 0: none. Changed only while the messages are locked.
     building: AtomicU64,
 }
 
@@ -335,33 +335,33 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-impl Desk {
+impl Shared {
     /// Adds a request and interrupts work that may be interrupted.
-    fn wish(&self, put: impl FnOnce(&mut Wishes)) {
-        let mut wishes = lock(&self.wishes);
-        put(&mut wishes);
-        if let Some(canceller) = wishes.cut.take() {
+    fn request(&self, put: impl FnOnce(&mut Requests)) {
+        let mut requests = lock(&self.requests);
+        put(&mut requests);
+        if let Some(canceller) = requests.interrupt.take() {
             canceller.cancel();
         }
-        self.rung.notify_one();
+        self.request_added.notify_one();
     }
 
-    fn tell(&self, put: impl FnOnce(&mut News)) {
-        put(&mut lock(&self.news));
+    fn send(&self, put: impl FnOnce(&mut Messages)) {
+        put(&mut lock(&self.messages));
         (self.wake)();
     }
 
     /// Reports the progress of a build, if it is still wanted.
-    fn tell_of_build(&self, number: u64, busy: Busy) {
-        self.tell(|news| {
+    fn report_build(&self, number: u64, busy: Busy) {
+        self.send(|messages| {
             if self.building.load(Ordering::Relaxed) == number {
-                news.busy = Some(busy);
+                messages.busy = Some(busy);
             }
         });
     }
 
-    fn fail(&self, message: impl std::fmt::Display) {
-        self.tell(|news| news.message = Some(Message::Failure(message.to_string())));
+    fn report_failure(&self, message: impl std::fmt::Display) {
+        self.send(|messages| messages.message = Some(Message::Failure(message.to_string())));
     }
 }
 
@@ -377,43 +377,43 @@ enum Work {
     View(View),
     Section(usize, View),
     Probe(Probe),
-    GoOn,
+    Continue,
 }
 
-impl Desk {
-    /// Takes the next piece of work; waits if there is none. `going_on` cancels work that the next request may
+impl Shared {
+    /// Takes the next piece of work; waits if there is none. `interruptible` cancels work that the next request may
     /// interrupt.
-    fn next(&self, going_on: Option<Canceller>) -> Work {
-        let mut wishes = lock(&self.wishes);
+    fn next(&self, interruptible: Option<Canceller>) -> Work {
+        let mut requests = lock(&self.requests);
         loop {
-            wishes.cut = None;
-            if wishes.quit {
+            requests.interrupt = None;
+            if requests.quit {
                 return Work::Quit;
             }
-            let work = (wishes.opening())
-                .or_else(|| wishes.preview.take().map(|(number, preview)| Work::Preview(number, preview)))
-                .or_else(|| wishes.built.take().map(|(number, built)| Work::Built(number, built)))
-                .or_else(|| wishes.settings.take().map(Work::Settings))
-                .or_else(|| wishes.export.take().map(Work::Export))
-                .or_else(|| wishes.animation.take().map(|animation| Work::Animation(Box::new(animation))))
-                .or_else(|| wishes.view.take().map(Work::View))
-                .or_else(|| wishes.section().map(|(panel, view)| Work::Section(panel, view)))
-                .or_else(|| wishes.probe.take().map(Work::Probe));
+            let work = (requests.opening())
+                .or_else(|| requests.preview.take().map(|(number, preview)| Work::Preview(number, preview)))
+                .or_else(|| requests.built.take().map(|(number, built)| Work::Built(number, built)))
+                .or_else(|| requests.settings.take().map(Work::Settings))
+                .or_else(|| requests.export.take().map(Work::Export))
+                .or_else(|| requests.animation.take().map(|animation| Work::Animation(Box::new(animation))))
+                .or_else(|| requests.view.take().map(Work::View))
+                .or_else(|| requests.section().map(|(panel, view)| Work::Section(panel, view)))
+                .or_else(|| requests.probe.take().map(Work::Probe));
             if let Some(work) = work {
                 return work;
             }
-            if going_on.is_some() {
-                wishes.cut = going_on;
-                return Work::GoOn;
+            if interruptible.is_some() {
+                requests.interrupt = interruptible;
+                return Work::Continue;
             }
-            wishes = self.rung.wait(wishes).unwrap_or_else(PoisonError::into_inner);
+            requests = self.request_added.wait(requests).unwrap_or_else(PoisonError::into_inner);
         }
     }
 }
 
 /// The window's handle of the worker. Dropping it ends the thread.
 pub struct Worker {
-    desk: Arc<Desk>,
+    shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -427,33 +427,33 @@ impl Worker {
         folders: Folders,
         wake: impl Fn() + Send + Sync + 'static,
     ) -> std::io::Result<Self> {
-        let desk = Arc::new(Desk {
-            wishes: Mutex::default(),
-            rung: Condvar::new(),
-            news: Mutex::default(),
+        let shared = Arc::new(Shared {
+            requests: Mutex::default(),
+            request_added: Condvar::new(),
+            messages: Mutex::default(),
             wake: Box::new(wake),
             folders,
             building: AtomicU64::new(0),
         });
-        let of_thread = desk.clone();
+        let of_thread = shared.clone();
         let thread = std::thread::Builder::new()
             .name("supervol-worker".into())
-            .spawn(move || studio::work(&of_thread, settings))?;
-        Ok(Self { desk, thread: Some(thread) })
+            .spawn(move || state::work(&of_thread, settings))?;
+        Ok(Self { shared, thread: Some(thread) })
     }
 
     /// Opens a volume in place of the open one. Stops a running build.
     pub fn open(&self, open: Open) {
         self.cancel_build();
-        self.desk.wish(|wishes| {
-            (wishes.open, wishes.view, wishes.probe) = (Some(open), None, None);
-            wishes.sections = [const { None }; PANELS];
+        self.shared.request(|requests| {
+            (requests.open, requests.view, requests.probe) = (Some(open), None, None);
+            requests.sections = [const { None }; PANELS];
         });
     }
 
     /// Draws a picture.
     pub fn view(&self, view: View) {
-        self.desk.wish(|wishes| wishes.view = Some(view));
+        self.shared.request(|requests| requests.view = Some(view));
     }
 
     /// Draws the section of a panel.
@@ -461,34 +461,34 @@ impl Worker {
     /// # Panics
     /// If there is no such panel.
     pub fn section(&self, panel: usize, view: View) {
-        self.desk.wish(|wishes| wishes.sections[panel] = Some(view));
+        self.shared.request(|requests| requests.sections[panel] = Some(view));
     }
 
     /// Determines the value under a pixel.
     pub fn probe(&self, probe: Probe) {
-        self.desk.wish(|wishes| wishes.probe = Some(probe));
+        self.shared.request(|requests| requests.probe = Some(probe));
     }
 
     /// Changes the render settings.
     pub fn set(&self, settings: Settings) {
-        self.desk.wish(|wishes| wishes.settings = Some(settings));
+        self.shared.request(|requests| requests.settings = Some(settings));
     }
 
     /// Draws a picture until it has converged, and writes it to a file.
     pub fn export(&self, export: Export) {
-        self.desk.wish(|wishes| wishes.export = Some(export));
+        self.shared.request(|requests| requests.export = Some(export));
     }
 
     /// Draws the pictures of an animation, and writes them to a folder.
     pub fn animate(&self, animation: Animation) {
-        self.desk.wish(|wishes| wishes.animation = Some(animation));
+        self.shared.request(|requests| requests.animation = Some(animation));
     }
 
     /// Cancels an export or an animation.
     pub fn cancel_export(&self) {
-        self.desk.wish(|wishes| {
-            (wishes.export, wishes.animation) = (None, None);
-            if let Some(canceller) = wishes.export_canceller.take() {
+        self.shared.request(|requests| {
+            (requests.export, requests.animation) = (None, None);
+            if let Some(canceller) = requests.export_canceller.take() {
                 canceller.cancel();
             }
         });
@@ -497,25 +497,25 @@ impl Worker {
     /// Stops the build of a container. Finished parts stay in the cache folder; opening the same file again continues
     /// the build.
     pub fn cancel_build(&self) {
-        self.desk.wish(|wishes| {
-            wishes.open = None;
-            if let Some(canceller) = wishes.build_canceller.take() {
+        self.shared.request(|requests| {
+            requests.open = None;
+            if let Some(canceller) = requests.build_canceller.take() {
                 canceller.cancel();
             }
         });
     }
 
     /// Takes the messages since the last call.
-    pub fn news(&self) -> News {
-        let mut news = lock(&self.desk.news);
-        News {
-            opened: news.opened.take(),
-            frame: news.frame.take(),
-            sections: std::mem::take(&mut news.sections),
-            probed: news.probed.take(),
-            ahead: news.ahead.take(),
-            busy: news.busy.clone(),
-            message: news.message.take(),
+    pub fn messages(&self) -> Messages {
+        let mut messages = lock(&self.shared.messages);
+        Messages {
+            opened: messages.opened.take(),
+            frame: messages.frame.take(),
+            sections: std::mem::take(&mut messages.sections),
+            probed: messages.probed.take(),
+            ahead: messages.ahead.take(),
+            busy: messages.busy.clone(),
+            message: messages.message.take(),
         }
     }
 
@@ -529,7 +529,7 @@ impl Drop for Worker {
     fn drop(&mut self) {
         self.cancel_export();
         self.cancel_build();
-        self.desk.wish(|wishes| wishes.quit = true);
+        self.shared.request(|requests| requests.quit = true);
         let Some(thread) = self.thread.take() else { return };
         // A panic message is on standard error already.
         let _ = thread.join();

@@ -16,34 +16,39 @@ use supervol_runtime::stop::Canceller;
 use supervol_scene::scene::Scene;
 use supervol_sources::Survey;
 
-use super::{Busy, Desk, Message, Open, Opened, Settings, lock};
+use super::{Busy, Message, Open, OpenVolume, Settings, Shared, lock};
 
 /// Interval between two progress reports.
 const PROGRESS_INTERVAL: Duration = Duration::from_millis(100);
 
 /// Opens a container and completes the scene for it, or returns the message of the failure.
-pub(super) fn open(path: &Path, wish: Open, number: u64) -> Result<Arc<Opened>, Message> {
+pub(super) fn open(path: &Path, request: Open, number: u64) -> Result<Arc<OpenVolume>, Message> {
     let container = Container::open(path).map_err(|e| Message::Failure(format!("{}: {e}", path.display())))?;
-    opened(container, wish, number, None)
+    opened(container, request, number, None)
 }
 
 /// The open volume for a preview, which is used until the container is built.
-pub(super) fn open_preview(preview: Preview, wish: Open, number: u64) -> Result<Arc<Opened>, Message> {
-    opened(preview.container, wish, number, Some(preview.strides))
+pub(super) fn open_preview(preview: Preview, request: Open, number: u64) -> Result<Arc<OpenVolume>, Message> {
+    opened(preview.container, request, number, Some(preview.strides))
 }
 
-fn opened(container: Container, wish: Open, number: u64, preview_of: Option<[u64; 3]>) -> Result<Arc<Opened>, Message> {
+fn opened(
+    container: Container,
+    request: Open,
+    number: u64,
+    preview_of: Option<[u64; 3]>,
+) -> Result<Arc<OpenVolume>, Message> {
     let path = container.path().to_path_buf();
-    let exaggerated = Scene { vertical_exaggeration: Some(wish.exaggeration), ..Scene::default() };
+    let exaggerated = Scene { vertical_exaggeration: Some(request.exaggeration), ..Scene::default() };
     let volume = Volume::of(container).placed_for(&exaggerated).map_err(|e| Message::Failure(e.to_string()))?;
     let (facts, overview) = (volume.facts().clone(), volume.overview().cloned());
-    let mut scene = wish.scene.complete(&facts, overview.as_ref());
-    scene.vertical_exaggeration = (wish.exaggeration != 1.0).then_some(wish.exaggeration);
+    let mut scene = request.scene.complete(&facts, overview.as_ref());
+    scene.vertical_exaggeration = (request.exaggeration != 1.0).then_some(request.exaggeration);
     let container = volume.container().clone();
-    let is_camera_asked = wish.scene.camera.is_some();
+    let has_requested_camera = request.scene.camera.is_some();
     let survey = Survey::of(container.manifest());
-    let Open { path: source, reading, exaggeration, .. } = wish;
-    Ok(Arc::new(Opened {
+    let Open { path: source, reading, exaggeration, .. } = request;
+    Ok(Arc::new(OpenVolume {
         number,
         source,
         reading,
@@ -55,39 +60,40 @@ fn opened(container: Container, wish: Open, number: u64, preview_of: Option<[u64
         overview,
         exaggeration,
         scene,
-        is_camera_asked,
+        has_requested_camera,
     }))
 }
 
 /// Starts a thread that builds the container of a source file. The thread reports a preview and then the container to
-/// the desk. Only one build runs at a time: it waits for the end of the previous, cancelled build.
+/// the shared state. Only one build runs at a time: it waits for the end of the previous, cancelled build.
 pub(super) fn begin_build(
-    desk: &Arc<Desk>,
-    (wish, number): (Open, u64),
+    shared: &Arc<Shared>,
+    (request, number): (Open, u64),
     (settings, canceller): (&Settings, Canceller),
     before: Option<JoinHandle<()>>,
 ) -> std::io::Result<JoinHandle<()>> {
-    let (desk, settings) = (desk.clone(), *settings);
+    let (shared, settings) = (shared.clone(), *settings);
     std::thread::Builder::new().name("supervol-build".into()).spawn(move || {
         // A panic message is on standard error already.
         let _ = before.map(JoinHandle::join);
-        let build = || built(&desk, (&wish, number), &settings, canceller);
+        let build = || build_container(&shared, (&request, number), &settings, canceller);
         let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(build)).unwrap_or_else(|_| {
-            Err(Message::Failure("a mistake of supervol ended the build; what it said is on standard error".into()))
+            Err(Message::Failure(
+                "the build has crashed because of a bug in supervol; its message is on standard error".into(),
+            ))
         });
-        desk.wish(|wishes| wishes.built = Some((number, result)));
+        shared.request(|requests| requests.built = Some((number, result)));
     })
 }
 
 /// Message for a failed or stopped build, with advice. A stopped build continues when the file is opened again.
-fn unbuilt(error: &BuildError, source: &Path) -> Message {
+fn build_failure(error: &BuildError, source: &Path) -> Message {
     match error {
-        BuildError::Stopped { kept: Some(_) } => Message::Done(format!(
-            "the build of {} was stopped; open it again, and it goes on where it was",
-            source.display()
-        )),
+        BuildError::Stopped { kept: Some(_) } => {
+            Message::Done(format!("the build of {} was stopped; open the file again to continue it", source.display()))
+        }
         _ if error.is_stopped() => {
-            Message::Done(format!("the build of {} was stopped before anything was finished", source.display()))
+            Message::Done(format!("the build of {} was stopped before it had finished any part", source.display()))
         }
         _ => Message::Failure(format!("{}\n{}", flags::message(error), advice(source))),
     }
@@ -103,29 +109,29 @@ fn advice(source: &Path) -> String {
 }
 
 /// The container of a source file in the cache folder: an existing one, or a new one.
-fn built(
-    desk: &Desk,
-    (wish, number): (&Open, u64),
+fn build_container(
+    shared: &Shared,
+    (request, number): (&Open, u64),
     settings: &Settings,
     canceller: Canceller,
 ) -> Result<PathBuf, Message> {
-    let (source, folders) = (wish.path.as_path(), &desk.folders);
+    let (source, folders) = (request.path.as_path(), &shared.folders);
     let options = BuildOptions::default();
     let options = BuildOptions { threads: settings.threads.unwrap_or(options.threads), canceller, ..options };
     let last = std::sync::Mutex::new(None::<Instant>);
     let told = |told: Told<'_>| match told {
         Told::Building(_) => {}
-        Told::Preview(preview) => desk.wish(|wishes| wishes.preview = Some((number, preview))),
+        Told::Preview(preview) => shared.request(|requests| requests.preview = Some((number, preview))),
         Told::Progress(progress) => {
             let mut last = lock(&last);
             if last.is_none_or(|at| at.elapsed() >= PROGRESS_INTERVAL) {
                 *last = Some(Instant::now());
-                desk.tell_of_build(number, Busy::Building(source.into(), progress));
+                shared.report_build(number, Busy::Building(source.into(), progress));
             }
         }
     };
     let cache = Cache::below(folders.cache.as_deref(), folders.cache_limit_bytes).map(Cache::with_previews);
     cache
-        .and_then(|cache| cache.container_of(source, &wish.reading, &options, &told))
-        .map_err(|error| unbuilt(&error, source))
+        .and_then(|cache| cache.container_of(source, &request.reading, &options, &told))
+        .map_err(|error| build_failure(&error, source))
 }

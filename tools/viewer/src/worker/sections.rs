@@ -12,7 +12,7 @@ use supervol_runtime::render::volume::PlacedVolume;
 use supervol_runtime::stop::Canceller;
 use supervol_scene::scene::ResolvedScene;
 
-use super::{Desk, Opened, PANELS, View, frame_of};
+use super::{OpenVolume, PANELS, Shared, View, frame_of};
 
 /// Time for which an unfinished section is drawn before the next check for requests.
 const REFINEMENT: Duration = Duration::from_millis(100);
@@ -34,37 +34,44 @@ struct Panel {
 
 impl Sections {
     /// No sections yet.
-    pub(super) fn new(opened: &Opened, options: RenderOptions) -> Result<Self, String> {
+    pub(super) fn new(opened: &OpenVolume, options: RenderOptions) -> Result<Self, String> {
         let volume = PlacedVolume::of(opened.container.clone());
         let renderer = Renderer::new(volume, options).map_err(|e| e.to_string())?;
         Ok(Self { renderer, panels: [const { None }; PANELS] })
     }
 
     /// Applies options from the next request on.
-    pub(super) fn set(&mut self, desk: &Desk, options: RenderOptions) {
-        self.renderer.set_options(options).unwrap_or_else(|error| desk.fail(error));
+    pub(super) fn set(&mut self, shared: &Shared, options: RenderOptions) {
+        self.renderer.set_options(options).unwrap_or_else(|error| shared.report_failure(error));
         self.panels.iter_mut().flatten().for_each(|panel| panel.is_settled = true);
     }
 
     /// Begins the picture of a panel, and shows the result after the time for interaction.
-    pub(super) fn begin(&mut self, desk: &Desk, opened: &Opened, number: usize, view: View, interaction_ms: u64) {
+    pub(super) fn begin(
+        &mut self,
+        shared: &Shared,
+        opened: &OpenVolume,
+        number: usize,
+        view: View,
+        interaction_ms: u64,
+    ) {
         match view.scene.resolve(&opened.facts) {
             Ok(scene) => {
                 let panel = Panel { view, scene, is_settled: false, began: Instant::now() };
                 self.panels[number] = Some(panel);
-                self.advance(desk, number, Duration::from_millis(interaction_ms));
+                self.advance(shared, number, Duration::from_millis(interaction_ms));
             }
             Err(error) => {
                 self.panels[number] = None;
-                desk.fail(error);
+                shared.report_failure(error);
             }
         }
     }
 
     /// Continues the first unfinished panel.
-    pub(super) fn go_on(&mut self, desk: &Desk) {
+    pub(super) fn continue_drawing(&mut self, shared: &Shared) {
         if let Some(number) = self.unsettled() {
-            self.advance(desk, number, REFINEMENT);
+            self.advance(shared, number, REFINEMENT);
         }
     }
 
@@ -82,14 +89,14 @@ impl Sections {
         self.renderer.canceller()
     }
 
-    /// As [`super::easel::Easel::forget_cut`].
-    pub(super) fn forget_cut(&mut self) {
+    /// As [`super::drawing::DrawingState::clear_cancellation`].
+    pub(super) fn clear_cancellation(&mut self) {
         if self.panels.iter().any(Option::is_some) && self.renderer.canceller().is_cancelled() {
             let _ = self.renderer.advance(Some(Instant::now()));
         }
     }
 
-    fn advance(&mut self, desk: &Desk, number: usize, time: Duration) {
+    fn advance(&mut self, shared: &Shared, number: usize, time: Duration) {
         let Some(panel) = &mut self.panels[number] else { return };
         self.renderer.set_scene(panel.scene.clone());
         match self.renderer.advance(Some(Instant::now() + time)) {
@@ -100,11 +107,11 @@ impl Sections {
                 let stats = self.renderer.counts();
                 let frame =
                     frame_of(&panel.view, (&picture, panel.scene.background), (stats, step.is_finished), panel.began);
-                desk.tell(|news| news.sections[number] = Some(frame));
+                shared.send(|messages| messages.sections[number] = Some(frame));
             }
             Err(error) => {
                 panel.is_settled = true;
-                desk.fail(error);
+                shared.report_failure(error);
             }
         }
     }
@@ -128,7 +135,7 @@ pub(super) fn shares(host_memory_bytes: u64) -> [u64; 2] {
 /// The renderer of the panels, created on first use.
 pub(super) fn needed<'a>(
     sections: &'a mut Option<Sections>,
-    opened: &Arc<Opened>,
+    opened: &Arc<OpenVolume>,
     options: impl FnOnce() -> RenderOptions,
 ) -> Result<&'a mut Sections, String> {
     match sections {

@@ -21,7 +21,7 @@ use supervol_scene::scene::Scene;
 use supervol_sources::synthetic::Synthetic;
 use supervol_viewer::Launch;
 use supervol_viewer::folders::Folders;
-use supervol_viewer::remembered::Remembered;
+use supervol_viewer::saved_settings::SavedSettings;
 use supervol_viewer::viewer::Viewer;
 use supervol_viewer::worker::{Export, Settings};
 
@@ -160,7 +160,7 @@ impl Session {
             .with_step_dt(1.0 / 30.0)
             .with_render_cursor(false)
             .wgpu()
-            .build_ui_state(|ui, viewer: &mut Viewer| viewer.ui(ui), Viewer::new(launch, Remembered::default()));
+            .build_ui_state(|ui, viewer: &mut Viewer| viewer.ui(ui), Viewer::new(launch, SavedSettings::default()));
         Self { harness, folder, first: Scene::default(), told: Vec::new() }
     }
 
@@ -198,7 +198,7 @@ impl Session {
     pub fn rest(&mut self) {
         self.frames(3);
         self.until("the picture has converged", |session| {
-            session.viewer().is_at_rest() && session.viewer().opened().is_some()
+            session.viewer().is_idle() && session.viewer().opened().is_some()
         });
         self.frames(2);
         if self.first == Scene::default() {

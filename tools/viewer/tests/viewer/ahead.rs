@@ -53,7 +53,7 @@ fn a_view_that_goes_on_turning_finds_its_bricks_in_memory() {
 
 /// Requests at different times: looking ahead never delays one, and no picture is lost.
 #[test]
-fn a_new_wish_cuts_looking_ahead_short() {
+fn a_new_request_interrupts_looking_ahead() {
     let mut session = session();
     session.rest();
     for turn in 0..3 * TURNS {

@@ -60,9 +60,9 @@ fn a_build_that_is_cancelled_goes_on_when_its_file_is_opened_again() {
     until_building(&mut session, "building");
     session.screenshot("build");
     session.click("Cancel");
-    session.until("it has stopped", |s| s.viewer().message().is_some() && s.viewer().is_at_rest());
+    session.until("it has stopped", |s| s.viewer().message().is_some() && s.viewer().is_idle());
     let words = told(&session);
-    assert!(words.contains("noise.npy") && words.contains("open it again, and it goes on"), "{words}");
+    assert!(words.contains("noise.npy") && words.contains("open the file again to continue"), "{words}");
     assert_eq!(unfinished(&session), 2, "the container and its list");
     session.screenshot("build_cancelled");
     // The open volume stays and can be turned.
@@ -130,7 +130,7 @@ fn a_headerless_file_is_read_as_the_command_line_says() {
     assert_eq!(session.viewer().opened().expect("open").facts.dims.0, [40, 30, 20]);
     session.assert_is_as_rendered();
     // After a change of exaggeration it is the same file, read with the same options.
-    session.harness.state_mut().exaggerate(2.0);
+    session.harness.state_mut().set_exaggeration(2.0);
     session.until("it is placed anew", |s| s.viewer().opened().is_some_and(|o| o.exaggeration == 2.0));
     session.rest();
     session.assert_is_as_rendered();
@@ -188,7 +188,7 @@ fn an_untouched_preview_becomes_the_default_picture_and_a_cancelled_one_stays() 
     session.harness.state_mut().open(&file);
     session.until("there is a preview", |s| s.viewer().is_preview() && s.viewer().picture().is_some());
     session.click("Cancel");
-    session.until("it has stopped", |s| s.viewer().message().is_some() && s.viewer().is_at_rest());
+    session.until("it has stopped", |s| s.viewer().message().is_some() && s.viewer().is_idle());
     assert!(session.viewer().is_preview(), "the preview goes on being shown");
     let camera = session.viewer().scene().camera.clone();
     session.harness.state_mut().open(&file);

@@ -69,11 +69,11 @@ fn clip_planes_are_added_dragged_and_turned() {
     let turned = session.viewer().scene().clip.planes[0];
     assert_ne!(turned.normal, moved.normal);
     session.assert_is_as_rendered();
-    session.click("turn over");
+    session.click("flip");
     session.rest();
     assert_eq!(session.viewer().scene().clip.planes[0].offset, -turned.offset);
     session.assert_is_as_rendered();
-    session.click("Plane 1, take away");
+    session.click("Plane 1, remove");
     session.rest();
     assert!(session.viewer().scene().clip.planes.is_empty());
 }
@@ -98,7 +98,7 @@ fn solids_are_added_dragged_and_turned_inside_out() {
     let solid = &session.viewer().scene().clip.solids[0];
     assert_eq!((solid.keep, solid.sphere.expect("a sphere").radius), (Keep::Inside, 20.0));
     session.assert_is_as_rendered();
-    session.click("Solid 2: box, take away");
+    session.click("Solid 2: box, remove");
     session.rest();
     assert_eq!(session.viewer().scene().clip.solids.len(), 2);
     session.assert_is_as_rendered();
@@ -126,7 +126,7 @@ fn a_mesh_that_is_no_closed_one_is_refused_in_words() {
     session.until("it is refused", |s| {
         matches!(s.viewer().message(), Some(supervol_viewer::worker::Message::Failure(m)) if m.contains("open.obj"))
     });
-    session.click("Solid 2: mesh, take away");
+    session.click("Solid 2: mesh, remove");
     session.rest();
     session.assert_is_as_rendered();
 }

@@ -8,8 +8,8 @@ use supervol_runtime::engines::maps::work_in_colors;
 use supervol_runtime::render::accuracy::stated::in_colors;
 use supervol_runtime::render::options::{Backend, RenderOptions};
 use supervol_runtime::render::renderer::{render_with_errors, render_with_maps};
-use supervol_scene::preset::section::{face_on, plane_across};
 use supervol_scene::scene::Scene;
+use supervol_scene::scene::section::{face_on, plane_across};
 use supervol_scene::slices::{Interpolation, SliceSpec};
 use supervol_viewer::worker::{Export, Message, Settings};
 
@@ -152,7 +152,7 @@ fn pictures_may_be_drawn_by_a_graphics_device() {
     // A section is exported while a GPU draws the picture.
     let path = session.folder.path().join("section.png");
     session.export(Export { scene: section.clone(), path: path.clone(), existing: Existing::Keep });
-    session.until("the section is written", |s| path.exists() && s.viewer().is_at_rest());
+    session.until("the section is written", |s| path.exists() && s.viewer().is_idle());
     for (scene, backend) in [(section, "cpu"), (volume, "gpu")] {
         session.edit(|edited| *edited = scene);
         session.rest();

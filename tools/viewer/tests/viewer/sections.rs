@@ -11,7 +11,7 @@ use supervol_format::{Lod, VoxelBox, VoxelType};
 use supervol_preprocess::Existing;
 use supervol_scene::scene::{Mode, Scene};
 use supervol_scene::slices::Interpolation;
-use supervol_viewer::sections::{Layout, place, short, told_of};
+use supervol_viewer::sections::{Layout, describe_point, place, short};
 
 use crate::support;
 use support::Session;
@@ -305,7 +305,7 @@ fn a_survey_is_told_with_its_line_numbers() {
         let [crossline, inline, _] = [0, 1, 2].map(|a| scales[a][0] + scales[a][1] * voxel[a]);
         let expected = inline + crossline / 100.0 + voxel[2] / 1e5;
         assert!((picked.value - expected).abs() < 1e-4, "{picked:?}: expected {expected}");
-        let told = told_of(&picked, &opened);
+        let told = describe_point(&picked, &opened);
         let [at_crossline, at_inline] = [0, 1].map(|a| scales[a][0] + scales[a][1] * picked.index[a]);
         let lines = format!("\ninline {}, crossline {}, ", place(at_inline, 1.0), place(at_crossline, 1.0));
         let value = format!("value {}", short(picked.value));
@@ -339,7 +339,7 @@ fn a_section_is_saved_and_exported_as_it_is_shown() {
     session.click("Export this section ...");
     session.click("Export");
     let exported = session.folder.path().join("sphere.section.png");
-    session.until("it is written", |s| exported.exists() && s.viewer().is_at_rest());
+    session.until("it is written", |s| exported.exists() && s.viewer().is_idle());
     let expected = session.folder.path().join("expected.png");
     let (image, background) = support::headless(session.viewer(), &scene);
     image.write(&expected, background).expect("a file");

@@ -130,7 +130,7 @@ fn a_saved_scene_and_the_copied_command_mean_the_picture() {
     let saved = Scene::from_json(&std::fs::read_to_string(written).expect("a scene file")).expect("a scene");
     assert_eq!(saved, *session.viewer().scene());
     session.press(Modifiers::COMMAND, Key::S);
-    assert!(session.harness.query_by_label("Replace the file that is there").is_some());
+    assert!(session.harness.query_by_label("Overwrite the existing file").is_some());
     session.press(Modifiers::NONE, Key::Escape);
 
     session.press(Modifiers::COMMAND | Modifiers::SHIFT, Key::C);
@@ -148,7 +148,7 @@ fn an_exported_picture_is_the_one_that_render_writes() {
     session.press(Modifiers::COMMAND, Key::E);
     session.click("Export");
     let written = session.folder.path().join("vessels.png");
-    session.until("the file is written", |session| written.exists() && session.viewer().is_at_rest());
+    session.until("the file is written", |session| written.exists() && session.viewer().is_idle());
     let expected = session.folder.path().join("expected.png");
     let (image, background) = headless(session.viewer(), session.viewer().scene());
     image.write(&expected, background).expect("a file");
@@ -406,7 +406,7 @@ fn slices_have_filters_colours_and_interpolations() {
     assert!(before.colors.len() > 2);
     session.assert_is_as_rendered();
     let picture = session.pixels();
-    session.click("Slice 1, take away");
+    session.click("Slice 1, remove");
     session.rest();
     assert_ne!(session.pixels(), picture);
 }
@@ -472,7 +472,7 @@ fn nothing_that_is_no_picture_is_replaced() {
     session.press(Modifiers::COMMAND, Key::S);
     let volume = session.folder.path().join("sphere.svol");
     session.type_over("Scene file", &volume.display().to_string());
-    session.click("Replace the file that is there");
+    session.click("Overwrite the existing file");
     session.click("Save");
     assert!(matches!(session.viewer().message(), Some(Message::Failure(m)) if m.contains("sphere.svol")));
     assert_eq!(std::fs::read(&volume).expect("a file")[1..5], *b"SVOL");

@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use supervol_format::{BrickIndex, BrickKey, Container, Lod};
-use supervol_scene::facts::value_map;
 use supervol_scene::scene::{Mode, ResolvedScene};
 use supervol_scene::transfer_function::TransferFunction;
 use supervol_scene::units::{InUnits, edges};
+use supervol_scene::value_map::value_map;
 
 use super::spread::{Spread, values_of};
 use crate::engines::cpu::CpuFrame;

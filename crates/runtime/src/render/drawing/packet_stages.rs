@@ -8,6 +8,7 @@ use supervol_scene::scene::{Mode, ResolvedScene};
 use super::means::Tools;
 use super::stage::{Begun, Canvas, Cast, StageCaster, options_for, sketch_pixel, with_pixels};
 use crate::engines::maps::AskedMaps;
+use crate::render::enlarge::Enlarge;
 use crate::render::error::RenderError;
 use crate::render::frame::cpu::CpuCaster;
 use crate::render::frame::cpu_frame_of;

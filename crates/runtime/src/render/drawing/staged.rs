@@ -24,6 +24,7 @@ use super::packet_stages::PacketStages;
 use super::stage::{Begun, Canvas, Cast, StageCaster, next_pixel};
 use crate::engines::maps::{Maps, of_work};
 use crate::render::accuracy::stated::{ErrorStated, complete};
+use crate::render::enlarge::Enlarge;
 use crate::render::error::RenderError;
 use crate::render::stats::FrameStats;
 use crate::stop::{LEAST_STEP, Stop};

@@ -4,10 +4,10 @@ use std::ops::Range;
 use std::time::Instant;
 
 use supervol_format::Container;
-use supervol_scene::facts::value_map;
 use supervol_scene::image::Image;
 use supervol_scene::scene::ResolvedScene;
 use supervol_scene::units::InUnits;
+use supervol_scene::value_map::value_map;
 
 use super::FrameWalk;
 use super::setting::with_data_scale;

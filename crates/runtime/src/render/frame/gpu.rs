@@ -5,10 +5,10 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use supervol_format::{Container, VoxelType};
-use supervol_scene::facts::value_map;
 use supervol_scene::image::Image;
 use supervol_scene::scene::ResolvedScene;
 use supervol_scene::units::InUnits;
+use supervol_scene::value_map::value_map;
 
 use super::on_device::{GpuDrawn, GpuPicture, device_bytes};
 use super::setting::with_data_scale;
@@ -26,6 +26,7 @@ use crate::engines::gpu::scene_tables::GpuVolume;
 use crate::engines::gpu::texels::VoxelStorage;
 use crate::lod::LodChoice;
 use crate::lod::deviation::{Deviation, Deviations};
+use crate::render::enlarge::Enlarge;
 use crate::render::error::RenderError;
 use crate::render::options::RenderOptions;
 use crate::render::stats::FrameStats;

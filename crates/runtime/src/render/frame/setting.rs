@@ -4,9 +4,9 @@ use std::sync::Arc;
 
 use supervol_format::Container;
 use supervol_format::container::toc;
-use supervol_scene::facts::value_map;
 use supervol_scene::scene::ResolvedScene;
 use supervol_scene::units::InUnits;
+use supervol_scene::value_map::value_map;
 
 use crate::lod::LodRule;
 use crate::lod::by_error::{DataScale, LevelsByError};

@@ -16,7 +16,8 @@ use std::collections::HashMap;
 
 use glam::DVec3;
 
-use super::clip_slab;
+use super::interval::clip_slab;
+use crate::cast;
 
 /// Most triangles of a mesh; a triangle takes about 90 bytes.
 pub const TRIANGLE_LIMIT: usize = 1 << 20;
@@ -85,7 +86,7 @@ impl ClosedMesh {
         if triangles.len() > TRIANGLE_LIMIT {
             return Err(MeshError::TooLarge);
         }
-        let (vertices, triangles) = welded(vertices, triangles)?;
+        let (vertices, triangles) = merge_vertices(vertices, triangles)?;
         check_closed(&vertices, &triangles)?;
         let (low, high) = bounds(&vertices);
         let margin = DVec3::splat(BOX_MARGIN * (high - low).length());
@@ -174,7 +175,8 @@ impl ClosedMesh {
             let (low, high) = bounds_of(part.iter().flat_map(|t| self.corners(*t)));
             let (low, high) = (low - margin, high + margin);
             if part.len() <= LEAF_TRIANGLES {
-                self.nodes[node] = Node { low, high, first: range.start as u32, count: part.len() as u32 };
+                self.nodes[node] =
+                    Node { low, high, first: cast::number(range.start), count: cast::number(part.len()) };
                 continue;
             }
             let size = (high - low).to_array();
@@ -184,7 +186,7 @@ impl ClosedMesh {
             part.select_nth_unstable_by(middle, |a, b| place(a).total_cmp(&place(b)));
             let first = self.nodes.len();
             self.nodes.extend([placeholder; 2]);
-            self.nodes[node] = Node { low, high, first: first as u32, count: 0 };
+            self.nodes[node] = Node { low, high, first: cast::number(first), count: 0 };
             stack.push((first, range.start..range.start + middle));
             stack.push((first + 1, range.start + middle..range.end));
         }
@@ -210,7 +212,7 @@ impl ClosedMesh {
                 }
                 for other in (node.first as usize..(node.first + node.count) as usize).filter(|&n| n > number) {
                     let pair = [triangle, self.triangles[other]];
-                    if let Some(near) = crossing_of(pair, pair.map(|t| self.corners(t)), depth) {
+                    if let Some(near) = pair_crossing(pair, pair.map(|t| self.corners(t)), depth) {
                         return Err(MeshError::CrossesItself { near });
                     }
                     pairs_left = pairs_left.checked_sub(1).ok_or(MeshError::TooDense { near: corners[0] })?;
@@ -222,7 +224,7 @@ impl ClosedMesh {
 }
 
 /// Merges vertices at the same position and drops triangles with fewer than three different vertices.
-fn welded(vertices: &[DVec3], triangles: &[[u32; 3]]) -> Result<(Vec<DVec3>, Vec<[u32; 3]>), MeshError> {
+fn merge_vertices(vertices: &[DVec3], triangles: &[[u32; 3]]) -> Result<(Vec<DVec3>, Vec<[u32; 3]>), MeshError> {
     let mut kept: Vec<DVec3> = Vec::new();
     let mut number_of: HashMap<[u64; 3], u32> = HashMap::new();
     let mut numbers = Vec::with_capacity(vertices.len());
@@ -232,7 +234,7 @@ fn welded(vertices: &[DVec3], triangles: &[[u32; 3]]) -> Result<(Vec<DVec3>, Vec
         }
         // Zero has two signs but is one position.
         let bits = found.to_array().map(|x| (x + 0.0).to_bits());
-        let next = kept.len() as u32;
+        let next = cast::number(kept.len());
         let number = *number_of.entry(bits).or_insert(next);
         if number == next {
             kept.push(found);
@@ -276,19 +278,19 @@ fn bounds_of(points: impl Iterator<Item = DVec3>) -> (DVec3, DVec3) {
 }
 
 /// A point in which an edge of one triangle crosses the other triangle. Edges that end at a common corner are ignored.
-fn crossing_of(pair: [[u32; 3]; 2], corners: [[DVec3; 3]; 2], depth: f64) -> Option<DVec3> {
+fn pair_crossing(pair: [[u32; 3]; 2], corners: [[DVec3; 3]; 2], depth: f64) -> Option<DVec3> {
     (0..2).find_map(|one| {
         let (triangle, edges) = (corners[1 - one], corners[one]);
         (0..3).find_map(|i| {
             let ends = [i, (i + 1) % 3];
             let is_shared = ends.iter().any(|&end| pair[1 - one].contains(&pair[one][end]));
-            if is_shared { None } else { goes_through(ends.map(|end| edges[end]), triangle, depth) }
+            if is_shared { None } else { segment_crossing(ends.map(|end| edges[end]), triangle, depth) }
         })
     })
 }
 
 /// The point in which a line segment crosses a triangle, if both its ends lie at least `depth` away from the plane.
-fn goes_through([p, q]: [DVec3; 2], [a, b, c]: [DVec3; 3], depth: f64) -> Option<DVec3> {
+fn segment_crossing([p, q]: [DVec3; 2], [a, b, c]: [DVec3; 3], depth: f64) -> Option<DVec3> {
     let normal = (b - a).cross(c - a).normalize_or_zero();
     let [before, after] = [normal.dot(p - a), normal.dot(q - a)];
     if before.abs() < depth || after.abs() < depth || before * after >= 0.0 {

@@ -12,17 +12,18 @@ use std::time::SystemTime;
 use glam::DVec3;
 
 use super::mesh::{ClosedMesh, MeshError, TRIANGLE_LIMIT};
+use crate::cast;
 
 /// Longest line of text in a file.
 const LINE_LIMIT: u64 = 1 << 16;
 /// Most corners of a polygon.
-const CORNER_LIMIT: u64 = 1 << 12;
+const CORNER_LIMIT: usize = 1 << 12;
 /// Most lines of the header of a PLY file.
 const HEADER_LIMIT: usize = 1 << 10;
 /// Most vertices: three per triangle.
 const VERTEX_LIMIT: usize = 3 * TRIANGLE_LIMIT;
 /// Bytes of a binary STL file before the first triangle, and per triangle.
-const STL_BYTES: [u64; 2] = [84, 50];
+const STL_BYTES: [usize; 2] = [84, 50];
 
 /// Reason why a file holds no mesh to cut with.
 #[derive(Debug, thiserror::Error)]
@@ -46,16 +47,16 @@ enum Reason {
 
 /// Vertices and triangles in file order, not yet checked.
 #[derive(Default)]
-struct Soup {
+struct RawMesh {
     vertices: Vec<DVec3>,
     triangles: Vec<[u32; 3]>,
 }
 
 /// A file that is in use: path, time of change, length in bytes, and its mesh as long as a scene holds it.
-type Known = (PathBuf, Option<SystemTime>, u64, Weak<ClosedMesh>);
+type CachedMesh = (PathBuf, Option<SystemTime>, u64, Weak<ClosedMesh>);
 
 /// Meshes in use. Scenes are resolved for every picture; this list avoids reading their files again.
-static IN_USE: Mutex<Vec<Known>> = Mutex::new(Vec::new());
+static CACHED_MESHES: Mutex<Vec<CachedMesh>> = Mutex::new(Vec::new());
 
 /// Reads the closed mesh in a file; the extension of the name gives the format.
 ///
@@ -65,40 +66,40 @@ pub fn read(path: &Path) -> Result<Arc<ClosedMesh>, MeshFileError> {
     let refused = |reason| MeshFileError { path: path.to_owned(), reason };
     let state = std::fs::metadata(path).map_err(|e| refused(e.into()))?;
     let (changed, length) = (state.modified().ok(), state.len());
-    let in_use = || IN_USE.lock().unwrap_or_else(PoisonError::into_inner);
-    let known = in_use()
+    let cached_meshes = || CACHED_MESHES.lock().unwrap_or_else(PoisonError::into_inner);
+    let known = cached_meshes()
         .iter()
         .find(|known| (&known.0, known.1, known.2) == (&path.to_owned(), changed, length))
         .map(|k| k.3.clone());
     if let Some(mesh) = known.and_then(|known| known.upgrade()) {
         return Ok(mesh);
     }
-    let soup = soup_of(path, length).map_err(refused)?;
-    let mesh = Arc::new(ClosedMesh::new(&soup.vertices, &soup.triangles).map_err(|e| refused(e.into()))?);
-    let mut in_use = in_use();
-    in_use.retain(|known| known.3.strong_count() > 0);
-    in_use.push((path.to_owned(), changed, length, Arc::downgrade(&mesh)));
+    let mesh = read_raw_mesh(path, length).map_err(refused)?;
+    let mesh = Arc::new(ClosedMesh::new(&mesh.vertices, &mesh.triangles).map_err(|e| refused(e.into()))?);
+    let mut cached_meshes = cached_meshes();
+    cached_meshes.retain(|known| known.3.strong_count() > 0);
+    cached_meshes.push((path.to_owned(), changed, length, Arc::downgrade(&mesh)));
     Ok(mesh)
 }
 
-fn soup_of(path: &Path, length: u64) -> Result<Soup, Reason> {
+fn read_raw_mesh(path: &Path, length: u64) -> Result<RawMesh, Reason> {
     let end = path.extension().map(|end| end.to_string_lossy().to_lowercase());
     let mut reader = BufReader::new(File::open(path)?);
     match end.as_deref() {
-        Some("ply") => ply(&mut reader),
-        Some("stl") => stl(&mut reader, length),
-        Some("obj") => obj(&mut reader),
+        Some("ply") => read_ply(&mut reader),
+        Some("stl") => read_stl(&mut reader, length),
+        Some("obj") => read_obj(&mut reader),
         _ => Err(Reason::Name),
     }
 }
 
-impl Soup {
+impl RawMesh {
     fn add_vertex(&mut self, vertex: DVec3) -> Result<u32, Reason> {
         if self.vertices.len() == VERTEX_LIMIT {
             return Err(MeshError::TooLarge.into());
         }
         self.vertices.push(vertex);
-        Ok(self.vertices.len() as u32 - 1)
+        Ok(cast::number(self.vertices.len()) - 1)
     }
 
     /// Adds a polygon as a fan of triangles around its first corner.
@@ -138,14 +139,14 @@ fn point<'a>(words: &mut impl Iterator<Item = &'a str>, of: &str) -> Result<DVec
     Ok(DVec3::new(number(words.next(), of)?, number(words.next(), of)?, number(words.next(), of)?))
 }
 
-fn obj(reader: &mut impl BufRead) -> Result<Soup, Reason> {
-    let mut soup = Soup::default();
+fn read_obj(reader: &mut impl BufRead) -> Result<RawMesh, Reason> {
+    let mut mesh = RawMesh::default();
     while let Some(text) = line(reader)? {
         let mut words = text.split_whitespace();
         match words.next() {
-            Some("v") => drop(soup.add_vertex(point(&mut words, &text)?)?),
+            Some("v") => drop(mesh.add_vertex(point(&mut words, &text)?)?),
             Some("f") => {
-                let vertices = soup.vertices.len() as i64;
+                let vertices = cast::signed(mesh.vertices.len());
                 let corner = |word: &str| {
                     // A corner is position/texture/normal; only the position is read. Indices begin at 1; negative ones
                     // count from the end.
@@ -155,65 +156,70 @@ fn obj(reader: &mut impl BufRead) -> Result<Soup, Reason> {
                     u32::try_from(index).map_err(|_| content("the number of a vertex", written))
                 };
                 let corners = words.map(corner).collect::<Result<Vec<u32>, Reason>>()?;
-                soup.add_face(&corners)?;
+                mesh.add_face(&corners)?;
             }
             _ => {}
         }
     }
-    Ok(soup)
+    Ok(mesh)
 }
 
-fn stl(reader: &mut impl BufRead, length: u64) -> Result<Soup, Reason> {
-    let mut title = [0; STL_BYTES[0] as usize];
-    let is_long = length >= STL_BYTES[0];
+fn read_stl(reader: &mut impl BufRead, length: u64) -> Result<RawMesh, Reason> {
+    let mut title = [0; STL_BYTES[0]];
+    let is_long = length >= STL_BYTES[0] as u64;
     let begins = reader.fill_buf()?.starts_with(b"solid");
-    let mut soup = Soup::default();
+    let mut mesh = RawMesh::default();
     if is_long && (!begins || has_counted_length(reader, length)?) {
         reader.read_exact(&mut title)?;
         let count = u32::from_le_bytes([title[80], title[81], title[82], title[83]]);
-        if length != STL_BYTES[0] + STL_BYTES[1] * u64::from(count) {
+        if length != stl_length(count) {
             return Err(content(&format!("{count} triangles of 50 bytes after 84 bytes"), format!("{length} bytes")));
         }
-        let mut triangle = [0; STL_BYTES[1] as usize];
+        let mut triangle = [0; STL_BYTES[1]];
         for _ in 0..count {
             reader.read_exact(&mut triangle)?;
             let value = |i: usize| f64::from(f32::from_le_bytes(std::array::from_fn(|byte| triangle[4 * i + byte])));
             let mut corners = [0; 3];
             for (c, corner) in corners.iter_mut().enumerate() {
-                *corner = soup.add_vertex(DVec3::new(value(3 * c + 3), value(3 * c + 4), value(3 * c + 5)))?;
+                *corner = mesh.add_vertex(DVec3::new(value(3 * c + 3), value(3 * c + 4), value(3 * c + 5)))?;
             }
-            soup.add_face(&corners)?;
+            mesh.add_face(&corners)?;
         }
-        return Ok(soup);
+        return Ok(mesh);
     }
     let mut corners = Vec::new();
     while let Some(text) = line(reader)? {
         let mut words = text.split_whitespace();
         match words.next() {
-            Some("vertex") if corners.len() < CORNER_LIMIT as usize => {
-                corners.push(soup.add_vertex(point(&mut words, &text)?)?);
+            Some("vertex") if corners.len() < CORNER_LIMIT => {
+                corners.push(mesh.add_vertex(point(&mut words, &text)?)?);
             }
             Some("vertex") => return Err(content("at most 4096 corners of a facet", "more")),
             Some("endfacet") => {
-                soup.add_face(&corners)?;
+                mesh.add_face(&corners)?;
                 corners.clear();
             }
             _ => {}
         }
     }
-    Ok(soup)
+    Ok(mesh)
 }
 
 /// Whether a file that begins with "solid", as text files do, has the length of a binary STL file.
 fn has_counted_length(reader: &mut impl BufRead, length: u64) -> Result<bool, Reason> {
     let begin = reader.fill_buf()?;
     let count = begin.get(80..84).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]));
-    Ok(count.is_some_and(|count| length == STL_BYTES[0] + STL_BYTES[1] * u64::from(count)))
+    Ok(count.is_some_and(|count| length == stl_length(count)))
+}
+
+/// Bytes of a binary STL file with this number of triangles.
+fn stl_length(triangles: u32) -> u64 {
+    STL_BYTES[0] as u64 + STL_BYTES[1] as u64 * u64::from(triangles)
 }
 
 /// Number format of a PLY file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Written {
+enum Encoding {
     Text,
     Little,
     Big,
@@ -274,7 +280,7 @@ impl Scalar {
         }
         let [a, b, c, d, ..] = bytes;
         Ok(match self {
-            Self::I8 => f64::from(a as i8),
+            Self::I8 => f64::from(i8::from_le_bytes([a])),
             Self::U8 => f64::from(a),
             Self::I16 => f64::from(i16::from_le_bytes([a, b])),
             Self::U16 => f64::from(u16::from_le_bytes([a, b])),
@@ -287,17 +293,17 @@ impl Scalar {
 }
 
 /// Reads the numbers of a PLY file one after the other.
-struct Numbers<'a, R> {
+struct NumberReader<'a, R> {
     reader: &'a mut R,
-    written: Written,
+    written: Encoding,
     /// Unread words of the current line, the next one last.
     words: Vec<String>,
 }
 
-impl<R: BufRead> Numbers<'_, R> {
+impl<R: BufRead> NumberReader<'_, R> {
     fn next(&mut self, scalar: Scalar) -> Result<f64, Reason> {
-        if self.written != Written::Text {
-            return Ok(scalar.read(self.reader, self.written == Written::Little)?);
+        if self.written != Encoding::Text {
+            return Ok(scalar.read(self.reader, self.written == Encoding::Little)?);
         }
         while self.words.is_empty() {
             let text = line(self.reader)?.ok_or_else(|| content("more numbers", "the end of the file"))?;
@@ -312,14 +318,14 @@ impl<R: BufRead> Numbers<'_, R> {
         if !(0.0..=CORNER_LIMIT as f64).contains(&count) {
             return Err(content("lists of at most 4096 numbers", count));
         }
-        (0..count as usize).map(|_| self.next(scalar)).collect()
+        (0..cast::index(count)).map(|_| self.next(scalar)).collect()
     }
 }
 
-fn ply(reader: &mut impl BufRead) -> Result<Soup, Reason> {
+fn read_ply(reader: &mut impl BufRead) -> Result<RawMesh, Reason> {
     let (written, elements) = ply_header(reader)?;
-    let mut numbers = Numbers { reader, written, words: Vec::new() };
-    let mut soup = Soup::default();
+    let mut numbers = NumberReader { reader, written, words: Vec::new() };
+    let mut mesh = RawMesh::default();
     for element in elements {
         for _ in 0..element.count {
             let mut vertex = DVec3::NAN;
@@ -341,23 +347,23 @@ fn ply(reader: &mut impl BufRead) -> Result<Soup, Reason> {
                 }
             }
             match (&element.name[..], corners) {
-                ("vertex", _) => drop(soup.add_vertex(vertex)?),
+                ("vertex", _) => drop(mesh.add_vertex(vertex)?),
                 ("face", Some(corners)) => {
                     let index = |&c: &f64| {
                         let is_index = (0.0..=f64::from(u32::MAX)).contains(&c);
-                        if is_index { Ok(c as u32) } else { Err(content("the number of a vertex", c)) }
+                        if is_index { Ok(cast::vertex(c)) } else { Err(content("the number of a vertex", c)) }
                     };
-                    soup.add_face(&corners.iter().map(index).collect::<Result<Vec<u32>, Reason>>()?)?;
+                    mesh.add_face(&corners.iter().map(index).collect::<Result<Vec<u32>, Reason>>()?)?;
                 }
                 ("face", None) => return Err(content("faces with vertex_indices", "faces without")),
                 _ => {}
             }
         }
     }
-    Ok(soup)
+    Ok(mesh)
 }
 
-fn ply_header(reader: &mut impl BufRead) -> Result<(Written, Vec<Element>), Reason> {
+fn ply_header(reader: &mut impl BufRead) -> Result<(Encoding, Vec<Element>), Reason> {
     let mut written = None;
     let mut elements: Vec<Element> = Vec::new();
     let first = line(reader)?.unwrap_or_default();
@@ -373,9 +379,9 @@ fn ply_header(reader: &mut impl BufRead) -> Result<(Written, Vec<Element>), Reas
         let mut words = text.split_whitespace();
         match (words.next(), words.next()) {
             (Some("end_header"), _) => break,
-            (Some("format"), Some("ascii")) => written = Some(Written::Text),
-            (Some("format"), Some("binary_little_endian")) => written = Some(Written::Little),
-            (Some("format"), Some("binary_big_endian")) => written = Some(Written::Big),
+            (Some("format"), Some("ascii")) => written = Some(Encoding::Text),
+            (Some("format"), Some("binary_little_endian")) => written = Some(Encoding::Little),
+            (Some("format"), Some("binary_big_endian")) => written = Some(Encoding::Big),
             (Some("element"), Some(name)) => {
                 let count = words.next().and_then(|count| count.parse().ok());
                 let count = count.ok_or_else(|| content("how many there are", &text))?;

@@ -11,8 +11,9 @@ use std::f64::consts::TAU;
 use glam::{DQuat, DVec3};
 
 use crate::camera::unit_vector;
+use crate::cast;
 use crate::facts::{DataKind, Frame, VolumeFacts};
-use crate::scene::CameraSpec;
+use crate::spec::CameraSpec;
 
 /// Default vertical angle of view of a perspective camera, in degrees.
 const FOV_Y: f64 = 30.0;
@@ -274,7 +275,7 @@ impl Framed {
     fn hidden(&self, view: &View, size: f64, gap: f64) -> f64 {
         let right = view.up.cross(view.outward).normalize();
         let up = view.outward.cross(right);
-        let cell = |at: f64| (at / size * WALL_CELLS).floor() as i64;
+        let cell = |at: f64| cast::integer((at / size * WALL_CELLS).floor());
         let mut lines: BTreeMap<(i64, i64), Vec<f64>> = BTreeMap::new();
         // An odd step, so that even rows are not systematically skipped.
         let step = (self.centres.len() / WALL_BOXES) | 1;

@@ -10,10 +10,10 @@ use supervol_format::cast::{narrow, single, whole};
 use rayon::prelude::*;
 use supervol_format::brick::APRON;
 use supervol_format::{BrickIndex, BrickKey, Geometry, Lod, Pyramid};
-use supervol_scene::facts::value_map;
 use supervol_scene::slices::{Interpolation, interpolate};
 use supervol_scene::units::InUnits;
 use supervol_scene::value_map::ValueMap;
+use supervol_scene::value_map::value_map;
 
 use crate::render::error::RenderError;
 use crate::stop::{LEAST_STEP, Stop};

@@ -30,7 +30,7 @@ pub enum Theme {
 /// The persistent settings; see the module.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Default)]
 #[serde(default)]
-pub struct Remembered {
+pub struct SavedSettings {
     /// Recently opened files, the last one first.
     pub recent: Vec<PathBuf>,
     /// Colour theme.
@@ -49,7 +49,7 @@ fn file(folders: &Folders) -> Option<PathBuf> {
     folders.settings.as_ref().map(|folder| folder.join("viewer.json"))
 }
 
-impl Remembered {
+impl SavedSettings {
     /// Reads the settings; defaults if there are none.
     #[must_use]
     pub fn read(folders: &Folders) -> Self {
@@ -91,20 +91,24 @@ mod tests {
 
     #[test]
     fn the_last_files_are_remembered_once() {
-        let mut remembered = Remembered::default();
+        let mut saved = SavedSettings::default();
         for i in 0..3 * RECENT_LIMIT {
-            remembered.add(Path::new(&format!("/volumes/{}.svol", i % (2 * RECENT_LIMIT))));
+            saved.add(Path::new(&format!("/volumes/{}.svol", i % (2 * RECENT_LIMIT))));
         }
-        remembered.add(Path::new("/volumes/5.svol"));
-        assert_eq!(remembered.recent.len(), RECENT_LIMIT);
-        assert_eq!(remembered.recent[0], Path::new("/volumes/5.svol"));
-        assert_eq!(remembered.recent.iter().filter(|p| p.ends_with("5.svol")).count(), 1);
+        saved.add(Path::new("/volumes/5.svol"));
+        assert_eq!(saved.recent.len(), RECENT_LIMIT);
+        assert_eq!(saved.recent[0], Path::new("/volumes/5.svol"));
+        assert_eq!(saved.recent.iter().filter(|p| p.ends_with("5.svol")).count(), 1);
         let folder = tempfile::tempdir().unwrap();
         let folders = Folders { settings: Some(folder.path().join("supervol")), ..Folders::default() };
-        assert_eq!(Remembered::read(&folders), Remembered::default());
-        remembered.write(&folders);
-        assert_eq!(Remembered::read(&folders), remembered);
+        assert_eq!(SavedSettings::read(&folders), SavedSettings::default());
+        saved.write(&folders);
+        assert_eq!(SavedSettings::read(&folders), saved);
         std::fs::write(file(&folders).unwrap(), "{").unwrap();
-        assert_eq!(Remembered::read(&folders), Remembered::default(), "what cannot be read is as good as nothing");
+        assert_eq!(
+            SavedSettings::read(&folders),
+            SavedSettings::default(),
+            "what cannot be read is as good as nothing"
+        );
     }
 }

@@ -1,4 +1,4 @@
-//! Drawing state of one open volume: its renderer, the current picture, and the sections beside it (`Easel`).
+//! Drawing state of one open volume: its renderer, the current picture, and the sections beside it (`DrawingState`).
 
 use std::borrow::Cow;
 use std::path::Path;
@@ -17,20 +17,21 @@ use supervol_scene::scene::{Mode, ResolvedScene, Scene, SceneError};
 use super::marks::marks;
 use super::sections::{Sections, needed, shares};
 use super::{
-    Beside, Busy, Decorations, Desk, Frame, Inspect, LookedAhead, Opened, Probe, Probed, Settings, View, frame_of, lock,
+    Busy, Decorations, Frame, Inspect, LookedAhead, OpenVolume, Probe, ProbeAnswer, Settings, Shared, SidePanels, View,
+    frame_of, lock,
 };
 
 /// Interval between two updates of an unfinished picture on the screen.
 const REFINEMENT: Duration = Duration::from_millis(150);
 /// Time of one step of looking ahead, which reads bricks for the next picture. A new request interrupts a step; this
 /// limit bounds the delay if the interruption is not immediate.
-const LOOK: Duration = Duration::from_millis(40);
+const LOOK_AHEAD_STEP: Duration = Duration::from_millis(40);
 /// Most steps of looking ahead after one picture. The limit ends reading from a slow file into a large cache.
-const LOOK_LIMIT: u32 = 100;
+const LOOK_AHEAD_LIMIT: u32 = 100;
 
 /// The drawing state of one volume; see the module.
-pub(super) struct Easel {
-    pub(super) opened: Arc<Opened>,
+pub(super) struct DrawingState {
+    pub(super) opened: Arc<OpenVolume>,
     pub(super) renderer: Renderer,
     /// Renderer of the panels beside the picture, created on first use.
     sections: Option<Sections>,
@@ -40,7 +41,7 @@ pub(super) struct Easel {
     /// Whether the picture of `view` is final, or cannot be drawn.
     is_settled: bool,
     /// Remaining steps of looking ahead.
-    looks_left: u32,
+    look_ahead_steps: u32,
     /// Result of looking ahead so far.
     ahead: LookedAhead,
     began: Instant,
@@ -49,21 +50,21 @@ pub(super) struct Easel {
 }
 
 /// Options for pictures of the volume.
-pub(super) fn options(desk: &Arc<Desk>, settings: &Settings) -> RenderOptions {
-    let desk = Arc::downgrade(desk);
+pub(super) fn options(shared: &Arc<Shared>, settings: &Settings) -> RenderOptions {
+    let shared = Arc::downgrade(shared);
     let on_progress = move |progress: Progress| {
-        let Some(desk) = desk.upgrade() else { return };
-        let mut news = lock(&desk.news);
+        let Some(shared) = shared.upgrade() else { return };
+        let mut messages = lock(&shared.messages);
         // Only exports report progress; pictures on the screen show it themselves.
-        if let Some(Busy::Exporting(_, rows)) = &mut news.busy {
+        if let Some(Busy::Exporting(_, rows)) = &mut messages.busy {
             *rows = [progress.rows_finished, progress.rows];
-            drop(news);
-            (desk.wake)();
+            drop(messages);
+            (shared.wake)();
         }
     };
-    let host_memory_bytes = match settings.beside {
-        Beside::Nothing => settings.host_memory_bytes,
-        Beside::Panels => shares(settings.host_memory_bytes)[0],
+    let host_memory_bytes = match settings.side_panels {
+        SidePanels::Hidden => settings.host_memory_bytes,
+        SidePanels::Shown => shares(settings.host_memory_bytes)[0],
     };
     RenderOptions {
         backend: settings.backend,
@@ -88,12 +89,12 @@ fn options_of_sections(settings: &Settings) -> RenderOptions {
     }
 }
 
-impl Easel {
+impl DrawingState {
     /// A new drawing state without a picture. Tells the window about the volume.
-    pub(super) fn new(desk: &Arc<Desk>, opened: Arc<Opened>, settings: &Settings) -> Result<Self, String> {
+    pub(super) fn new(shared: &Arc<Shared>, opened: Arc<OpenVolume>, settings: &Settings) -> Result<Self, String> {
         let volume = PlacedVolume::of(opened.container.clone());
-        let renderer = Renderer::new(volume, options(desk, settings)).map_err(|e| e.to_string())?;
-        desk.tell(|news| (news.opened, news.frame) = (Some(opened.clone()), None));
+        let renderer = Renderer::new(volume, options(shared, settings)).map_err(|e| e.to_string())?;
+        shared.send(|messages| (messages.opened, messages.frame) = (Some(opened.clone()), None));
         let Settings { decorations, inspect, .. } = *settings;
         Ok(Self {
             opened,
@@ -102,7 +103,7 @@ impl Easel {
             view: None,
             scene: None,
             is_settled: true,
-            looks_left: 0,
+            look_ahead_steps: 0,
             ahead: LookedAhead::default(),
             began: Instant::now(),
             decorations,
@@ -113,120 +114,120 @@ impl Easel {
     /// Canceller of the unfinished picture, or of looking ahead; `None` if no work is left.
     pub(super) fn unfinished(&self) -> Option<Canceller> {
         let sections = self.sections.as_ref().and_then(Sections::unfinished);
-        sections.or_else(|| (!self.is_settled || self.looks_left > 0).then(|| self.renderer.canceller()))
+        sections.or_else(|| (!self.is_settled || self.look_ahead_steps > 0).then(|| self.renderer.canceller()))
     }
 
     /// Clears a cancellation that came just after the work it was meant for had ended, so that it does not stop the
     /// next work.
-    pub(super) fn forget_cut(&mut self) {
+    pub(super) fn clear_cancellation(&mut self) {
         if self.scene.is_some() && self.renderer.canceller().is_cancelled() {
             // A cancelled step ends at once and clears the cancellation. An error here appears again in the next step.
             let _ = self.renderer.advance(Some(Instant::now()));
         }
-        self.sections.iter_mut().for_each(Sections::forget_cut);
+        self.sections.iter_mut().for_each(Sections::clear_cancellation);
     }
 
     /// Applies settings from the next view on. Loaded bricks stay.
-    pub(super) fn set(&mut self, desk: &Arc<Desk>, settings: &Settings) {
-        self.renderer.set_options(options(desk, settings)).unwrap_or_else(|error| desk.fail(error));
-        match settings.beside {
-            Beside::Nothing => self.sections = None,
-            Beside::Panels => self.sections.iter_mut().for_each(|s| s.set(desk, options_of_sections(settings))),
+    pub(super) fn set(&mut self, shared: &Arc<Shared>, settings: &Settings) {
+        self.renderer.set_options(options(shared, settings)).unwrap_or_else(|error| shared.report_failure(error));
+        match settings.side_panels {
+            SidePanels::Hidden => self.sections = None,
+            SidePanels::Shown => self.sections.iter_mut().for_each(|s| s.set(shared, options_of_sections(settings))),
         }
         (self.decorations, self.inspect) = (settings.decorations, settings.inspect);
-        (self.is_settled, self.looks_left) = (true, 0);
+        (self.is_settled, self.look_ahead_steps) = (true, 0);
     }
 
     /// Begins a picture, and shows the result after the time for interaction.
-    pub(super) fn begin(&mut self, desk: &Arc<Desk>, view: View, settings: &Settings) {
+    pub(super) fn begin(&mut self, shared: &Arc<Shared>, view: View, settings: &Settings) {
         if view.volume != self.opened.number {
             return;
         }
         self.began = Instant::now();
-        self.looks_left = 0;
-        match self.resolved(desk, &view.scene) {
+        self.look_ahead_steps = 0;
+        match self.resolved(shared, &view.scene) {
             Ok(scene) => {
                 self.scene = Some(scene.clone());
-                self.aim(desk, scene, settings);
+                self.aim(shared, scene, settings);
             }
             Err(error) => {
                 self.is_settled = true;
-                desk.fail(error);
+                shared.report_failure(error);
                 return;
             }
         }
         self.view = Some(view);
         self.is_settled = false;
-        self.advance(desk, Duration::from_millis(settings.interaction_ms));
+        self.advance(shared, Duration::from_millis(settings.interaction_ms));
     }
 
     /// Sets the scene that the renderer draws. Sections are drawn by the CPU, even if pictures are drawn by a GPU.
-    pub(super) fn aim(&mut self, desk: &Arc<Desk>, scene: ResolvedScene, settings: &Settings) {
+    pub(super) fn aim(&mut self, shared: &Arc<Shared>, scene: ResolvedScene, settings: &Settings) {
         let wanted = if scene.mode == Mode::Slice { Backend::Cpu } else { settings.backend };
         if self.renderer.options().backend != wanted {
-            let options = options(desk, &Settings { backend: wanted, ..*settings });
-            self.renderer.set_options(options).unwrap_or_else(|error| desk.fail(error));
+            let options = options(shared, &Settings { backend: wanted, ..*settings });
+            self.renderer.set_options(options).unwrap_or_else(|error| shared.report_failure(error));
         }
         self.renderer.set_scene(scene);
     }
 
     /// Resolves a scene. Reading files that the last scene did not use may take long and is reported to the window.
-    fn resolved(&self, desk: &Desk, scene: &Scene) -> Result<ResolvedScene, SceneError> {
+    fn resolved(&self, shared: &Shared, scene: &Scene) -> Result<ResolvedScene, SceneError> {
         let is_known = |file: &Path| self.view.iter().flat_map(|view| view.scene.files()).any(|known| known == file);
         let Some(file) = scene.files().find(|file| !is_known(file)) else { return scene.resolve(&self.opened.facts) };
-        desk.tell(|news| news.busy = Some(Busy::Reading(file.into())));
+        shared.send(|messages| messages.busy = Some(Busy::Reading(file.into())));
         let resolved = scene.resolve(&self.opened.facts);
-        desk.tell(|news| news.busy = news.busy.take().filter(|busy| !matches!(busy, Busy::Reading(_))));
+        shared.send(|messages| messages.busy = messages.busy.take().filter(|busy| !matches!(busy, Busy::Reading(_))));
         resolved
     }
 
     /// Begins the section of a panel.
-    pub(super) fn begin_section(&mut self, desk: &Desk, panel: usize, view: View, settings: &Settings) {
-        if view.volume != self.opened.number || settings.beside == Beside::Nothing {
+    pub(super) fn begin_section(&mut self, shared: &Shared, panel: usize, view: View, settings: &Settings) {
+        if view.volume != self.opened.number || settings.side_panels == SidePanels::Hidden {
             return;
         }
         match needed(&mut self.sections, &self.opened, || options_of_sections(settings)) {
-            Ok(sections) => sections.begin(desk, &self.opened, panel, view, settings.interaction_ms),
-            Err(error) => desk.fail(error),
+            Ok(sections) => sections.begin(shared, &self.opened, panel, view, settings.interaction_ms),
+            Err(error) => shared.report_failure(error),
         }
     }
 
     /// Determines the value under a pixel; the next request interrupts this.
-    pub(super) fn probe(&mut self, desk: &Desk, probe: Probe) {
+    pub(super) fn probe(&mut self, shared: &Shared, probe: Probe) {
         if probe.volume != self.opened.number {
             return;
         }
         let found = match (probe.panel, &mut self.sections) {
             (Some(panel), Some(sections)) => {
-                lock(&desk.wishes).cut = Some(sections.canceller());
+                lock(&shared.requests).interrupt = Some(sections.canceller());
                 sections.pick(panel, probe.pixel)
             }
             (None, _) if self.scene.is_some() => {
-                lock(&desk.wishes).cut = Some(self.renderer.canceller());
+                lock(&shared.requests).interrupt = Some(self.renderer.canceller());
                 super::picked(self.renderer.pick(probe.pixel))
             }
             _ => None,
         };
         if let Some(found) = found {
-            desk.tell(|news| news.probed = Some(Probed { probe, found }));
+            shared.send(|messages| messages.probed = Some(ProbeAnswer { probe, found }));
         }
     }
 
     /// Continues the sections, then the picture; if all have converged, looks ahead.
-    pub(super) fn go_on(&mut self, desk: &Desk) {
+    pub(super) fn continue_drawing(&mut self, shared: &Shared) {
         if let Some(sections) = self.sections.as_mut().filter(|sections| sections.unfinished().is_some()) {
-            sections.go_on(desk);
+            sections.continue_drawing(shared);
         } else if self.is_settled {
-            self.look_ahead(desk);
+            self.look_ahead(shared);
         } else {
-            self.advance(desk, REFINEMENT);
+            self.advance(shared, REFINEMENT);
         }
     }
 
     /// Reads bricks that the next picture will need, for a short time.
-    fn look_ahead(&mut self, desk: &Desk) {
-        self.looks_left = self.looks_left.saturating_sub(1);
-        let until = Instant::now() + LOOK;
+    fn look_ahead(&mut self, shared: &Shared) {
+        self.look_ahead_steps = self.look_ahead_steps.saturating_sub(1);
+        let until = Instant::now() + LOOK_AHEAD_STEP;
         match self.renderer.look_ahead(Some(until)) {
             Ok(ahead) => {
                 self.ahead.page_ins += ahead.page_ins;
@@ -234,39 +235,39 @@ impl Easel {
                 // An early end means: all bricks are there, there is no room, the camera did not move, or a new request
                 // has come.
                 if ahead.is_complete || Instant::now() < until {
-                    self.looks_left = 0;
+                    self.look_ahead_steps = 0;
                 }
                 if ahead.page_ins > 0 || ahead.is_complete {
                     let so_far = self.ahead;
-                    desk.tell(|news| news.ahead = Some(so_far));
+                    shared.send(|messages| messages.ahead = Some(so_far));
                 }
             }
             Err(error) => {
-                self.looks_left = 0;
-                desk.fail(error);
+                self.look_ahead_steps = 0;
+                shared.report_failure(error);
             }
         }
     }
 
     /// Draws for a limited time, or until the picture has converged or a new request comes.
-    fn advance(&mut self, desk: &Desk, time: Duration) {
+    fn advance(&mut self, shared: &Shared, time: Duration) {
         match self.renderer.advance(Some(Instant::now() + time)) {
             Ok(step) => {
                 self.is_settled = step.is_finished;
-                self.show(desk, step.is_finished);
+                self.show(shared, step.is_finished);
                 if let (true, Some(view)) = (step.is_finished, &self.view) {
-                    self.looks_left = LOOK_LIMIT;
+                    self.look_ahead_steps = LOOK_AHEAD_LIMIT;
                     self.ahead = LookedAhead { number: view.number, ..LookedAhead::default() };
                 }
             }
             Err(error) => {
                 self.is_settled = true;
-                desk.fail(error);
+                shared.report_failure(error);
             }
         }
     }
 
-    fn show(&self, desk: &Desk, is_converged: bool) {
+    fn show(&self, shared: &Shared, is_converged: bool) {
         let (Some(view), Some(scene), Some(picture)) = (&self.view, &self.scene, self.renderer.picture()) else {
             return;
         };
@@ -282,7 +283,7 @@ impl Easel {
         let marks = if has_marks { marks(&self.renderer, self.inspect) } else { Vec::new() };
         let frame = frame_of(view, (&picture, scene.background), (stats, is_converged), self.began);
         let frame = Frame { marks, ..frame };
-        desk.tell(|news| news.frame = Some(frame));
+        shared.send(|messages| messages.frame = Some(frame));
     }
 
     /// The picture with decorations, if they are on.
@@ -296,9 +297,9 @@ impl Easel {
     }
 
     /// Continues the picture of `view` after another picture was drawn. A converged picture stays on the screen.
-    pub(super) fn resume(&mut self, desk: &Arc<Desk>, settings: &Settings) {
+    pub(super) fn resume(&mut self, shared: &Arc<Shared>, settings: &Settings) {
         if let Some(scene) = self.scene.clone() {
-            self.aim(desk, scene, settings);
+            self.aim(shared, scene, settings);
         }
     }
 }

@@ -3,12 +3,13 @@
 
 use glam::DVec3;
 
-use super::domain;
-use super::view::{Framed, View};
+use super::Scene;
 use crate::camera::unit_vector;
 use crate::facts::VolumeFacts;
-use crate::scene::{Mode, PointsSpec, Scene, TransferFunctionSpec};
+use crate::preset::domain;
+use crate::preset::view::{Framed, View};
 use crate::slices::SliceSpec;
+use crate::spec::{Mode, PointsSpec, TransferFunctionSpec};
 use crate::transfer_function::ControlPoint;
 
 /// Thickness of a slice without a slab, in voxels: thin, so that the slice is exactly at its position.

@@ -3,11 +3,13 @@
 //! Row 0 is the top row; x runs fastest. A file is written under a temporary name in the same folder and then renamed.
 //! So a file with the image's name is always complete.
 
+use crate::cast;
+
+pub mod enlarge;
+
 #[cfg(feature = "images")]
 use std::io::{BufWriter, Seek, Write};
 use std::path::{Path, PathBuf};
-
-use rayon::prelude::*;
 
 /// Grey levels of full scale in an 8-bit channel.
 pub const GREY_LEVELS: f64 = 255.0;
@@ -105,7 +107,7 @@ impl Image {
                         (0..4).for_each(|c| sum[c] += f64::from(pixel[c]));
                     }
                 }
-                pixels.push(sum.map(|s| (s / f64::from(factor * factor)) as f32));
+                pixels.push(sum.map(|s| cast::single(s / f64::from(factor * factor))));
             }
         }
         Self { width, height, pixels }
@@ -115,43 +117,6 @@ impl Image {
     #[must_use]
     pub fn unknown([width, height]: [u32; 2]) -> Self {
         Self { width, height, pixels: vec![[f32::NAN; 4]; width as usize * height as usize] }
-    }
-
-    /// The picture enlarged by `factor` along each axis to `size` pixels; the upper left corner stays. Values between
-    /// the centres of the large pixels are interpolated, so that no blocks show.
-    #[must_use]
-    pub fn enlarged(self, factor: u32, size: [u32; 2]) -> Self {
-        if factor == 1 && [self.width, self.height] == size {
-            return self;
-        }
-        self.enlarged_over(Vec::new(), factor, size)
-    }
-
-    /// As [`Image::enlarged`], but reuses the memory of `pixels`, whose content and length do not matter.
-    #[must_use]
-    pub fn enlarged_over(&self, mut pixels: Vec<[f32; 4]>, factor: u32, size: [u32; 2]) -> Self {
-        let [width, height] = size;
-        let count = width as usize * height as usize;
-        if pixels.len() != count {
-            pixels = vec![[0.0; 4]; count];
-        }
-        let mut large = Self { width, height, pixels };
-        large.fill_from(self, factor, |_| true);
-        large
-    }
-
-    /// Replaces pixels that are NaN by those of `small` enlarged by `factor`.
-    pub fn fill_unknown(&mut self, small: &Self, factor: u32) {
-        self.fill_from(small, factor, |pixel| pixel[0].is_nan());
-    }
-
-    /// As [`Image::fill_unknown`], for the pixels that `is_filled` selects.
-    fn fill_from(&mut self, small: &Self, factor: u32, is_filled: impl Fn(&[f32; 4]) -> bool + Sync) {
-        let columns: Vec<Beside> = (0..self.width).map(|x| Beside::new(x, factor, small.width)).collect();
-        let bands = self.pixels.par_chunks_mut(self.width as usize * LINES_TOGETHER).enumerate();
-        bands.for_each(|(number, band)| {
-            fill_lines(band, number * LINES_TOGETHER, (small, factor), &columns, &is_filled);
-        });
     }
 
     /// Writes a band over the rows from `first_row` on and skips its NaN pixels. Returns the number of pixels written.
@@ -297,7 +262,7 @@ impl Image {
         }
         header.push('\n');
         out.write_all(b"\x93NUMPY\x01\x00")?;
-        out.write_all(&(header.len() as u16).to_le_bytes())?;
+        out.write_all(&cast::header_length(header.len()).to_le_bytes())?;
         out.write_all(header.as_bytes())?;
         for value in self.pixels.iter().flatten() {
             out.write_all(&value.to_le_bytes())?;
@@ -308,7 +273,7 @@ impl Image {
 
 fn rgb8(pixels: &[[f32; 4]], background: [f64; 3]) -> Vec<u8> {
     let over = |p: &[f32; 4], c: usize| f64::from(p[c]) + (1.0 - f64::from(p[3])) * background[c];
-    pixels.iter().flat_map(|p| [0, 1, 2].map(|c| (255.0 * over(p, c).clamp(0.0, 1.0)).round() as u8)).collect()
+    pixels.iter().flat_map(|p| [0, 1, 2].map(|c| cast::byte((255.0 * over(p, c).clamp(0.0, 1.0)).round()))).collect()
 }
 
 /// Reason why an image was not encoded.
@@ -331,124 +296,16 @@ impl From<png::EncodingError> for EncodeError {
     }
 }
 
-/// Rows that one task fills.
-const LINES_TOGETHER: usize = 64;
-
-/// Fills pixels of whole rows, of which the first has the number `first`, from a picture whose pixels are `factor`
-/// times as large. `columns` holds the two neighbours and the weight of each column.
-fn fill_lines(
-    lines: &mut [[f32; 4]],
-    first: usize,
-    (small, factor): (&Image, u32),
-    columns: &[Beside],
-    is_filled: &impl Fn(&[f32; 4]) -> bool,
-) {
-    // Rows of `small` above and below the current row, already stretched to full width. The following rows reuse them.
-    let mut wide = [(usize::MAX, Vec::new()), (usize::MAX, Vec::new())];
-    for (y, line) in (first..).zip(lines.chunks_exact_mut(columns.len())) {
-        if !line.iter().any(is_filled) {
-            continue;
-        }
-        let Beside { first, second, weight } = Beside::new(y as u32, factor, small.height);
-        if wide[0].0 != first {
-            wide.swap(0, 1);
-        }
-        for (number, (held, row)) in [first, second].into_iter().zip(&mut wide) {
-            if *held != number {
-                *held = number;
-                row.clear();
-                let pixels = &small.pixels[number * small.width as usize..][..small.width as usize];
-                row.extend(columns.iter().map(|at| mixed(&pixels[at.first], &pixels[at.second], at.weight)));
-            }
-        }
-        for ((pixel, above), below) in line.iter_mut().zip(&wide[0].1).zip(&wide[1].1) {
-            if is_filled(pixel) {
-                *pixel = mixed(above, below, weight);
-            }
-        }
-    }
-}
-
-/// The two pixels of a row or column beside a position, and the weight of the second; clamped at the ends.
-struct Beside {
-    first: usize,
-    second: usize,
-    weight: f32,
-}
-
-impl Beside {
-    /// Neighbours of the centre of pixel `i` among `count` pixels that are `factor` times as large.
-    fn new(i: u32, factor: u32, count: u32) -> Self {
-        let place = ((f64::from(i) + 0.5) / f64::from(factor) - 0.5).clamp(0.0, f64::from(count - 1));
-        let first = place as u32;
-        let second = (first + 1).min(count - 1);
-        Self { first: first as usize, second: second as usize, weight: (place - f64::from(first)) as f32 }
-    }
-}
-
-/// Linear interpolation from one pixel to another.
-fn mixed(a: &[f32; 4], b: &[f32; 4], weight: f32) -> [f32; 4] {
-    let mut mixed = *a;
-    for c in 0..4 {
-        mixed[c] += weight * (b[c] - a[c]);
-    }
-    mixed
-}
-
 #[cfg(all(test, feature = "images"))]
 mod tests {
-    use supervol_format::random::Random;
+    #![allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_possible_wrap,
+        clippy::cast_sign_loss,
+        reason = "tests use small numbers"
+    )]
 
     use super::*;
-
-    /// A ramp stays a ramp between the centres of the large pixels and is constant beyond the outer ones.
-    #[test]
-    fn enlarged_pictures_are_interpolated() {
-        let pixels = (0..2).flat_map(|y| (0..3).map(move |x| [(10 * y + 4 * x) as f32; 4])).collect();
-        let large = Image { width: 3, height: 2, pixels }.enlarged(2, [5, 4]);
-        let row = |y: usize| large.pixels[5 * y..5 * (y + 1)].iter().map(|p| p[0]).collect::<Vec<_>>();
-        assert_eq!(row(0), [0.0, 1.0, 3.0, 5.0, 7.0]);
-        assert_eq!(row(1), [2.5, 3.5, 5.5, 7.5, 9.5]);
-        assert_eq!(row(3), [10.0, 11.0, 13.0, 15.0, 17.0]);
-        assert_eq!(large.clone().enlarged(1, [5, 4]), large);
-    }
-
-    /// Filling by rows equals filling pixel by pixel, bit for bit. Other pixels stay.
-    #[test]
-    fn what_is_unknown_is_interpolated_and_nothing_else() {
-        let mut random = Random::new(20);
-        for (factor, [width, height]) in [(1, [7, 6]), (2, [13, 9]), (4, [30, 1]), (8, [70, 41])] {
-            let size = [width, height].map(|n: u32| n.div_ceil(factor));
-            let mut pixels = |[width, height]: [u32; 2]| -> Vec<[f32; 4]> {
-                (0..width * height).map(|_| std::array::from_fn(|_| random.unit() as f32)).collect()
-            };
-            let small = Image { width: size[0], height: size[1], pixels: pixels(size) };
-            let mut large = Image { width, height, pixels: pixels([width, height]) };
-            let is_unknown = |x: u32, y: u32| y % 5 != 3 && (x + y).is_multiple_of(3);
-            let places = || (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
-            let before = large.clone();
-            for (pixel, (x, y)) in large.pixels.iter_mut().zip(places()) {
-                if is_unknown(x, y) {
-                    *pixel = [f32::NAN; 4];
-                }
-            }
-            large.fill_unknown(&small, factor);
-            for (n, (x, y)) in places().enumerate() {
-                let [at_x, at_y] = [Beside::new(x, factor, size[0]), Beside::new(y, factor, size[1])];
-                let expected: [f32; 4] = std::array::from_fn(|c| {
-                    let of_row = |row: usize| {
-                        let [left, right] =
-                            [at_x.first, at_x.second].map(|x| small.pixels[row * size[0] as usize + x][c]);
-                        left + at_x.weight * (right - left)
-                    };
-                    let [top, bottom] = [at_y.first, at_y.second].map(of_row);
-                    top + at_y.weight * (bottom - top)
-                });
-                let expected = if is_unknown(x, y) { expected } else { before.pixels[n] };
-                assert_eq!(large.pixels[n], expected, "({x}, {y}) of {width} x {height} by {factor}");
-            }
-        }
-    }
 
     #[test]
     fn only_numbers_are_written_over_a_picture() {

@@ -6,9 +6,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 use eframe::egui;
 
 /// A background task with its result. If it is dropped, the job still runs to its end, and the result is lost.
-pub struct Errand<T>(Arc<Mutex<Option<T>>>);
+pub struct BackgroundTask<T>(Arc<Mutex<Option<T>>>);
 
-impl<T: Send + 'static> Errand<T> {
+impl<T: Send + 'static> BackgroundTask<T> {
     /// Starts the job; the window is repainted when it is done. If no thread can be started, the job runs at once.
     pub fn start(ctx: &egui::Context, work: impl FnOnce() -> T + Send + 'static) -> Self {
         let place = Arc::new(Mutex::new(None));
@@ -22,7 +22,7 @@ impl<T: Send + 'static> Errand<T> {
                 waker.request_repaint();
             }
         };
-        if std::thread::Builder::new().name("supervol-errand".into()).spawn(run).is_err()
+        if std::thread::Builder::new().name("supervol-task".into()).spawn(run).is_err()
             && let Some(work) = work.lock().unwrap_or_else(PoisonError::into_inner).take()
         {
             let done = work();
