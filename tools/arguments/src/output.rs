@@ -13,6 +13,7 @@ use supervol_preprocess::{BuildError, Existing};
 use supervol_scene::image::{EncodeError, Image, ImageFormat};
 
 use crate::failure::{Failure, with_output};
+use crate::flags;
 use crate::terminal;
 
 /// Option `--force` of commands that overwrite files of their own kind without it.
@@ -191,7 +192,7 @@ impl<'a> ReportFolder<'a> {
         let aside = tempfile::Builder::new().prefix("reports-").tempdir_in(self.folder);
         let aside = aside.map_err(|source| BuildError::write(self.folder, source))?.keep();
         write_into(&aside, reports)?;
-        Err(Failure::Command(format!("{refused}. The reports are in {}", aside.display())))
+        Err(Failure::Command(format!("{}. The reports are in {}", flags::message(&refused), aside.display())))
     }
 
     /// Lets `write` fill a temporary folder, and writes the files of that folder as reports.

@@ -43,7 +43,7 @@ impl CameraSpec {
     /// The camera of a picture of `size` pixels, in units.
     ///
     /// # Errors
-    /// If the camera is invalid; see [`CameraError`].
+    /// If the camera is invalid; see [`CameraError`](crate::camera::CameraError).
     pub fn camera(&self, units: &Units, size: [u32; 2]) -> Result<Camera, SceneError> {
         let [eye, target] = [self.eye, self.target].map(|point| units.point(point.into()));
         let projection = match self.projection()? {

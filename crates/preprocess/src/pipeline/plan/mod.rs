@@ -3,7 +3,7 @@
 //! - [`labels`] and [`lod_axes`] sample the source to choose the kind of data and the levels.
 //! - [`max_error`] chooses the quantizer of the voxels.
 //! - [`memory`] divides the memory.
-//! - [`tiles`] lists the tiles of a level in their order.
+//! - [`tiles`](mod@tiles) lists the tiles of a level in their order.
 //!
 //! The plan and the source's voxels decide every byte of the container. The number of threads decides none.
 

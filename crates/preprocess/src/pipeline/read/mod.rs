@@ -1,9 +1,9 @@
 //! Step 2, read: one tile is read while the previous one is encoded.
 //!
-//! - [`SourceTiles`] reads tiles of level 0 from the source, and computes the source's checksum on the way.
+//! - `SourceTiles` reads tiles of level 0 from the source, and computes the source's checksum on the way.
 //! - [`slabs`] reads a box of the source by several threads.
 //!
-//! Tiles of coarser levels come from finer bricks ([`super::levels`]).
+//! Tiles of coarser levels come from finer bricks (`levels`).
 
 pub mod slabs;
 

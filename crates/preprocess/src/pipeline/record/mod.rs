@@ -4,7 +4,7 @@
 //! - [`manifest`] describes the volume: origin, options, statistics, notes.
 //! - `progress`, `tally` and `summary` count for the progress callback and for the report.
 //!
-//! Protocol of a tile: [`Record::append`] for each of its bricks, then [`Record::end_tile`]. The latter enters the tile
+//! Protocol of a tile: `Record::append` for each of its bricks, then `Record::end_tile`. The latter enters the tile
 //! in the journal once its bricks have left the process.
 
 pub mod journal;

@@ -1,6 +1,6 @@
 //! Step 3, reduce: voxels of a coarser level, and their distance from the finer ones.
 //!
-//! - [`downsample`] makes coarser voxels.
+//! - [`downsample`](mod@downsample) makes coarser voxels.
 //! - [`error_bound`] measures distances between levels.
 //! - [`next_level`] holds the coarser level that is made while the finer one is in memory.
 

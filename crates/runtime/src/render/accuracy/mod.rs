@@ -2,7 +2,7 @@
 //!
 //! - [`predict`]: predicted while the picture is drawn, per reason;
 //! - [`stated`]: stated for each pixel;
-//! - [`check`]: measured afterwards, against the [`reference`] integrator.
+//! - [`check`]: measured afterwards, against the [`reference`](mod@reference) integrator.
 
 pub mod check;
 pub mod predict;

@@ -7,7 +7,7 @@
 //!
 //! With a deadline, [`Renderer::advance`] always leaves a whole picture. Every further call improves it, until it
 //! equals the picture that a new renderer draws without a deadline. The picture in progress is a
-//! [`Drawing`](crate::render::drawing::Drawing); the [`backend`] decides which.
+//! `Drawing` (`render::drawing`); `backend` decides which.
 //!
 //! [`Renderer::look_ahead`] reads for the next picture in idle time (`ahead`). [`render`] does all of this for one
 //! picture.
