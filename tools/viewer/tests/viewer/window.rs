@@ -200,7 +200,7 @@ fn what_is_no_volume_is_refused_in_words_and_the_open_one_stays() {
     let text = session.folder.path().join("notes.txt");
     std::fs::write(&text, "no volume").expect("a file");
     for (path, words) in [
-        (text, "expected SEG-Y"),
+        (text, "SEG-Y"),
         (session.folder.path().join("missing.svol"), "missing.svol"),
         (session.folder.path().to_path_buf(), "folder"),
     ] {
