@@ -26,6 +26,7 @@
 //! hands to it or tells it to keep. It compiles for 64-bit targets only.
 
 #![warn(clippy::cast_possible_truncation, clippy::missing_errors_doc, missing_debug_implementations)]
+#![cfg_attr(test, allow(clippy::cast_possible_truncation, reason = "tests use small numbers"))]
 
 pub mod brick;
 pub mod brick_key;

@@ -266,8 +266,6 @@ pub(crate) fn axis_number(number: u64) -> u32 {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::cast_possible_truncation, reason = "tests use small numbers")]
-
     use super::*;
 
     fn pyramid(dims: [u64; 3], core: u32, factors: &[[u32; 3]]) -> Pyramid {

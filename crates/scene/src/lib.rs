@@ -29,10 +29,18 @@
     clippy::missing_panics_doc,
     missing_debug_implementations
 )]
+#![cfg_attr(
+    test,
+    allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_possible_wrap,
+        clippy::cast_sign_loss,
+        reason = "tests use small numbers"
+    )
+)]
 
 pub mod camera;
 pub mod camera_path;
-mod cast;
 pub mod clip;
 pub mod facts;
 pub mod image;

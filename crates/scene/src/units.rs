@@ -10,10 +10,10 @@
 //! numbers for ray casters, the reference integrator and the streamer. All other code is independent of units.
 
 use glam::DVec3;
+use supervol_format::cast::whole;
 use supervol_format::space::HALF_VOXEL;
 use supervol_format::{Container, Dims, Geometry, ValueRange};
 
-use crate::cast;
 use crate::facts::{DataKind, VolumeFacts};
 
 /// Binary exponents of a voxel's shortest edge for which world lengths are kept. Together with [`PLAIN_VALUES`], the
@@ -49,7 +49,7 @@ pub struct Units {
 
 /// The binary exponent of a positive number; subnormal numbers are allowed.
 fn exponent(number: f64) -> i32 {
-    cast::exponent(number.log2().floor())
+    whole::<i32>(number.log2().floor())
 }
 
 /// Two to this power, clamped to [`UNIT_LIMIT`].

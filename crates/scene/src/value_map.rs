@@ -4,9 +4,9 @@
 //! - A *render value* is an `f32`: `stored * scale + offset`. Transfer functions are applied to render values.
 //! - A *data value* is an `f64` in the data's own units: `render value + shift`.
 
+use supervol_format::cast::{single, whole};
 use supervol_format::{Container, ValueRange, VoxelType};
 
-use crate::cast;
 use crate::units::{InUnits, VALUE_LIMIT};
 
 /// Map from stored numbers to render values and data values; one for the whole container.
@@ -56,7 +56,7 @@ impl ValueMap {
                 let (low, high) = voxel_type.limits();
                 let hole = nodata.filter(|v| v.fract() == 0.0 && (low..=high).contains(v));
                 let offset = (source_offset - shift) - bias * source_scale;
-                (cast::single(source_scale), cast::single(offset), hole.map(|v| cast::short(v + bias)))
+                (single(source_scale), single(offset), hole.map(|v| whole::<u16>(v + bias)))
             }
             // Values of these types become render values when a brick is decoded, in `f64`.
             None => (1.0, 0.0, None),
@@ -90,7 +90,7 @@ impl ValueMap {
     #[must_use]
     pub fn from_container(&self, voxel_type: VoxelType, value: f64) -> f32 {
         match integer_bias(voxel_type) {
-            Some(bias) => self.from_stored_number(cast::single(value + bias)),
+            Some(bias) => self.from_stored_number(single(value + bias)),
             None => self.from_data(value * self.source_scale + self.source_offset),
         }
     }
@@ -117,5 +117,5 @@ fn integer_bias(voxel_type: VoxelType) -> Option<f64> {
 
 /// The nearest `f32`, clamped so that differences do not overflow; NaN stays NaN.
 fn to_f32(value: f64) -> f32 {
-    cast::single(value.clamp(-VALUE_LIMIT, VALUE_LIMIT))
+    single(value.clamp(-VALUE_LIMIT, VALUE_LIMIT))
 }

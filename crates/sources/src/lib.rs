@@ -17,6 +17,15 @@
     clippy::missing_panics_doc,
     missing_debug_implementations
 )]
+#![cfg_attr(
+    test,
+    allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_possible_wrap,
+        clippy::cast_sign_loss,
+        reason = "tests use small numbers"
+    )
+)]
 
 mod cast;
 pub mod computed;

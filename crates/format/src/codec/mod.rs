@@ -248,8 +248,6 @@ pub fn decode_uniform(voxel_type: VoxelType, fill: u64, out: &mut [u8]) {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::cast_possible_truncation, reason = "tests use small numbers")]
-
     use super::*;
     use crate::with_voxel;
     use proptest::prelude::*;

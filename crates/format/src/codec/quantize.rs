@@ -265,8 +265,6 @@ fn common_divisor<V: Voxel>(voxels: &[V], absence: Absence) -> Quantizer {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::cast_possible_truncation, reason = "tests use small numbers")]
-
     use super::*;
     use proptest::prelude::*;
 

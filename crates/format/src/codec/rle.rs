@@ -160,8 +160,6 @@ fn decode_voxels<const SIZE: usize>(payload: &[u8], out: &mut [[u8; SIZE]]) -> R
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::cast_possible_truncation, reason = "tests use small numbers")]
-
     use super::*;
     use crate::VoxelType;
     use crate::random::Random;

@@ -87,8 +87,6 @@ fn spread(places: &Places, size: usize, out: &mut [u8]) {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::cast_possible_truncation, reason = "tests use small numbers")]
-
     use super::super::{CodecChoice, encode};
     use super::*;
     use crate::VoxelType;

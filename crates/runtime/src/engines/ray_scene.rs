@@ -1,8 +1,8 @@
 //! The description of a picture that all ray casters on the CPU share.
 
 use std::ops::Range;
-use supervol_format::cast::{narrow, single};
 
+use supervol_format::cast::{narrow, single};
 use supervol_format::{Geometry, Lod, Pyramid, ValueRange};
 use supervol_scene::camera::{Camera, Ray};
 use supervol_scene::clip::{Clip, IndexRay, Segment, clip_parts};

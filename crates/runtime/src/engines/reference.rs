@@ -12,10 +12,10 @@
 //! It holds the whole volume in memory: suitable for small volumes only.
 
 use std::sync::atomic::{AtomicU64, Ordering};
-use supervol_format::cast::{narrow, single, whole};
 
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
+use supervol_format::cast::{narrow, single, whole};
 use supervol_format::{Dims, Geometry, ValueRange};
 use supervol_scene::clip::{IndexRay, ROUNDED_LENGTH, Segment, ToIndex, clip_parts, clip_ray};
 use supervol_scene::image::Image;

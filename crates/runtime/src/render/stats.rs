@@ -5,9 +5,9 @@
 //! gathers them.
 
 use std::collections::BTreeMap;
-use supervol_format::cast::narrow;
 
 use serde::Serialize;
+use supervol_format::cast::narrow;
 use supervol_format::{Lod, ValueRange};
 use supervol_scene::scene::Mode;
 

@@ -7,9 +7,10 @@
 //! memory that no ray of this frame will want, while bricks at or behind the frontier fill at most `AHEAD_SHARE` of the
 //! cache. So the frontier always finds room that is not live, and no brick is fetched twice.
 
+use supervol_format::cast::index;
+
 use super::priority::Rank;
 use crate::stream::field::FieldBrick;
-use supervol_format::cast::index;
 
 /// Part of the cache, as a divisor, that bricks at or behind the frontier may fill: one half.
 const AHEAD_SHARE: u64 = 2;

@@ -9,9 +9,9 @@ use std::io::ErrorKind;
 use std::ops::Range;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
-use supervol_format::cast::index;
 
 use supervol_format::byte_source::ReadShape;
+use supervol_format::cast::index;
 use supervol_format::container::ContainerError;
 
 use crate::stop::Stop;

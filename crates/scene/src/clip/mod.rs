@@ -136,13 +136,6 @@ pub fn clip_ray(ray: &Ray, index_ray: &IndexRay, dims: Dims, clip: &Clip) -> Opt
 
 #[cfg(test)]
 mod tests {
-    #![allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_possible_wrap,
-        clippy::cast_sign_loss,
-        reason = "tests use small numbers"
-    )]
-
     use super::*;
 
     fn ray(origin: [f64; 3], direction: [f64; 3], t_min: f64) -> Ray {

@@ -4,8 +4,9 @@
 //! The work is divided by rows: [`Enlargement::fill_rows`] fills any number of whole rows, with the same bits whatever
 //! the division. The caller decides which rows are filled, and by which thread.
 
+use supervol_format::cast::{single, whole};
+
 use super::Image;
-use crate::cast;
 
 /// Enlargement of one picture to a given width.
 #[derive(Debug, Clone)]
@@ -66,9 +67,9 @@ impl Neighbours {
     /// Neighbours of the centre of pixel `i` among `count` pixels that are `factor` times as large.
     fn new(i: u32, factor: u32, count: u32) -> Self {
         let place = ((f64::from(i) + 0.5) / f64::from(factor) - 0.5).clamp(0.0, f64::from(count - 1));
-        let first = cast::pixel(place);
+        let first = whole::<u32>(place);
         let second = (first + 1).min(count - 1);
-        Self { first: first as usize, second: second as usize, weight: cast::single(place - f64::from(first)) }
+        Self { first: first as usize, second: second as usize, weight: single(place - f64::from(first)) }
     }
 }
 
@@ -83,13 +84,6 @@ fn interpolated(a: &[f32; 4], b: &[f32; 4], weight: f32) -> [f32; 4] {
 
 #[cfg(test)]
 mod tests {
-    #![allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_possible_wrap,
-        clippy::cast_sign_loss,
-        reason = "tests use small numbers"
-    )]
-
     use supervol_format::random::Random;
 
     use super::*;

@@ -3,7 +3,7 @@
 //! Row 0 is the top row; x runs fastest. A file is written under a temporary name in the same folder and then renamed.
 //! So a file with the image's name is always complete.
 
-use crate::cast;
+use supervol_format::cast::{narrow, single, whole};
 
 pub mod enlarge;
 
@@ -107,7 +107,7 @@ impl Image {
                         (0..4).for_each(|c| sum[c] += f64::from(pixel[c]));
                     }
                 }
-                pixels.push(sum.map(|s| cast::single(s / f64::from(factor * factor))));
+                pixels.push(sum.map(|s| single(s / f64::from(factor * factor))));
             }
         }
         Self { width, height, pixels }
@@ -262,7 +262,7 @@ impl Image {
         }
         header.push('\n');
         out.write_all(b"\x93NUMPY\x01\x00")?;
-        out.write_all(&cast::header_length(header.len()).to_le_bytes())?;
+        out.write_all(&narrow::<u16>(header.len()).to_le_bytes())?;
         out.write_all(header.as_bytes())?;
         for value in self.pixels.iter().flatten() {
             out.write_all(&value.to_le_bytes())?;
@@ -273,7 +273,7 @@ impl Image {
 
 fn rgb8(pixels: &[[f32; 4]], background: [f64; 3]) -> Vec<u8> {
     let over = |p: &[f32; 4], c: usize| f64::from(p[c]) + (1.0 - f64::from(p[3])) * background[c];
-    pixels.iter().flat_map(|p| [0, 1, 2].map(|c| cast::byte((255.0 * over(p, c).clamp(0.0, 1.0)).round()))).collect()
+    pixels.iter().flat_map(|p| [0, 1, 2].map(|c| whole::<u8>((255.0 * over(p, c).clamp(0.0, 1.0)).round()))).collect()
 }
 
 /// Reason why an image was not encoded.
@@ -298,13 +298,6 @@ impl From<png::EncodingError> for EncodeError {
 
 #[cfg(all(test, feature = "images"))]
 mod tests {
-    #![allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_possible_wrap,
-        clippy::cast_sign_loss,
-        reason = "tests use small numbers"
-    )]
-
     use super::*;
 
     #[test]

@@ -7,13 +7,13 @@
 
 use glam::DVec3;
 use supervol_format::brick::MACRO_CELL;
+use supervol_format::cast::{narrow, whole};
 use supervol_format::container::ContainerError;
 use supervol_format::level_reader::LevelReader;
 use supervol_format::space::HALF_VOXEL;
 use supervol_format::{BrickKey, Container, Level, Lod, ValueRange};
 
 use super::view::Framed;
-use crate::cast;
 use crate::facts::histogram::Histogram;
 use crate::facts::{DataKind, VolumeFacts};
 use crate::spec::Mode;
@@ -61,7 +61,7 @@ impl LabelCells {
             let cells = cells.iter().fold(1, |product: u64, &n| product.saturating_mul(n));
             if cells <= CELL_LIMIT
                 && level.brick_count() <= BRICK_LIMIT
-                && let Some(cells) = Self::of_level(container, Lod(cast::level(number)), level)?
+                && let Some(cells) = Self::of_level(container, Lod(narrow::<u8>(number)), level)?
             {
                 return Ok(Some(cells));
             }
@@ -119,7 +119,7 @@ impl Overview {
         let fits = |level: &Level| level.dims.voxels().is_some_and(|n| n <= VOXEL_LIMIT);
         let Some(number) = levels.iter().position(fits) else { return Ok(None) };
         let (scale, offset) = (container.descriptor().scale, container.descriptor().offset);
-        let reader = LevelReader::new(container, Lod(cast::level(number)), 0);
+        let reader = LevelReader::new(container, Lod(narrow::<u8>(number)), 0);
         let values = reader.values(reader.whole(), |stored| stored * scale + offset)?;
         // An unreadable fine brick does not prevent an overview. The renderer reports it.
         let cells = if facts.kind == DataKind::Labels { LabelCells::read(container).ok().flatten() } else { None };
@@ -178,7 +178,7 @@ impl Overview {
         projected.retain(|v| v.is_finite());
         projected.sort_by(f64::total_cmp);
         let at = |share: f64| {
-            projected.get(cast::index((share * (projected.len().checked_sub(1)? as f64)).round())).copied()
+            projected.get(whole::<usize>((share * (projected.len().checked_sub(1)? as f64)).round())).copied()
         };
         let (low, high) = (at(DARKEST)?, at(BRIGHTEST)?);
         (high > low).then_some([low, high])

@@ -1,7 +1,8 @@
 //! Transfer functions of the presets. Values are in data units, opacities over the preset's unit distance.
 
+use supervol_format::cast::whole;
+
 use super::colormap;
-use crate::cast;
 use crate::facts::histogram::Histogram;
 use crate::facts::{DataKind, VolumeFacts, is_hounsfield};
 use crate::transfer_function::ControlPoint;
@@ -206,7 +207,7 @@ fn faint_above(facts: &VolumeFacts, ground: f64) -> Option<f64> {
 pub(super) fn labels(facts: &VolumeFacts, alpha: f64) -> Vec<ControlPoint> {
     const NEAR: f64 = 0.1;
     let range = facts.value_range;
-    let (first, last) = (cast::label(range.min.max(0.0).ceil()), cast::label(range.max.clamp(0.0, 255.0)));
+    let (first, last) = (whole::<u64>(range.min.max(0.0).ceil()), whole::<u64>(range.max.clamp(0.0, 255.0)));
     let last = last.max(first);
     let histogram = Histogram::new(&facts.histogram, range);
     // Bins of width 1 or less tell labels apart.

@@ -7,11 +7,11 @@
 use glam::DVec3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use supervol_format::cast::{narrow, single, whole};
 use supervol_format::{Dims, Geometry};
 
 use super::texels::{Kernel, Texels};
 use super::{Interpolation, SlicePlane, interpolate};
-use crate::cast;
 use crate::clip::Clip;
 use crate::transfer_function::{ControlPoint, TransferFunction};
 use crate::units::edges;
@@ -137,7 +137,7 @@ impl TexelGrid {
             });
             if places[0][1] * places[1][1] <= TEXEL_LIMIT as f64 {
                 let origin = voxel + steps[0] * places[0][0] + steps[1] * places[1][0];
-                return Self { origin, steps, size: places.map(|[_, count]| cast::index(count)) };
+                return Self { origin, steps, size: places.map(|[_, count]| whole::<usize>(count)) };
             }
             steps = steps.map(|step| 2.0 * step);
         }
@@ -182,7 +182,7 @@ impl FilteredSlice {
         assert_eq!(values.len(), grid.texels(), "values of texels");
         let is_absent: Vec<bool> = values.iter().map(|v| v.is_nan()).collect();
         let present = || values.iter().filter(|v| !v.is_nan()).map(|&v| f64::from(v));
-        let mean = cast::single(present().sum::<f64>() / present().count().max(1) as f64);
+        let mean = single(present().sum::<f64>() / present().count().max(1) as f64);
         let filled: Vec<f32> = values.iter().map(|&v| if v.is_nan() { mean } else { v }).collect();
         let mut texels = filtered(&Texels::new(grid.size, filled), filter);
         for (texel, _) in texels.values_mut().iter_mut().zip(&is_absent).filter(|(_, absent)| **absent) {
@@ -209,7 +209,7 @@ impl FilteredSlice {
         let mut sorted: Vec<f32> = self.texels.values().iter().copied().filter(|v| !v.is_nan()).collect();
         sorted.sort_by(f32::total_cmp);
         let at =
-            |share: f64| sorted.get(cast::index(share * (sorted.len() as f64 - 1.0))).map_or(0.0, |&v| f64::from(v));
+            |share: f64| sorted.get(whole::<usize>(share * (sorted.len() as f64 - 1.0))).map_or(0.0, |&v| f64::from(v));
         let [low, high] = [at(CLIPPED), at(1.0 - CLIPPED)];
         let grey = |low: f64, high: f64| {
             // A slice of one value must be drawable, too.
@@ -233,15 +233,15 @@ impl FilteredSlice {
 fn filtered(image: &Texels, filter: FilterSpec) -> Texels {
     let size = filter.size.unwrap_or(1.0);
     match filter.kind {
-        FilterKind::Gaussian => image.blurred(cast::single(size)),
-        FilterKind::Median => median(image, cast::integer(size.round())),
+        FilterKind::Gaussian => image.blurred(single(size)),
+        FilterKind::Median => median(image, whole::<i64>(size.round())),
         FilterKind::Sobel => {
             let mut sizes = convolved(image, &ACROSS);
             sizes.values_mut().iter_mut().zip(convolved(image, &DOWN).values()).for_each(|(x, y)| *x = x.hypot(*y));
             sizes
         }
         FilterKind::Laplacian => convolved(image, &CURVATURE),
-        FilterKind::MarrHildreth => zeros(&convolved(&image.blurred(cast::single(size)), &CURVATURE)),
+        FilterKind::MarrHildreth => zeros(&convolved(&image.blurred(single(size)), &CURVATURE)),
     }
 }
 
@@ -253,7 +253,7 @@ fn convolved(image: &Texels, rows: &[f32; 9]) -> Texels {
 fn median(image: &Texels, radius: i64) -> Texels {
     let mut window = Vec::new();
     Texels::from_fn(image.size(), |place| {
-        let [x, y] = place.map(cast::signed);
+        let [x, y] = place.map(narrow::<i64>);
         window.clear();
         window.extend((-radius..=radius).flat_map(|j| (-radius..=radius).map(move |i| image.at([x + i, y + j]))));
         let middle = window.len() / 2;
@@ -265,9 +265,9 @@ fn median(image: &Texels, radius: i64) -> Texels {
 /// 1 if the sign changes towards the next texel to the right or below by more than noise, else 0.
 fn zeros(curved: &Texels) -> Texels {
     let mean = curved.values().iter().map(|v| f64::from(v.abs())).sum::<f64>() / curved.values().len().max(1) as f64;
-    let least = EDGE_SHARE * cast::single(mean);
+    let least = EDGE_SHARE * single(mean);
     Texels::from_fn(curved.size(), |place| {
-        let [x, y] = place.map(cast::signed);
+        let [x, y] = place.map(narrow::<i64>);
         let here = curved.at([x, y]);
         // Beyond the edge the same texel continues: no change there.
         let changes = |there: f32| here * there < 0.0 && (here - there).abs() > least;
@@ -277,13 +277,6 @@ fn zeros(curved: &Texels) -> Texels {
 
 #[cfg(test)]
 mod tests {
-    #![allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_possible_wrap,
-        clippy::cast_sign_loss,
-        reason = "tests use small numbers"
-    )]
-
     use super::*;
 
     fn grid(size: [usize; 2]) -> TexelGrid {

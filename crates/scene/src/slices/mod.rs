@@ -14,8 +14,9 @@ use glam::DVec3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use supervol_format::cast::{narrow, whole};
+
 use crate::camera::Ray;
-use crate::cast;
 use crate::clip::Segment;
 use crate::transfer_function::TransferFunction;
 use filter::FilterSpec;
@@ -127,7 +128,7 @@ pub fn crossings(slices: &[SlicePlane], ray: &Ray, segment: Segment) -> Vec<(f64
 #[must_use]
 pub fn interpolate(p: [f64; 3], how: Interpolation, voxel: impl Fn([i64; 3]) -> f64) -> f64 {
     match how {
-        Interpolation::Nearest => voxel(p.map(|x| cast::integer((x + 0.5).floor()))),
+        Interpolation::Nearest => voxel(p.map(|x| whole::<i64>((x + 0.5).floor()))),
         Interpolation::Linear => weighted::<2>(p, 0, |x| [1.0 - x, x], &voxel),
         Interpolation::Cubic => {
             let cubic = weighted::<4>(p, -1, catmull_rom, &voxel);
@@ -146,7 +147,7 @@ fn weighted<const N: usize>(
 ) -> f64 {
     let cell = p.map(f64::floor);
     let along: [[f64; N]; 3] = std::array::from_fn(|a| weights(p[a] - cell[a]));
-    let [x, y, z] = cell.map(|c| cast::integer(c) + first);
+    let [x, y, z] = cell.map(|c| whole::<i64>(c) + first);
     let mut sum = 0.0;
     for k in 0..N {
         for j in 0..N {
@@ -154,7 +155,7 @@ fn weighted<const N: usize>(
             for (i, weight) in along[0].iter().enumerate() {
                 let weight = weight * across;
                 if weight != 0.0 {
-                    sum += weight * voxel([x + cast::signed(i), y + cast::signed(j), z + cast::signed(k)]);
+                    sum += weight * voxel([x + narrow::<i64>(i), y + narrow::<i64>(j), z + narrow::<i64>(k)]);
                 }
             }
         }

@@ -3,7 +3,7 @@
 //! Rows follow one another, x first. Beyond the grid the texels at its edge continue. A convolution adds its terms in
 //! `f32`, in the order of the kernel's rows, so that its bits are the same on every machine.
 
-use crate::cast;
+use supervol_format::cast::{narrow, whole};
 
 /// Values of `f32` on a grid of texels.
 #[derive(Debug, Clone, PartialEq)]
@@ -54,7 +54,7 @@ impl Texels {
 
     /// The value at `[x, y]`, or at the edge of the grid nearest to it.
     pub fn at(&self, place: [i64; 2]) -> f32 {
-        let [x, y] = [0, 1].map(|axis| cast::unsigned(place[axis].clamp(0, cast::signed(self.size[axis]) - 1)));
+        let [x, y] = [0, 1].map(|axis| narrow::<usize>(place[axis].clamp(0, narrow::<i64>(self.size[axis]) - 1)));
         self.values[y * self.size[0] + x]
     }
 
@@ -91,7 +91,7 @@ impl Texels {
 
 /// Weights of a Gaussian, whose sum is 1.
 fn gaussian(sigma: f32) -> Vec<f32> {
-    let radius = cast::radius((2.0 * sigma).ceil());
+    let radius = whole::<i32>((2.0 * sigma).ceil());
     let density =
         |x: f32| (sigma * (2.0 * std::f32::consts::PI).sqrt()).recip() * (-x.powi(2) / (2.0 * sigma.powi(2))).exp();
     let mut weights: Vec<f32> = (-radius..=radius).map(|x| density(x.abs() as f32)).collect();
@@ -102,13 +102,6 @@ fn gaussian(sigma: f32) -> Vec<f32> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_possible_wrap,
-        clippy::cast_sign_loss,
-        reason = "tests use small numbers"
-    )]
-
     use supervol_format::random::Random;
 
     use super::*;

@@ -87,13 +87,6 @@ fn of_rank(rank: i64) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    #![allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_possible_wrap,
-        clippy::cast_sign_loss,
-        reason = "tests use small numbers"
-    )]
-
     use supervol_format::random::Random;
 
     use super::*;

@@ -13,9 +13,10 @@
 //! The table also holds running sums over the pieces: heights of steps, changes of slope, and variation of colour.
 //! Their differences over an interval bound the error of a quadrature rule in it.
 
+use supervol_format::cast::single;
+
 use super::render::with_limit_points;
 use super::{ControlPoint, TransferFunction};
-use crate::cast;
 
 /// Number of channels: extinction, and extinction times red, green, blue.
 pub const CHANNELS: usize = 4;
@@ -94,7 +95,7 @@ impl TransferPieces {
         let mut table =
             Self { columns: vec![0.0; stride * COLUMNS], stride, count, narrow: 0.0, clear: clear_interval(&pieces) };
         let (first, last) = (pieces[0].anchor, pieces[count - 1].anchor);
-        table.narrow = cast::single(NARROW_SHARE * (last - first));
+        table.narrow = single(NARROW_SHARE * (last - first));
         table.columns[..stride].fill(f32::INFINITY);
         let mut sums = Sums::default();
         for (i, piece) in pieces.iter().enumerate() {
@@ -143,7 +144,7 @@ impl TransferPieces {
     fn write(&mut self, i: usize, piece: &Piece, sums: &Sums) {
         let stride = self.stride;
         let mut set = |column: Column, channel: usize, value: f64| {
-            self.columns[(column as usize + channel) * stride + i] = cast::single(value);
+            self.columns[(column as usize + channel) * stride + i] = single(value);
         };
         set(Column::Knot, 0, piece.knot);
         set(Column::Anchor, 0, piece.anchor);
@@ -178,7 +179,7 @@ fn clear_interval(pieces: &[Piece]) -> [f32; 2] {
             best = [begin, end];
         }
     }
-    best.map(cast::single)
+    best.map(single)
 }
 
 /// Intervals below this share of the function's width are narrow.
@@ -272,7 +273,7 @@ fn channels_between(source: &TransferFunction, [a, b]: &[ControlPoint; 2], x: f6
 
 fn pieces_of(source: &TransferFunction, shift: f64, tolerance: f64) -> Vec<Piece> {
     let points = with_limit_points(source.points());
-    let values: Vec<f64> = points.iter().map(|p| f64::from(cast::single(p.value - shift))).collect();
+    let values: Vec<f64> = points.iter().map(|p| f64::from(single(p.value - shift))).collect();
     let constant = |knot: f64, anchor: f64, point: ControlPoint| Piece {
         knot,
         anchor,
@@ -327,7 +328,7 @@ impl Fitter<'_> {
             }
             // A piece of the least length is used even if it does not fit.
             let least = *begin + (first.values[1] - first.values[0]) / LEAST_PARTS;
-            end = f64::from(cast::single(low.max(least).min(first.values[1])));
+            end = f64::from(single(low.max(least).min(first.values[1])));
             if end <= *begin {
                 end = first.values[1];
             }

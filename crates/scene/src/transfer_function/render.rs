@@ -8,9 +8,10 @@
 //! - [`RenderTransferFunction::variation`]: total change of opacity and colour over an interval;
 //! - [`RenderTransferFunction::knots_in`]: the values at which the function bends or steps.
 
+use supervol_format::cast::{narrow, single, whole};
+
 use super::edges::Edges;
 use super::{ALPHA_LIMIT, ControlPoint, TransferFunction};
-use crate::cast;
 
 /// Bins per control point; with 4, most bins hold at most one point.
 const BINS_PER_POINT: usize = 4;
@@ -67,18 +68,18 @@ impl RenderTransferFunction {
     #[must_use]
     pub fn new(source: &TransferFunction, shift: f64) -> Self {
         let source_points = with_limit_points(source.points());
-        let values: Vec<f32> = source_points.iter().map(|p| cast::single(p.value - shift)).collect();
+        let values: Vec<f32> = source_points.iter().map(|p| single(p.value - shift)).collect();
         let knots = knot_values(&source_points, &values);
         let points = render_points(&source_points, &values, &knots);
         let width = values[values.len() - 1] - values[0];
         let bin_count = (BINS_PER_POINT * points.len()).next_power_of_two().max(MIN_BINS);
         let bins_per_value = if width > 0.0 { (bin_count as f32 / width).min(f32::MAX) } else { 0.0 };
-        let visible_points = cast::number(source_points.iter().filter(|p| p.alpha > 0.0).count());
-        let inverse_unit_distance = cast::single(1.0 / source.unit_distance());
+        let visible_points = narrow::<u32>(source_points.iter().filter(|p| p.alpha > 0.0).count());
+        let inverse_unit_distance = single(1.0 / source.unit_distance());
         let bins = vec![0; bin_count];
         let edges = Edges::default();
         // Rounded like the values of the surfaces themselves.
-        let surfaces = source.surfaces().iter().map(|value| cast::single(value - shift)).collect();
+        let surfaces = source.surfaces().iter().map(|value| single(value - shift)).collect();
         let mut table =
             Self { points, knots, bins, bins_per_value, inverse_unit_distance, visible_points, surfaces, edges };
         // The bin of a value is a monotone expression, so every point in an earlier bin is less than the value.
@@ -88,7 +89,7 @@ impl RenderTransferFunction {
             while last + 1 < bins_of_points.len() && bins_of_points[last + 1] < bin {
                 last += 1;
             }
-            table.bins[bin] = cast::number(last);
+            table.bins[bin] = narrow::<u32>(last);
         }
         table.edges = Edges::new(&table);
         table
@@ -97,7 +98,7 @@ impl RenderTransferFunction {
     #[inline]
     fn bin(&self, value: f32) -> usize {
         // Saturating: a value below the first point has bin 0.
-        cast::bin((value - self.points[0].value) * self.bins_per_value).min(self.bins.len() - 1)
+        whole::<usize>((value - self.points[0].value) * self.bins_per_value).min(self.bins.len() - 1)
     }
 
     /// Index of the last point with a value not greater than `value`; `None` below the first point.
@@ -176,7 +177,7 @@ impl RenderTransferFunction {
     #[inline]
     #[must_use]
     pub fn extinction(&self, alpha: f32) -> f32 {
-        absorbance(alpha.min(cast::single(ALPHA_LIMIT))) * self.inverse_unit_distance
+        absorbance(alpha.min(single(ALPHA_LIMIT))) * self.inverse_unit_distance
     }
 }
 
@@ -264,14 +265,14 @@ fn render_points(points: &[ControlPoint], values: &[f32], knots: &[f32]) -> Vec<
         let color_change = (0..3).map(|c| (there[c] - here[c]).abs()).fold(0.0, f64::max);
         let variation = (there[3] - here[3]).abs() + color_change * here[3].max(there[3]);
         out.push(RenderPoint {
-            rgba: here.map(cast::single),
-            delta: std::array::from_fn(|c| cast::single(there[c]) - cast::single(here[c])),
+            rgba: here.map(single),
+            delta: std::array::from_fn(|c| single(there[c]) - single(here[c])),
             value: values[i],
             inverse_width,
-            variation_before: cast::single(variation_before),
-            variation: cast::single(variation),
+            variation_before: single(variation_before),
+            variation: single(variation),
             visible_before,
-            knots_up_to: cast::number(knots.partition_point(|&k| k <= values[i])),
+            knots_up_to: narrow::<u32>(knots.partition_point(|&k| k <= values[i])),
         });
         variation_before += variation;
         visible_before += u32::from(point.alpha > 0.0);
@@ -281,13 +282,6 @@ fn render_points(points: &[ControlPoint], values: &[f32], knots: &[f32]) -> Vec<
 
 #[cfg(test)]
 mod tests {
-    #![allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_possible_wrap,
-        clippy::cast_sign_loss,
-        reason = "tests use small numbers"
-    )]
-
     use proptest::prelude::*;
 
     use super::*;

@@ -11,7 +11,7 @@ use supervol_format::file_order::boxes;
 use supervol_format::voxel_type::Voxel;
 use supervol_format::{Dims, VoxelBox, VoxelType, with_voxel};
 
-use crate::cast::{index, low_8, low_16, low_32, single, whole_i128, whole_u64};
+use crate::cast::{self, index, low_8, low_16, single};
 use crate::grid::layout::{GridLayout, SCRATCH_BYTES};
 use crate::input::selection::{Selection, first_of};
 use crate::{Message, ReadOption, SourceError};
@@ -204,7 +204,7 @@ impl Elements {
         }
         let holds = |t: &VoxelType| {
             let (low, high) = t.limits();
-            whole_i128(low) <= least && greatest <= whole_i128(high)
+            cast::whole::<i128>(low) <= least && greatest <= cast::whole::<i128>(high)
         };
         let integers = VoxelType::ALL.into_iter().filter(|t| !t.is_float());
         let is_exact = -EXACT_IN_DOUBLES <= least && greatest <= EXACT_IN_DOUBLES;
@@ -313,12 +313,9 @@ impl Elements {
 
 /// Luminances of byte colours, three or more per voxel, in integers; the results equal those in doubles.
 fn luminances_of_bytes(numbers: &[u8], count: usize, out: &mut [u8]) {
-    const fn integer(share: f64) -> u32 {
-        low_32(whole_u64(share))
-    }
-    const SHARES: [u32; 3] = [integer(LUMINANCE[0]), integer(LUMINANCE[1]), integer(LUMINANCE[2])];
+    let shares = LUMINANCE.map(cast::whole::<u32>);
     let luminance = |[red, green, blue]: [u8; 3]| {
-        let thousandths = SHARES[0] * u32::from(red) + SHARES[1] * u32::from(green) + SHARES[2] * u32::from(blue);
+        let thousandths = shares[0] * u32::from(red) + shares[1] * u32::from(green) + shares[2] * u32::from(blue);
         let (whole, rest) = (thousandths / 1000, thousandths % 1000);
         // Halves are rounded to even.
         low_8(whole + u32::from(rest + (whole & 1) > 500))
@@ -346,13 +343,6 @@ fn bits(word: u32, low: u32, count: u32, signed: bool) -> u32 {
 
 #[cfg(test)]
 mod tests {
-    #![allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_possible_wrap,
-        clippy::cast_sign_loss,
-        reason = "tests use small numbers"
-    )]
-
     use super::*;
 
     #[test]

@@ -20,7 +20,7 @@ use supervol_format::random::Random;
 
 use super::noise::{numbers_for, row_hash, sign, voxel_noise};
 use super::target::{CHUNK_VOXELS, Scale, Target};
-use crate::cast::{index, low_32, signed, single, whole, whole_i32, whole_of_single};
+use crate::cast::{self, index, low_32, signed, single};
 
 /// Depth in voxels after which the layers repeat; a power of two.
 pub const PERIOD_LIMIT: u64 = 1 << 16;
@@ -143,7 +143,7 @@ impl Seismic {
         let below = single(z as f64 / self.depth_voxels);
         let z_signed = low_32(z).cast_signed();
         for ((depth, fold), growth) in depth.iter_mut().zip(&columns.fold).zip(&columns.growth) {
-            *depth = z_fixed.wrapping_add(*fold).wrapping_add(whole_of_single(growth * below));
+            *depth = z_fixed.wrapping_add(*fold).wrapping_add(cast::whole::<i32>(growth * below));
         }
         for fault in &columns.faults {
             for ((depth, top), throw) in depth.iter_mut().zip(&fault.top).zip(&fault.throw) {
@@ -191,8 +191,8 @@ fn trace(period: usize, random: &mut Random) -> Vec<f32> {
             package = random.between(0.25, 1.5);
         }
         let coefficient = package * random.between(0.1, 1.0) * sign(random);
-        let first = whole(((depth - RICKER_SUPPORT) * per_voxel).ceil());
-        let last = whole(((depth + RICKER_SUPPORT) * per_voxel).floor());
+        let first = cast::whole::<i64>(((depth - RICKER_SUPPORT) * per_voxel).ceil());
+        let last = cast::whole::<i64>(((depth + RICKER_SUPPORT) * per_voxel).floor());
         for entry in first..=last {
             let at = index(entry.rem_euclid(signed(entries as u64)).cast_unsigned());
             amplitudes[at] += coefficient * ricker(entry as f64 / per_voxel - depth);
@@ -240,12 +240,12 @@ impl Fault {
 
 impl Channel {
     fn random(index: usize, [nx, ny, nz]: [f64; 3], random: &mut Random) -> Self {
-        let fixed = |voxels: f64| whole_i32(voxels * f64::from(1 << DEPTH_BITS));
+        let fixed = |voxels: f64| cast::whole::<i32>(voxels * f64::from(1 << DEPTH_BITS));
         let depth = nz * (index as f64 + random.between(0.3, 0.7)) / CHANNELS as f64;
         let k = TAU / nx.max(ny);
         Self {
             // Depths wrap like those of voxels; within one period they are exact.
-            depth: low_32(whole(depth * f64::from(1 << DEPTH_BITS)).cast_unsigned()).cast_signed(),
+            depth: low_32(cast::whole::<i64>(depth * f64::from(1 << DEPTH_BITS)).cast_unsigned()).cast_signed(),
             half_thickness: fixed((0.012 * nz).clamp(2.0, 12.0)),
             y0: ny * random.between(0.25, 0.75),
             amplitude: [ny * random.between(0.05, 0.15), ny * random.between(0.02, 0.06)],
@@ -362,7 +362,7 @@ impl Columns {
                 growth += wave.growth_voxels * value;
                 gain += wave.gain * value;
             }
-            self.fold[i] = whole_i32(fold * fixed);
+            self.fold[i] = cast::whole::<i32>(fold * fixed);
             self.growth[i] = single(growth * fixed);
             self.gain[i] = single(gain);
         }
@@ -378,8 +378,8 @@ impl FaultColumns {
             let along = (dy * fault.across[0] - dx * fault.across[1]) / fault.half_length;
             // The displacement decreases to zero towards the fault's ends.
             let taper = (1.0 - along * along).max(0.0);
-            self.top[i] = whole_i32(fault.z0 + fault.slope * across);
-            self.throw[i] = whole_i32(fault.throw_voxels * taper * taper * fixed);
+            self.top[i] = cast::whole::<i32>(fault.z0 + fault.slope * across);
+            self.throw[i] = cast::whole::<i32>(fault.throw_voxels * taper * taper * fixed);
         }
     }
 }

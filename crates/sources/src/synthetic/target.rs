@@ -2,7 +2,7 @@
 use supervol_format::voxel_type::Voxel;
 use supervol_format::{VoxelBox, VoxelType, with_voxel};
 
-use crate::cast::{index, single, whole_i32};
+use crate::cast::{self, index, single};
 
 /// Voxels along x that are computed together: columns share their tables, and the tables stay in the cache.
 pub(super) const CHUNK_VOXELS: usize = 1024;
@@ -91,7 +91,7 @@ impl Scale {
         const SHIFT: i32 = 1 << 17;
         let bias = self.bias + 0.5 + f64::from(SHIFT);
         for (value, voxel) in values.iter().zip(out.as_chunks_mut::<BYTES>().0) {
-            let stored = whole_i32(f64::from(*value) * self.gain + bias) - SHIFT;
+            let stored = cast::whole::<i32>(f64::from(*value) * self.gain + bias) - SHIFT;
             let bytes = stored.to_le_bytes();
             *voxel = std::array::from_fn(|i| bytes[i]);
         }

@@ -13,7 +13,7 @@ use supervol_format::{Dims, VoxelBox};
 
 use super::noise::numbers_for;
 use super::target::{Scale, Target};
-use crate::cast::{index, low_32, single, whole_u64};
+use crate::cast::{self, index, low_32, single};
 
 /// Share of the grid that tubes may fill; an upper estimate.
 const FILL_LIMIT: f64 = 0.045;
@@ -94,7 +94,8 @@ impl Vessels {
             let low = (piece.start.min(piece.end) - reach) / edge;
             let high = (piece.start.max(piece.end) + reach) / edge;
             // Casts saturate at 0; the upper end is clamped to the last cell.
-            let range = |axis: usize| whole_u64(low[axis])..=whole_u64(high[axis]).min(self.cells[axis] - 1);
+            let range =
+                |axis: usize| cast::whole::<u64>(low[axis])..=cast::whole::<u64>(high[axis]).min(self.cells[axis] - 1);
             for z in range(2) {
                 for y in range(1) {
                     for x in range(0) {
@@ -182,9 +183,9 @@ impl Piece {
         // Voxels of the block that the tube's bounding box covers, relative to the corner.
         let range = |axis_index: usize| {
             let (a, b) = (start[axis_index], start[axis_index] + axis[axis_index]);
-            let low = (block.start[axis_index] - corner[axis_index]).max(whole_u64((a.min(b) - edge).ceil().into()));
+            let low = (block.start[axis_index] - corner[axis_index]).max(cast::whole::<u64>((a.min(b) - edge).ceil()));
             let high =
-                (block.end[axis_index] - corner[axis_index]).min(whole_u64(((a.max(b) + edge).floor() + 1.0).into()));
+                (block.end[axis_index] - corner[axis_index]).min(cast::whole::<u64>((a.max(b) + edge).floor() + 1.0));
             low..high
         };
         let mut touched = false;
@@ -227,7 +228,7 @@ fn grow(dims: Dims, random: &mut Random) -> Vec<Piece> {
     let shortest = size.min_element();
     let step = (0.03 * shortest).max(3.0);
     let root_radius = (0.016 * shortest).clamp(1.2, 200.0);
-    let roots = whole_u64((6.0 * size.element_product() / shortest.powi(3)).clamp(6.0, 48.0));
+    let roots = cast::whole::<u64>((6.0 * size.element_product() / shortest.powi(3)).clamp(6.0, 48.0));
     let mut tips: VecDeque<Tip> = (0..index(roots)).map(|i| root(i, size, root_radius, random)).collect();
     let mut room = FILL_LIMIT * size.element_product();
     let mut pieces = Vec::new();
@@ -255,7 +256,7 @@ fn grow(dims: Dims, random: &mut Random) -> Vec<Piece> {
         for share in [share, 1.0 - share] {
             let radius = tip.radius * share.cbrt();
             if radius >= RADIUS_LEAST {
-                let until_fork = low_32(whole_u64(random.between(2.0, 7.0)));
+                let until_fork = low_32(cast::whole::<u64>(random.between(2.0, 7.0)));
                 tips.push_back(Tip { position: end, direction: turned(random, 0.9), radius, until_fork });
             }
         }

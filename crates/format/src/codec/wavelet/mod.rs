@@ -548,8 +548,6 @@ fn fill_holes<S: Sample>(places: &Places, mask: &[S], fill: &[u8], out: &mut [u8
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::cast_possible_truncation, reason = "tests use small numbers")]
-
     use super::*;
     use crate::VoxelType;
     use crate::random::Random;

@@ -473,8 +473,6 @@ impl<S: Sample> Reader<'_, S> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::cast_possible_truncation, reason = "tests use small numbers")]
-
     use super::*;
     use crate::random::Random;
     use crate::vectors::vectorized;

@@ -394,8 +394,6 @@ pub fn undo_difference<S: Sample>(samples: &mut [S], extent: [usize; 3]) {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::cast_possible_truncation, reason = "tests use small numbers")]
-
     use super::*;
     use crate::random::Random;
     use proptest::prelude::*;

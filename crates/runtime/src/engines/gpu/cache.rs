@@ -4,6 +4,8 @@
 //! features, and filtered by the shader in `f32` rather than with 8-bit fractions. Texels are packed as [`super::texels`] says.
 //! Everything is written through the queue; what is on its way is bounded by the plan's staging bytes.
 
+use supervol_format::cast::narrow;
+
 use super::deviations::DeviationTable;
 use super::device::GpuDevice;
 use super::layout::SlotGrid;
@@ -13,7 +15,6 @@ use super::slots::SlotIndex;
 use crate::engines::gpu::error::GpuError;
 use crate::engines::gpu::limits::TEXTURE_LIMIT;
 use crate::engines::gpu::texels::{Texels, VoxelStorage};
-use supervol_format::cast::narrow;
 
 /// Range of a macro cell without values: the least is above the greatest.
 pub const EMPTY_RANGE: [f32; 2] = [1.0, -1.0];

@@ -17,11 +17,11 @@
 
 use std::ops::Range;
 use std::time::Instant;
-use supervol_format::cast::{narrow, single};
 
 use bytemuck::Zeroable;
 use rayon::prelude::*;
 use supervol_format::brick::MACRO_CELL;
+use supervol_format::cast::{narrow, single};
 use supervol_format::{BrickKey, Lod, Pyramid};
 use supervol_scene::image::Image;
 use supervol_scene::scene::{Mode, ResolvedScene};

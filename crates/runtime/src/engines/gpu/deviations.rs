@@ -1,9 +1,9 @@
 //! Deviations of bricks for shaders: a table of all different ones; each page holds the number of its own.
 
 use std::collections::HashMap;
-use supervol_format::cast::{narrow, single};
 
 use supervol_format::BrickKey;
+use supervol_format::cast::{narrow, single};
 use supervol_scene::scene::Mode;
 
 use super::device::GpuDevice;

@@ -9,6 +9,7 @@
 use std::pin::pin;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::task::{Context, Poll, Waker};
+
 use supervol_format::cast::narrow;
 
 use super::pipelines::{Pipelines, Variant};

@@ -9,9 +9,9 @@ use std::collections::VecDeque;
 use std::ops::Range;
 use std::sync::Arc;
 use std::time::Instant;
-use supervol_format::cast::{index, narrow};
 
 use bytemuck::Zeroable;
+use supervol_format::cast::{index, narrow};
 use supervol_scene::transfer_function::RenderTransferFunction;
 
 use super::pixels::{BoundPixels, PixelBuffers};

@@ -1,6 +1,7 @@
 //! Compute pipelines and their bindings, in the order of `shaders/shared/config.wgsl`.
 
 use std::sync::OnceLock;
+
 use supervol_format::cast::narrow;
 
 use super::device::GpuDevice;

@@ -2,6 +2,7 @@
 //! host makes pixels of one piece the next one is on its way.
 
 use std::collections::VecDeque;
+
 use supervol_format::cast::{index, narrow};
 
 use super::pass::DeviceCaster;

@@ -1,10 +1,11 @@
 //! Look-up tables of shaders, stored as textures: drivers read those for all lanes at once, while software drivers read
 //! buffers lane by lane.
 
+use supervol_format::cast::narrow;
+
 use super::device::GpuDevice;
 use super::layout::TABLE_WIDTH as WIDTH;
 use crate::engines::gpu::error::GpuError;
-use supervol_format::cast::narrow;
 
 /// A table of texels of one or four 32-bit words, row by row.
 #[derive(Debug)]

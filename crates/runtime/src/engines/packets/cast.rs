@@ -7,10 +7,10 @@
 //! Protocol as in [`super`]: a tile keeps the gathered state of its rays only while some of them wait.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use supervol_format::cast::narrow;
 
 use rayon::prelude::*;
 use supervol_format::Lod;
+use supervol_format::cast::narrow;
 use supervol_scene::clip::Segment;
 
 use super::begin::MakeRays;

@@ -1,9 +1,9 @@
 //! Fetches the eight corner voxels of each lane's cell from a brick, as stored numbers.
 
 use std::marker::PhantomData;
-use supervol_format::cast::{narrow, single, whole};
 
 use supervol_format::brick::APRON;
+use supervol_format::cast::{narrow, single, whole};
 use supervol_scene::value_map::ValueMap;
 
 use super::simd::{Places, Simd};

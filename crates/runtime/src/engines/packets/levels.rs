@@ -2,8 +2,8 @@
 //! bounds of [`crate::lod::deviation`].
 
 use std::sync::Arc;
-use supervol_format::cast::single;
 
+use supervol_format::cast::single;
 use supervol_format::{BrickKey, Lod};
 use supervol_scene::scene::Mode;
 

@@ -10,6 +10,8 @@
 //!
 //! The cells of a round pass each stage together: stages are short, so that the processor overlaps several cells.
 
+use supervol_format::cast::narrow;
+
 use super::fetch::{LaneCell, Raw, Rows};
 use super::integrate::{Chord, Line, Located, Part, integrate_at, locate};
 use super::lookup::PieceLookup;
@@ -22,7 +24,6 @@ use super::simd::{LANES_LIMIT, Places, Simd, exp_minus, for_three};
 use super::walk::{CellStep, Packet, PacketBrick, PerLane, ROUND, Walker, places_along};
 use crate::engines::rules::{POSITION_ERROR, VALUE_ERROR};
 use crate::stream::counters::RayCounters;
-use supervol_format::cast::narrow;
 
 /// Least share of visible lanes, in parts of [`DENSE_OF`], to shade a round's cells in place: packing has a cost, too.
 const DENSE: usize = 5;

@@ -10,10 +10,11 @@
 //! together. The light behind them is then dimmed by their remaining absorption ([`Light::settle`]). A ray's result
 //! does not depend on when that happens: cells are added in the ray's own order, light by light and part by part.
 
+use supervol_format::cast::narrow;
+
 use super::queue::Queue;
 use super::simd::{LANES_LIMIT, Simd, exp_minus, for_three, lanes};
 use super::walk::{PerLane, ROUND};
-use supervol_format::cast::narrow;
 
 /// Most waiting cells of one ray.
 pub const PENDING_LIMIT: usize = 3 * ROUND;

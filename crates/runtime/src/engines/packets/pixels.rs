@@ -1,11 +1,12 @@
 //! Tiles between passes, and their pixels: row by row from the top.
 
+use supervol_format::cast::narrow;
+
 use super::noted::{TileErrors, TileWork};
 use super::places::{TILE_RAYS, TILE_SIDE, place_of};
 use super::tile::Gathered;
 use crate::engines::ray::{RayState, pixel_of_light};
 use crate::engines::ray_scene::RayScene;
-use supervol_format::cast::narrow;
 
 /// Tiles along both sides of the rows of a picture.
 #[must_use]

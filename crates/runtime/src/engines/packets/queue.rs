@@ -1,8 +1,9 @@
 //! Queue of cells that need more work than the others of their round: packed densely, so that no lane is wasted.
 
+use supervol_format::cast::narrow;
+
 use super::integrate::Chord;
 use super::simd::{Simd, for_three, load_from};
-use supervol_format::cast::narrow;
 
 /// Numbers of a [`QueuedCell`]: slot and base as bits.
 pub const CELL_NUMBERS: usize = 10;

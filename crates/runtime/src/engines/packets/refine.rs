@@ -8,6 +8,8 @@
 //! ([`Host::integrate_exactly`]). A lane's parts depend on its own error alone, so pictures do not depend on the
 //! packing of lanes.
 
+use supervol_format::cast::narrow;
+
 use super::integrate::{Chord, Part, cubic_at, cubic_through, integrate};
 use super::lookup::PieceLookup;
 use super::packet::{Host, Lanes, PacketTransfer};
@@ -19,7 +21,6 @@ use crate::engines::rules::{
     EASY, EXACT_FROM, HARD, LEAST_PART, LEAST_SHARE, PARTS_LIMIT, PARTS_PER_ROOT, SHORTEST, TRIES_LIMIT,
 };
 use crate::stream::counters::RayCounters;
-use supervol_format::cast::narrow;
 
 /// Share of the lanes, as its inverse, that must be without work before they get new cells: that costs a quarter of a part.
 const REFILL_SHARE: u32 = 5;

@@ -8,12 +8,13 @@
 //! The choice depends on the brick, the transfer function, the requested error and the view, not on the order of
 //! casting.
 
+use supervol_format::cast::single;
+
 use super::integrate::{Chord, Line, integrate_at, locate};
 use super::lookup::PieceLookup;
 use super::packet::{ClassifyTask, PacketTransfer, Precision, Round};
 use super::simd::{LANES_LIMIT, Simd};
 use super::walk::{Packet, PacketBrick, ROUND, Walker};
-use supervol_format::cast::single;
 
 /// Numbers of cells to try, the greatest first: divisors of a round's. If none suits, it is one.
 pub const SPANS: [usize; 2] = [6, 3];

@@ -1,11 +1,11 @@
 //! Tables of a picture that all its packets look up, and what is kept of bricks.
 
 use std::sync::Arc;
-use supervol_format::cast::single;
 
 use glam::DVec3;
 use supervol_format::BrickKey;
 use supervol_format::brick::APRON;
+use supervol_format::cast::single;
 use supervol_scene::camera::{PixelRays, Projection};
 use supervol_scene::clip::{IndexRay, ToIndex};
 use supervol_scene::scene::Mode;

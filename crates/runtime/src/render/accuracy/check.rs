@@ -6,9 +6,9 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
-use supervol_format::cast::{narrow, whole};
 
 use serde::Serialize;
+use supervol_format::cast::{narrow, whole};
 use supervol_format::random::Random;
 use supervol_format::{Container, Lod};
 use supervol_scene::image::{GREY_LEVELS, Image, greatest};

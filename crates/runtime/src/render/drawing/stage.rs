@@ -1,8 +1,8 @@
 //! A stage: the picture of one pixel size, and the canvas that it is drawn on.
 
 use std::time::{Duration, Instant};
-use supervol_format::cast::narrow;
 
+use supervol_format::cast::narrow;
 use supervol_format::{Container, Lod};
 use supervol_scene::image::Image;
 use supervol_scene::scene::ResolvedScene;

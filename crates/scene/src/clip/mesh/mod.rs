@@ -16,8 +16,9 @@ use std::collections::HashMap;
 
 use glam::DVec3;
 
+use supervol_format::cast::narrow;
+
 use super::interval::clip_slab;
-use crate::cast;
 
 /// Most triangles of a mesh; a triangle takes about 90 bytes.
 pub const TRIANGLE_LIMIT: usize = 1 << 20;
@@ -176,7 +177,7 @@ impl ClosedMesh {
             let (low, high) = (low - margin, high + margin);
             if part.len() <= LEAF_TRIANGLES {
                 self.nodes[node] =
-                    Node { low, high, first: cast::number(range.start), count: cast::number(part.len()) };
+                    Node { low, high, first: narrow::<u32>(range.start), count: narrow::<u32>(part.len()) };
                 continue;
             }
             let size = (high - low).to_array();
@@ -186,7 +187,7 @@ impl ClosedMesh {
             part.select_nth_unstable_by(middle, |a, b| place(a).total_cmp(&place(b)));
             let first = self.nodes.len();
             self.nodes.extend([placeholder; 2]);
-            self.nodes[node] = Node { low, high, first: cast::number(first), count: 0 };
+            self.nodes[node] = Node { low, high, first: narrow::<u32>(first), count: 0 };
             stack.push((first, range.start..range.start + middle));
             stack.push((first + 1, range.start + middle..range.end));
         }
@@ -234,7 +235,7 @@ fn merge_vertices(vertices: &[DVec3], triangles: &[[u32; 3]]) -> Result<(Vec<DVe
         }
         // Zero has two signs but is one position.
         let bits = found.to_array().map(|x| (x + 0.0).to_bits());
-        let next = cast::number(kept.len());
+        let next = narrow::<u32>(kept.len());
         let number = *number_of.entry(bits).or_insert(next);
         if number == next {
             kept.push(found);

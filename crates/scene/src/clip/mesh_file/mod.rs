@@ -11,8 +11,9 @@ use std::time::SystemTime;
 
 use glam::DVec3;
 
+use supervol_format::cast::{narrow, whole};
+
 use super::mesh::{ClosedMesh, MeshError, TRIANGLE_LIMIT};
-use crate::cast;
 
 /// Longest line of text in a file.
 const LINE_LIMIT: u64 = 1 << 16;
@@ -99,7 +100,7 @@ impl RawMesh {
             return Err(MeshError::TooLarge.into());
         }
         self.vertices.push(vertex);
-        Ok(cast::number(self.vertices.len()) - 1)
+        Ok(narrow::<u32>(self.vertices.len()) - 1)
     }
 
     /// Adds a polygon as a fan of triangles around its first corner.
@@ -146,7 +147,7 @@ fn read_obj(reader: &mut impl BufRead) -> Result<RawMesh, Reason> {
         match words.next() {
             Some("v") => drop(mesh.add_vertex(point(&mut words, &text)?)?),
             Some("f") => {
-                let vertices = cast::signed(mesh.vertices.len());
+                let vertices = narrow::<i64>(mesh.vertices.len());
                 let corner = |word: &str| {
                     // A corner is position/texture/normal; only the position is read. Indices begin at 1; negative ones
                     // count from the end.
@@ -318,7 +319,7 @@ impl<R: BufRead> NumberReader<'_, R> {
         if !(0.0..=CORNER_LIMIT as f64).contains(&count) {
             return Err(content("lists of at most 4096 numbers", count));
         }
-        (0..cast::index(count)).map(|_| self.next(scalar)).collect()
+        (0..whole::<usize>(count)).map(|_| self.next(scalar)).collect()
     }
 }
 
@@ -351,7 +352,7 @@ fn read_ply(reader: &mut impl BufRead) -> Result<RawMesh, Reason> {
                 ("face", Some(corners)) => {
                     let index = |&c: &f64| {
                         let is_index = (0.0..=f64::from(u32::MAX)).contains(&c);
-                        if is_index { Ok(cast::vertex(c)) } else { Err(content("the number of a vertex", c)) }
+                        if is_index { Ok(whole::<u32>(c)) } else { Err(content("the number of a vertex", c)) }
                     };
                     mesh.add_face(&corners.iter().map(index).collect::<Result<Vec<u32>, Reason>>()?)?;
                 }

@@ -10,8 +10,9 @@ use std::f64::consts::TAU;
 
 use glam::{DQuat, DVec3};
 
+use supervol_format::cast::whole;
+
 use crate::camera::unit_vector;
-use crate::cast;
 use crate::facts::{DataKind, Frame, VolumeFacts};
 use crate::spec::CameraSpec;
 
@@ -275,7 +276,7 @@ impl Framed {
     fn hidden(&self, view: &View, size: f64, gap: f64) -> f64 {
         let right = view.up.cross(view.outward).normalize();
         let up = view.outward.cross(right);
-        let cell = |at: f64| cast::integer((at / size * WALL_CELLS).floor());
+        let cell = |at: f64| whole::<i64>((at / size * WALL_CELLS).floor());
         let mut lines: BTreeMap<(i64, i64), Vec<f64>> = BTreeMap::new();
         // An odd step, so that even rows are not systematically skipped.
         let step = (self.centres.len() / WALL_BOXES) | 1;

@@ -1,9 +1,3 @@
-#![allow(
-    clippy::cast_possible_truncation,
-    clippy::cast_possible_wrap,
-    clippy::cast_sign_loss,
-    reason = "tests use small numbers"
-)]
 use supervol_format::{Dims, Geometry, ValueRange};
 
 use super::*;

@@ -16,7 +16,7 @@ use super::data_set::{DataSet, PixelsAt};
 use super::header::{FRAMES_LIMIT, Image, of_fault, open};
 use super::series::Member;
 use super::syntax::Compression;
-use crate::cast::{index, low_32, whole};
+use crate::cast::{self, index, low_32};
 use crate::grid::dense::swap_bytes;
 use crate::input::spool::SpoolFolder;
 use crate::{Endian, SourceError};
@@ -281,7 +281,7 @@ fn jpeg_2000(encoded: &[u8], image: &Image) -> Result<Vec<u8>, String> {
     // The decoder adds half the range to signed numbers, too.
     let shift = if is_signed { 1i64 << (planes[0].bit_depth().clamp(1, 32) - 1) } else { 0 };
     let number = |i: usize| {
-        let sample = whole(planes[i % planes.len()].samples()[i / planes.len()].round().into());
+        let sample = cast::whole::<i64>(planes[i % planes.len()].samples()[i / planes.len()].round());
         low_32((sample - shift).cast_unsigned())
     };
     Ok(widened((0..pixels * planes.len()).map(number), image))

@@ -8,7 +8,7 @@ use supervol_format::ByteSource;
 
 use super::data_set::{DataSet, Element, Fault, PixelsAt, Spelling, Visitor, in_order};
 use super::syntax::Syntax;
-use crate::cast::{index, low_32, whole, whole_u64};
+use crate::cast::{self, index, low_32};
 use crate::input::spool::{Spool, SpoolFolder};
 use crate::input::text::shortened;
 use crate::{Endian, SourceError};
@@ -327,19 +327,19 @@ impl Header {
     fn take(&mut self, tag: u32, bytes: &[u8], numbers: &[f64]) {
         let first = numbers.first().copied();
         // A 16-bit unsigned integer, or 0.
-        let word = low_32(whole_u64(first.filter(|n| (0.0..=65_535.0).contains(n)).unwrap_or_default()));
+        let word = low_32(cast::whole::<u64>(first.filter(|n| (0.0..=65_535.0).contains(n)).unwrap_or_default()));
         let image = &mut self.image;
         match tag {
             0x0008_0060 => self.modality = text(bytes),
             0x0008_103e => self.description = text(bytes),
             0x0020_000e => self.series_uid = text(bytes),
-            0x0020_0011 => self.series_number = first.map(whole),
-            0x0020_0013 => self.instance = whole(first.unwrap_or_default()),
+            0x0020_0011 => self.series_number = first.map(cast::whole::<i64>),
+            0x0020_0013 => self.instance = cast::whole::<i64>(first.unwrap_or_default()),
             0x0028_0002 => image.samples = word,
             0x0028_0004 => image.photometric = text(bytes),
             0x0028_0006 => image.is_planar = word == 1,
             // An empty number of frames means one.
-            0x0028_0008 => self.frame_count = first.map_or(1, whole_u64),
+            0x0028_0008 => self.frame_count = first.map_or(1, cast::whole::<u64>),
             0x0028_0010 => image.rows = word,
             0x0028_0011 => image.columns = word,
             0x0028_0100 => image.allocated = word,
@@ -357,7 +357,7 @@ impl Header {
     /// some scanners state it although their images have air of that value, so a patient would get holes.
     fn take_padding(&mut self, number: Option<f64>) {
         let Some(number) = number.filter(|n| !n.is_nan()) else { return };
-        let whole = whole(number);
+        let whole = cast::whole::<i64>(number);
         let word = u16::try_from(whole).or_else(|_| i16::try_from(whole).map(i16::cast_unsigned));
         let Ok(word) = word else {
             self.wrong_padding = Some(number);

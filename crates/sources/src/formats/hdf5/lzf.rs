@@ -44,8 +44,6 @@ pub(super) fn decoded(stream: &[u8], length: usize) -> Option<Vec<u8>> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::cast_possible_truncation, reason = "tests use small numbers")]
-
     use supervol_format::random::Random;
 
     use super::*;

@@ -19,7 +19,7 @@ use flate2::bufread::MultiGzDecoder;
 use supervol_format::space::WorldSpace;
 use supervol_format::{ByteSource, Dims, VoxelBox, VoxelType};
 
-use crate::cast::whole_u64;
+use crate::cast;
 use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::formats::unsupported::ENVI_START;
 use crate::grid::dense::{GridFile, GridLayout, GridSource, checked_bytes};
@@ -291,7 +291,7 @@ impl Data<'_> {
             return Ok(least);
         }
         let whole = stated.is_finite() && stated.fract() == 0.0 && (0.0..9.0e15).contains(&stated);
-        if !whole || whole_u64(stated) < least {
+        if !whole || cast::whole::<u64>(stated) < least {
             let expected = format!("a whole number of bytes, at least {least}");
             return Err(SourceError::invalid(
                 self.path,
@@ -300,7 +300,7 @@ impl Data<'_> {
                 stated.to_string(),
             ));
         }
-        Ok(whole_u64(stated))
+        Ok(cast::whole::<u64>(stated))
     }
 }
 

@@ -263,8 +263,6 @@ fn find(runs: &[Run], wanted: [i32; 2]) -> u64 {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::cast_possible_truncation, reason = "tests use small numbers")]
-
     use super::*;
 
     fn line(first: i64, step: i64, count: u64) -> LineNumbers {

@@ -7,7 +7,7 @@
 
 use supervol_format::VoxelType;
 
-use crate::cast::{single, whole_i128};
+use crate::cast::{self, single};
 use crate::{Endian, Message, ReadOption};
 
 /// What one sample is in the file: the data sample format code, bytes 3225-3226.
@@ -189,7 +189,7 @@ fn check_64_bit(raw: &[u8], endian: Endian, value: impl Fn([u8; 8]) -> i128) -> 
             sample.reverse();
         }
         let exact = value(sample);
-        if whole_i128(exact as f64) != exact {
+        if cast::whole::<i128>(exact as f64) != exact {
             return Err(BadSample { index, reason: format!("{exact}, which f64 cannot hold exactly") });
         }
     }

@@ -141,8 +141,6 @@ fn sample_words(input: Input<'_>, layout: &Layout) -> Result<Words, SourceError>
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "tests use small numbers")]
-
     use super::*;
 
     fn words(values: impl Iterator<Item = u32>) -> Words {

@@ -19,7 +19,7 @@ use std::path::Path;
 
 use supervol_format::{ByteSource, VoxelBox, VoxelType};
 
-use crate::cast::{low_8, low_32, whole_u64};
+use crate::cast::{self, low_8, low_32};
 use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::grid::dense::{GridFile, GridLayout, GridSource, checked_bytes};
 use crate::grid::elements::{Channels, Elements, Frames, Meaning, Number};
@@ -156,7 +156,7 @@ impl Header {
 fn share(word: &str, _: VoxelType, out: &mut [u8]) -> bool {
     let share = word.parse::<f64>().ok().filter(|share| (0.0..=1.0).contains(share));
     // The rounded result is at most 255.
-    share.map(|share| out[0] = low_8(low_32(whole_u64((share * f64::from(u8::MAX)).round())))).is_some()
+    share.map(|share| out[0] = low_8(low_32(cast::whole::<u64>((share * f64::from(u8::MAX)).round())))).is_some()
 }
 
 /// Reads a word of `bytes` bytes at offset `at` of a file.

@@ -1,6 +1,7 @@
 //! Arrays of 4 lanes: no intrinsics, correct everywhere; the compiler vectorises them as the target allows.
 
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Not, Sub};
+
 use supervol_format::cast::whole;
 
 use super::{LANES_LIMIT, Simd, TaskOf};

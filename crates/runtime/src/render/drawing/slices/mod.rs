@@ -17,10 +17,10 @@ use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Instant;
-use supervol_format::cast::single;
 
 use glam::Vec3;
 use rayon::prelude::*;
+use supervol_format::cast::single;
 use supervol_format::{Container, Lod};
 use supervol_scene::camera::Projection;
 use supervol_scene::image::Image;

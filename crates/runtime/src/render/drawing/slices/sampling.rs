@@ -5,10 +5,10 @@
 
 use std::collections::BTreeSet;
 use std::time::Instant;
-use supervol_format::cast::{narrow, single, whole};
 
 use rayon::prelude::*;
 use supervol_format::brick::APRON;
+use supervol_format::cast::{narrow, single, whole};
 use supervol_format::{BrickIndex, BrickKey, Geometry, Lod, Pyramid};
 use supervol_scene::slices::{Interpolation, interpolate};
 use supervol_scene::units::InUnits;
