@@ -7,6 +7,15 @@ pub use supervol_format::canceller::Canceller;
 /// Least duration of a step that has begun, even after the deadline, so that each step makes progress.
 pub const LEAST_STEP: Duration = Duration::from_millis(1);
 
+/// Handling of rays that still wait when the stop condition is due.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum WhenDue {
+    /// They pause, and continue when the same picture is drawn next.
+    Pause,
+    /// Resident coarser bricks complete the picture.
+    Complete,
+}
+
 /// Condition under which work stops.
 #[derive(Debug, Clone, Default)]
 pub struct Stop {

@@ -3,7 +3,7 @@
 //! Row 0 is the top row; x runs fastest. A file is written under a temporary name in the same folder and then renamed.
 //! So a file with the image's name is always complete.
 
-use supervol_format::cast::{narrow, single, whole};
+use supervol_format::cast::{single, whole};
 
 pub mod enlarge;
 
@@ -262,7 +262,7 @@ impl Image {
         }
         header.push('\n');
         out.write_all(b"\x93NUMPY\x01\x00")?;
-        out.write_all(&narrow::<u16>(header.len()).to_le_bytes())?;
+        out.write_all(&supervol_format::cast::narrow::<u16>(header.len()).to_le_bytes())?;
         out.write_all(header.as_bytes())?;
         for value in self.pixels.iter().flatten() {
             out.write_all(&value.to_le_bytes())?;

@@ -17,18 +17,17 @@ use crate::engines::error::EngineError;
 use crate::engines::maps::Maps;
 use crate::engines::totals::{EngineErrors, EngineTotals, ErrorsByReason, GpuStats};
 use crate::lod::deviation::Deviations;
-use crate::stop::Stop;
+use crate::stop::{Stop, WhenDue};
 use crate::stream::counters::{DeviceCounters, RayCounters};
 use crate::stream::field::FieldBrick;
 use crate::stream::residency::{BrickView, Resident};
 use crate::stream::streamer::{Fetched, HostView, OnMissing};
 
-/// When the engine stops, and whether its rays stay where they are then; if not, the picture is completed from the bricks that
-/// are there.
+/// Stop condition of the engine, and the handling of its rays then.
 #[derive(Debug, Clone)]
 pub(crate) struct WhenToStop {
     pub(crate) stop: Stop,
-    pub(crate) is_paused_when_due: bool,
+    pub(crate) when_due: WhenDue,
 }
 
 /// The ray caster in WGSL.
@@ -169,15 +168,17 @@ impl Engine for GpuEngine {
 
     fn advance(&mut self, view: &HostView<'_>) -> Result<Advance, EngineError> {
         let is_late = view.on_missing() == OnMissing::UseParent;
-        if is_late && self.stops.is_paused_when_due {
+        if is_late && self.stops.when_due == WhenDue::Pause {
             return Err(EngineError::Stopped);
         }
         if is_late {
             self.stop_waiting(view)?;
         }
         // Who completes a picture stops only when somebody says so.
-        let stop =
-            if self.stops.is_paused_when_due { self.stops.stop.clone() } else { self.stops.stop.instead_at(None) };
+        let stop = match self.stops.when_due {
+            WhenDue::Pause => self.stops.stop.clone(),
+            WhenDue::Complete => self.stops.stop.instead_at(None),
+        };
         let feedback = self.renderer.cast_pass_until(&stop)?;
         self.counters.add(&feedback.counters);
         Ok(Advance {

@@ -13,7 +13,7 @@ use crate::engines::maps::AskedMaps;
 use crate::render::error::RenderError;
 use crate::render::frame::on_device::{GpuDrawn, GpuPicture};
 use crate::render::options::RenderOptions;
-use crate::stop::Stop;
+use crate::stop::{Stop, WhenDue};
 
 /// Casts stages on the device of the [`Tools`]. The device itself keeps the rays of a paused stage.
 pub(super) struct DeviceStages;
@@ -27,8 +27,13 @@ impl StageCaster for DeviceStages {
         AskedMaps { work: false, ..options.asked_maps() }
     }
 
-    fn first(&self, scene: &ResolvedScene, tools: &Tools<'_>, deadline: Instant) -> (u32, Instant) {
-        let (Device { backend, pace }, now) = (device_of(tools), Instant::now());
+    /// The sketch takes the place of the paused picture on the device.
+    fn keeps_rays_over_sketch(&self) -> bool {
+        false
+    }
+
+    fn first(&self, scene: &ResolvedScene, tools: &mut Tools<'_>, deadline: Instant) -> (u32, Instant) {
+        let (Device { backend, pace }, now) = (tools.device(), Instant::now());
         // Times of software adapters vary too much, and a picture that must be completed cannot be stopped.
         let known = pace
             .fitting(scene.image_size, deadline.saturating_duration_since(now))
@@ -70,19 +75,10 @@ impl StageCaster for DeviceStages {
         if canvas.pixel > 1
             && let Some(picture) = canvas.picture.take()
         {
-            let large = device_of_mut(tools).backend.enlarged(picture, canvas.pixel, canvas.scene.image_size);
+            let large = tools.device().backend.enlarged(picture, canvas.pixel, canvas.scene.image_size);
             (canvas.picture, canvas.pixel) = (Some(large), 1);
         }
     }
-}
-
-/// The handling of rays that still wait at the deadline.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum WhenDue {
-    /// They pause, to continue in the next step.
-    Pause,
-    /// Resident coarser bricks complete the picture.
-    Complete,
 }
 
 /// Draws the picture of one pixel size. If the canvas shows a full-size picture already, its memory is reused later.
@@ -94,18 +90,18 @@ fn draw(
     stop: &Stop,
 ) -> Result<Cast, RenderError> {
     let began = Instant::now();
-    let Tools { options, device, resident } = tools;
-    let Device { backend, pace } = device.as_deref_mut().expect(DEVICE_IS_THERE);
-    let (scene, options) = (&canvas.scene, *options);
+    let (scene, options) = (&canvas.scene, tools.options);
     let room = ([scene.camera.width, scene.camera.height], options.predict_error);
     // Shaders that sum up errors differ. If the final picture needs errors, all stages use these shaders.
-    let options =
-        RenderOptions { predict_error: options.predict_error, ..options_for(resident.container(), options, pixel) };
+    let options = RenderOptions {
+        predict_error: options.predict_error,
+        ..options_for(tools.resident.container(), options, pixel)
+    };
     let seen = with_pixels(scene, pixel);
-    resident.aim(&seen, &options);
-    let (plan, before) = (resident.plan(), canvas.stats.clone());
-    let is_paused_when_due = when_due == WhenDue::Pause;
-    let picture = GpuPicture { scene: &seen, options: &options, plan, stop, is_paused_when_due, before, room };
+    tools.resident.aim(&seen, &options);
+    let (plan, before) = (tools.resident.plan(), canvas.stats.clone());
+    let picture = GpuPicture { scene: &seen, options: &options, plan, stop, when_due, before, room };
+    let (Device { backend, pace }, resident) = tools.device_and_volume();
     let GpuDrawn { image, stats, maps, errors, fetching } =
         backend.draw(resident.streamer(), &picture, &GpuDevice::open)?;
     let took = began.elapsed();
@@ -123,14 +119,4 @@ fn draw(
         canvas.by_reason = errors;
     }
     Ok(Cast { is_finished: true, took: spent + took, is_typical: true })
-}
-
-const DEVICE_IS_THERE: &str = "a drawing by a device is advanced with its device";
-
-fn device_of<'a>(tools: &'a Tools<'_>) -> &'a Device {
-    tools.device.as_deref().expect(DEVICE_IS_THERE)
-}
-
-fn device_of_mut<'a>(tools: &'a mut Tools<'_>) -> &'a mut Device {
-    tools.device.as_deref_mut().expect(DEVICE_IS_THERE)
 }

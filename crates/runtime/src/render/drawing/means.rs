@@ -36,6 +36,19 @@ pub(crate) struct Tools<'a> {
     pub(crate) resident: &'a mut LoadedVolume,
 }
 
+impl Tools<'_> {
+    /// The device of a drawing that is by a device.
+    pub(crate) fn device(&mut self) -> &mut Device {
+        self.device_and_volume().0
+    }
+
+    /// The device, as [`Self::device`], and the loaded data.
+    pub(crate) fn device_and_volume(&mut self) -> (&mut Device, &mut LoadedVolume) {
+        let device = self.device.as_deref_mut().expect("a drawing by a device is advanced with its device");
+        (device, self.resident)
+    }
+}
+
 impl<'a> Means<'a> {
     /// Divides the memory for a picture of this scene by an engine that takes `bytes`.
     ///

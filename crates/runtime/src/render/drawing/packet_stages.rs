@@ -43,7 +43,11 @@ impl StageCaster for PacketStages {
         options.asked_maps()
     }
 
-    fn first(&self, scene: &ResolvedScene, _tools: &Tools<'_>, _deadline: Instant) -> (u32, Instant) {
+    fn keeps_rays_over_sketch(&self) -> bool {
+        true
+    }
+
+    fn first(&self, scene: &ResolvedScene, _tools: &mut Tools<'_>, _deadline: Instant) -> (u32, Instant) {
         (sketch_pixel(scene), Instant::now())
     }
 

@@ -72,8 +72,11 @@ pub(super) trait StageCaster: Send + Sync {
     /// The maps that it can make, of those that the options ask for.
     fn maps(&self, options: &RenderOptions) -> AskedMaps;
 
+    /// Whether the rays of a paused stage are still there after a sketch.
+    fn keeps_rays_over_sketch(&self) -> bool;
+
     /// Pixel size of the first picture with this deadline, and the time until which it may wait for bricks.
-    fn first(&self, scene: &ResolvedScene, tools: &Tools<'_>, deadline: Instant) -> (u32, Instant);
+    fn first(&self, scene: &ResolvedScene, tools: &mut Tools<'_>, deadline: Instant) -> (u32, Instant);
 
     /// Draws the first picture onto an empty canvas. It is always finished: rays do not wait after the deadline of `stop`.
     ///

@@ -75,6 +75,7 @@ impl StagedDrawing {
                 let (pixel, latest) = caster.first(&canvas.scene, tools, deadline);
                 self.last = caster.sketch(canvas, pixel, tools, &stop.instead_at(Some(latest)))?;
                 canvas.behind = Some(pixel);
+                self.begun = self.begun.filter(|_| caster.keeps_rays_over_sketch());
             }
             // Each step makes progress, however short it is.
             _ => stop = stop.not_before(Instant::now() + LEAST_STEP),

@@ -52,23 +52,27 @@ impl WholeDrawing {
 impl Drawing for WholeDrawing {
     fn advance(&mut self, means: Means<'_>, stop: &Stop) -> Result<(), RenderError> {
         let scene = &self.scene;
-        if let WholeBy::Reference = self.by {
-            let (image, stats) = by_reference(means.container, scene, means.options)?;
-            self.drawn = Some((image, Maps::default(), stats));
-            return Ok(());
-        }
+        let engine = match &mut self.by {
+            WholeBy::Reference => {
+                let (image, stats) = by_reference(means.container, scene, means.options)?;
+                self.drawn = Some((image, Maps::default(), stats));
+                return Ok(());
+            }
+            WholeBy::Cpu => None,
+            WholeBy::Engine(engine) => Some(engine),
+        };
         let bytes = means.engine_bytes();
         let Tools { options, resident, .. } = means.for_picture(scene, bytes)?;
         resident.aim(scene, options);
         let plan = resident.plan();
-        self.drawn = Some(match &mut self.by {
-            WholeBy::Engine(engine) => {
+        self.drawn = Some(match engine {
+            Some(engine) => {
                 let mut walk = FrameWalk::new(resident.streamer(), plan, options, Instant::now()).until(stop.clone());
                 let mut bands = FinishedBands::default();
                 let image = walk.run_on(engine.as_mut(), scene.image_size, &mut bands)?;
                 (image, bands.into_maps(), walk.into_stats())
             }
-            WholeBy::Cpu | WholeBy::Reference => {
+            None => {
                 let (image, stats) = render_cpu(scene, options, resident.streamer(), plan, stop)?;
                 (image, Maps::default(), stats)
             }

@@ -30,7 +30,7 @@ use crate::render::enlarge::Enlarge;
 use crate::render::error::RenderError;
 use crate::render::options::RenderOptions;
 use crate::render::stats::FrameStats;
-use crate::stop::Stop;
+use crate::stop::{Stop, WhenDue};
 use crate::stream::classify::holes_in;
 use crate::stream::counters::DeviceCounters;
 use crate::stream::field::FieldBrick;
@@ -265,7 +265,7 @@ pub fn render_gpu_surviving(
     let mut streamer = streamer_for(container, scene, options, plan);
     let before = FrameStats::default();
     let room = ([scene.camera.width, scene.camera.height], options.predict_error);
-    let picture = GpuPicture { scene, options, plan, stop: &stop, is_paused_when_due: false, before, room };
+    let picture = GpuPicture { scene, options, plan, stop: &stop, when_due: WhenDue::Complete, before, room };
     let GpuDrawn { image, stats, .. } = GpuBackend::new(device).draw(&mut streamer, &picture, reopen)?;
     Ok((image, stats))
 }

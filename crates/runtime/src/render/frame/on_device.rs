@@ -12,7 +12,7 @@ use crate::engines::maps::Maps;
 use crate::engines::totals::ErrorsByReason;
 use crate::render::options::RenderOptions;
 use crate::render::stats::FrameStats;
-use crate::stop::Stop;
+use crate::stop::{Stop, WhenDue};
 use crate::stream::budget::{EngineBytes, HostPlan};
 
 /// What a picture is made from.
@@ -21,9 +21,8 @@ pub(crate) struct GpuPicture<'a> {
     pub(crate) options: &'a RenderOptions,
     pub(crate) plan: HostPlan,
     pub(crate) stop: &'a Stop,
-    /// Whether rays stop where they are when it is time to ([`RenderError::Cancelled`]), to go on when the same picture is drawn
-    /// next; if not, it is completed from the bricks that are there.
-    pub(crate) is_paused_when_due: bool,
+    /// Handling of rays that wait when `stop` is due. A pause is reported as [`RenderError::Cancelled`].
+    pub(crate) when_due: WhenDue,
     /// What pictures before it, for the same scene, have cost.
     pub(crate) before: FrameStats,
     /// The largest picture of the scene: rays along x and y, and whether it is asked what they may be off by.
@@ -44,9 +43,9 @@ pub(crate) struct GpuDrawn {
 
 #[cfg(feature = "gpu")]
 impl GpuPicture<'_> {
-    /// When its rays stop.
+    /// Stop condition of its rays.
     pub(super) fn stops(&self) -> WhenToStop {
-        WhenToStop { stop: self.stop.clone(), is_paused_when_due: self.is_paused_when_due }
+        WhenToStop { stop: self.stop.clone(), when_due: self.when_due }
     }
 }
 

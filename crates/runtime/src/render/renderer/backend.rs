@@ -96,12 +96,12 @@ impl Chosen {
         scene: &ResolvedScene,
         options: &RenderOptions,
     ) -> Result<Box<dyn Drawing>, RenderError> {
-        let scene_of_its_own = scene.clone();
+        let own_scene = scene.clone();
         Ok(match self {
-            Self::Reference => Box::new(WholeDrawing::new(scene_of_its_own, WholeBy::Reference)),
+            Self::Reference => Box::new(WholeDrawing::new(own_scene, WholeBy::Reference)),
             Self::Outside(maker) => {
                 let engine = maker.make(container, scene, options)?;
-                Box::new(WholeDrawing::new(scene_of_its_own, WholeBy::Engine(engine)))
+                Box::new(WholeDrawing::new(own_scene, WholeBy::Engine(engine)))
             }
             Self::Cpu { .. } | Self::Gpu { .. } if !scene.slices.is_empty() => {
                 if !options.caster.is_default() {
@@ -111,9 +111,9 @@ impl Chosen {
                 let is_by_device = matches!(self, Self::Gpu { .. }) && scene.mode != Mode::Slice;
                 Box::new(SlicedDrawing::new(scene, container, is_by_device))
             }
-            Self::Gpu { .. } => Box::new(StagedDrawing::by_device(scene_of_its_own)),
-            Self::Cpu { .. } if options.caster.is_default() => Box::new(StagedDrawing::by_packets(scene_of_its_own)),
-            Self::Cpu { .. } => Box::new(WholeDrawing::new(scene_of_its_own, WholeBy::Cpu)),
+            Self::Gpu { .. } => Box::new(StagedDrawing::by_device(own_scene)),
+            Self::Cpu { .. } if options.caster.is_default() => Box::new(StagedDrawing::by_packets(own_scene)),
+            Self::Cpu { .. } => Box::new(WholeDrawing::new(own_scene, WholeBy::Cpu)),
         })
     }
 
@@ -130,7 +130,7 @@ impl Chosen {
         matches!(self, Self::Gpu { or_cpu: true, .. })
     }
 
-    /// Whether pictures without slices are cast by ray packets.
+    /// Whether the CPU casts the rays.
     pub(super) fn is_cpu(&self) -> bool {
         matches!(self, Self::Cpu { .. })
     }

@@ -197,6 +197,14 @@ impl SlicedDrawing {
         self.regions.binary_search_by_key(&sides, |(of, _)| *of).ok()
     }
 
+    /// The picture with these values of rays, given their numbers and parts; the value of a pixel is the mean of its rays.
+    fn by_rays(&self, value: impl Fn(usize, Vec<RayPart>) -> [f32; 4] + Sync) -> Image {
+        let [width, height] = self.cut.rays_size();
+        let rays = (0..height).into_par_iter().flat_map_iter(|y| (0..width).map(move |x| (x, y)));
+        let value = |(x, y)| value(y as usize * width as usize + x as usize, self.cut.parts(x, y));
+        Image { width, height, pixels: rays.map(value).collect() }.downsampled(self.cut.scene.subgrid)
+    }
+
     /// Error of each pixel, grey, 1 is white, if errors are summed up: at most the sum over the parts' errors in colour
     /// and transmittance.
     fn known_errors(&self) -> Option<Image> {
@@ -205,9 +213,7 @@ impl SlicedDrawing {
         }
         let maps: Option<Vec<Image>> = self.regions.iter().map(|(_, region)| region.error_map()).collect();
         let maps = maps?;
-        let [width, height] = self.cut.rays_size();
-        let error = |x: u32, y: u32| {
-            let ray = y as usize * width as usize + x as usize;
+        let error = |ray: usize, parts: Vec<RayPart>| {
             let of_part = |part: RayPart| match part {
                 RayPart::Volume(sides) => self.region(sides).map_or(0.0, |region| 2.0 * maps[region].pixels[ray][0]),
                 RayPart::Slice(number, _) => {
@@ -215,12 +221,10 @@ impl SlicedDrawing {
                     if is_exact { 0.0 } else { single(self.cut.scene.slices[number].opacity) }
                 }
             };
-            let error = self.cut.parts(x, y).into_iter().map(of_part).sum::<f32>().min(1.0);
+            let error = parts.into_iter().map(of_part).sum::<f32>().min(1.0);
             [error, error, error, 1.0]
         };
-        let rows = (0..height).into_par_iter().flat_map_iter(|y| (0..width).map(move |x| (x, y)));
-        let pixels = rows.map(|(x, y)| error(x, y)).collect();
-        Some(Image { width, height, pixels }.downsampled(self.cut.scene.subgrid))
+        Some(self.by_rays(error))
     }
 
     fn gather_stats(&mut self, resident: &LoadedVolume) {
@@ -281,11 +285,9 @@ impl Drawing for SlicedDrawing {
         }
         let pictures: Option<Vec<_>> = self.regions.iter().map(|(_, region)| region.picture()).collect();
         let pictures = pictures?;
-        let [width, height] = self.cut.rays_size();
-        let pixel = |x: u32, y: u32| {
-            let ray = y as usize * width as usize + x as usize;
+        let pixel = |ray: usize, parts: Vec<RayPart>| {
             let (mut color, mut transmittance) = (Vec3::ZERO, 1.0);
-            for part in self.cut.parts(x, y) {
+            for part in parts {
                 let (part, alpha) = match part {
                     RayPart::Volume(sides) => match self.region(sides) {
                         Some(region) => {
@@ -305,9 +307,7 @@ impl Drawing for SlicedDrawing {
             }
             [color.x, color.y, color.z, 1.0 - transmittance]
         };
-        let rows = (0..height).into_par_iter().flat_map_iter(|y| (0..width).map(move |x| (x, y)));
-        let pixels = rows.map(|(x, y)| pixel(x, y)).collect();
-        Some(Cow::Owned(Image { width, height, pixels }.downsampled(scene.subgrid)))
+        Some(Cow::Owned(self.by_rays(pixel)))
     }
 
     fn into_pictures(self: Box<Self>) -> Option<(Image, Maps)> {
