@@ -148,6 +148,11 @@ impl Pyramid {
         &self.levels
     }
 
+    /// Numbers of the levels, finest first.
+    pub fn lods(&self) -> impl ExactSizeIterator<Item = Lod> + use<> {
+        (0..self.levels.len()).map(lod_of)
+    }
+
     /// The level with this number.
     ///
     /// # Panics

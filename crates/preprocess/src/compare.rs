@@ -10,6 +10,7 @@
 
 use std::path::Path;
 
+use supervol_format::cast::index;
 use supervol_format::codec::wavelet::DECODING_BYTES_PER_VOXEL;
 use supervol_format::container::header::Descriptor;
 use supervol_format::level_reader::BrickStore;
@@ -19,7 +20,7 @@ use supervol_sources::VolumeSource;
 
 use crate::error::{BuildError, MemoryPurpose};
 use crate::pipeline::plan::memory::{left_for_data, read_bytes};
-use crate::pipeline::plan::tiles::{key_of, tiles};
+use crate::pipeline::plan::tiles::tiles;
 
 /// Bricks held at once: a record, its decompressed bytes, and the voxels; a row as doubles is smaller.
 const BRICKS_AT_HAND: u64 = 3;
@@ -64,7 +65,7 @@ pub fn compare(
         let mut bytes = vec![0; voxels.voxels() * voxel_type.bytes()];
         source.read_box(voxels, &mut bytes)?;
         for brick in tile.bricks() {
-            let key = key_of(0, brick);
+            let key = BrickKey::new(Lod::FINEST, brick);
             let greatest = compare_brick(path, container, key, voxels, &bytes)?;
             compared.greatest = compared.greatest.max(greatest * descriptor.scale.abs());
             done += 1;
@@ -115,7 +116,7 @@ fn compare_brick(
     for z in core.start[2]..core.end[2] {
         for y in core.start[1]..core.end[1] {
             let theirs = row(around, [core.start[0], y, z]) * size;
-            let [in_y, in_z] = [y - core.start[1], z - core.start[2]].map(|n| n as usize);
+            let [in_y, in_z] = [y - core.start[1], z - core.start[2]].map(index);
             let ours = (((in_z + apron) * stored_y + in_y + apron) * stored_x + apron) * size;
             let row_bytes = core.extent()[0] * size;
             let (theirs, ours) = (&bytes[theirs..theirs + row_bytes], &stored[ours..ours + row_bytes]);
@@ -151,6 +152,6 @@ fn compare_brick(
 /// Number of a voxel in a box, x fastest.
 fn row(around: VoxelBox, voxel: [u64; 3]) -> usize {
     let [nx, ny, _] = around.extent();
-    let [x, y, z]: [usize; 3] = std::array::from_fn(|a| (voxel[a] - around.start[a]) as usize);
+    let [x, y, z]: [usize; 3] = std::array::from_fn(|a| index(voxel[a] - around.start[a]));
     (z * ny + y) * nx + x
 }

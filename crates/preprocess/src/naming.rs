@@ -42,7 +42,14 @@ pub fn container_names(inputs: &[PathBuf], known: &BTreeMap<String, Record>) -> 
         }
         let path = input.to_string_lossy();
         let numbered = |n: u64| format!("{stem}-{:016x}.svol", xxh3_64(format!("{n}{path}").as_bytes()));
-        (0..).map(numbered).find(|name| taken.insert(name.to_lowercase())).expect("numbers do not end")
+        let mut n = 0;
+        loop {
+            let name = numbered(n);
+            if taken.insert(name.to_lowercase()) {
+                return name;
+            }
+            n += 1;
+        }
     };
     inputs.iter().map(|input| of_input(input).unwrap_or_else(|| name(input))).collect()
 }

@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 
 use supervol_files::unfinished::UnfinishedFolder;
 use supervol_format::canceller::Canceller;
+use supervol_format::cast::{index, narrow};
 use supervol_format::container::manifest::Source;
 use supervol_format::file_order::boxes;
 use supervol_format::{Container, Dims, VoxelBox};
@@ -98,7 +99,7 @@ impl Thinned {
     ) -> Result<Option<Self>, SourceError> {
         let info = thinned_info(source.info(), strides);
         let bytes = info.voxel_type.bytes();
-        let dims = info.dims.0.map(|n| n as usize);
+        let dims = info.dims.0.map(index);
         let mut voxels = vec![0; dims.iter().product::<usize>() * bytes];
         let slowest = info.access_order.0[0];
         let whole = source.info().dims.full_box();
@@ -127,12 +128,12 @@ fn thin(part: VoxelBox, from: &[u8], strides: [u64; 3], (dims, bytes): ([usize; 
     let met = |a: usize| (part.start[a].div_ceil(strides[a])..).take_while(move |&k| k * strides[a] < part.end[a]);
     for z in met(2) {
         for y in met(1) {
-            let [y_from, z_from] = [y * strides[1] - part.start[1], z * strides[2] - part.start[2]].map(|n| n as usize);
+            let [y_from, z_from] = [y * strides[1] - part.start[1], z * strides[2] - part.start[2]].map(index);
             let (row_from, row_to) =
-                ((z_from * extent[1] + y_from) * extent[0], (z as usize * dims[1] + y as usize) * dims[0]);
+                ((z_from * extent[1] + y_from) * extent[0], (index(z) * dims[1] + index(y)) * dims[0]);
             for x in met(0) {
-                let at = (row_from + (x * strides[0] - part.start[0]) as usize) * bytes;
-                let target = (row_to + x as usize) * bytes;
+                let at = (row_from + index(x * strides[0] - part.start[0])) * bytes;
+                let target = (row_to + index(x)) * bytes;
                 to[target..target + bytes].copy_from_slice(&from[at..at + bytes]);
             }
         }
@@ -148,7 +149,7 @@ fn thinned_info(info: &SourceInfo, strides: [u64; 3]) -> SourceInfo {
     }
     if let Some(survey) = &mut info.survey {
         for (lines, a) in [(&mut survey.crossline, 0), (&mut survey.inline, 1)] {
-            lines.step *= strides[a] as i64;
+            lines.step *= narrow::<i64>(strides[a]);
             lines.count = info.dims.0[a];
         }
         survey.sample_interval *= strides[2] as f64;
@@ -170,7 +171,7 @@ impl VolumeSource for Thinned {
         let row_bytes = voxels.extent()[0] * bytes;
         let rows = (voxels.start[2]..voxels.end[2]).flat_map(|z| (voxels.start[1]..voxels.end[1]).map(move |y| (y, z)));
         for (row, (y, z)) in out.chunks_exact_mut(row_bytes).zip(rows) {
-            let at = ((z * dims[1] + y) * dims[0] + voxels.start[0]) as usize * bytes;
+            let at = index((z * dims[1] + y) * dims[0] + voxels.start[0]) * bytes;
             row.copy_from_slice(&self.voxels[at..at + row_bytes]);
         }
         Ok(())

@@ -5,6 +5,7 @@
 //! values to 1 part in 128 at any magnitude, so a single spike does not hide the other values. Counts are sums of
 //! integers, so the number of threads does not matter.
 
+use supervol_format::cast::{narrow, single, whole};
 use supervol_format::container::header::Descriptor;
 use supervol_format::voxel_type::{Absence, Voxel};
 use supervol_format::{ValueRange, VoxelType, with_voxel};
@@ -145,7 +146,7 @@ impl Statistics {
             let above = value * 0.5 - range.min * 0.5;
             let half_width = range.max * 0.5 - range.min * 0.5;
             let share = if width > 0.0 && half_width > 0.0 { above / half_width } else { 0.0 };
-            out[((share * HISTOGRAM_BINS as f64) as usize).min(HISTOGRAM_BINS - 1)] += count;
+            out[whole::<usize>(share * HISTOGRAM_BINS as f64).min(HISTOGRAM_BINS - 1)] += count;
         }
         out
     }
@@ -193,18 +194,18 @@ impl Values {
 /// Bin of a stored value; greater values never have a smaller bin.
 fn key(voxel_type: VoxelType, value: f64) -> usize {
     match voxel_type {
-        VoxelType::U8 | VoxelType::U16 => value as usize,
-        VoxelType::I8 => (value + 128.0) as usize,
-        VoxelType::I16 => (value + 32768.0) as usize,
+        VoxelType::U8 | VoxelType::U16 => whole(value),
+        VoxelType::I8 => whole(value + 128.0),
+        VoxelType::I16 => whole(value + 32768.0),
         VoxelType::F64 => {
             // Doubles in the range of f32 are rounded to f32 first, as for the other types.
-            let single = value as f32;
-            let value = if single.is_normal() { f64::from(single) } else { value };
+            let rounded = single(value);
+            let value = if rounded.is_normal() { f64::from(rounded) } else { value };
             (sortable(value) >> (64 - DOUBLE_BITS)) as usize
         }
         _ => {
             // Integers stay below infinity in f32, and present floats are finite.
-            let bits = (value as f32).to_bits();
+            let bits = single(value).to_bits();
             // Floats sort like integers if negative ones have all bits flipped, and the others the sign bit.
             let sortable = if bits >> 31 == 1 { !bits } else { bits | 1 << 31 };
             (sortable >> (32 - SINGLE_BITS)) as usize
@@ -233,7 +234,7 @@ fn value_of(voxel_type: VoxelType, bin: usize) -> f64 {
             f64::from_bits(middle & !((1 << 29) - 1))
         }
         _ => {
-            let sortable = (bin as u32) << (32 - SINGLE_BITS) | 1 << (31 - SINGLE_BITS);
+            let sortable = narrow::<u32>(bin) << (32 - SINGLE_BITS) | 1 << (31 - SINGLE_BITS);
             let bits = if sortable >> 31 == 1 { sortable & !(1 << 31) } else { !sortable };
             f64::from(f32::from_bits(bits))
         }

@@ -20,6 +20,7 @@ use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use rayon::prelude::*;
+use supervol_format::cast::index;
 use supervol_format::codec::wavelet::DECODING_BYTES_PER_VOXEL;
 use supervol_format::container::header::Descriptor;
 use supervol_format::container::toc::BrickEntry;
@@ -59,8 +60,7 @@ pub fn verify(path: &Path, memory_bytes: u64, on_progress: &dyn Fn(u64, u64)) ->
     let coarser = Coarser::of(path, &container)?;
     let counts = Counts::new(&container, plan.threads);
     let verification = Verification { path, container: &container, coarser, counts: &counts };
-    for lod in 0..container.pyramid().levels().len() {
-        let lod = Lod(lod as u8);
+    for lod in container.pyramid().lods() {
         let reader = |lod| LevelReader::new(&container, lod, plan.cache_bytes);
         let own = reader(lod);
         let finer = (lod > Lod::FINEST).then(|| reader(Lod(lod.0 - 1)));
@@ -153,7 +153,7 @@ impl Counts {
         let [core_x, core_y, core_z] = container.pyramid().core_box(key).extent();
         let thread = rayon::current_thread_index().unwrap_or(0) % self.statistics.len();
         let mut statistics = lock(&self.statistics[thread]);
-        let apron = APRON as usize;
+        let apron = index(APRON);
         for z in apron..apron + core_z {
             for y in apron..apron + core_y {
                 let row = ((z * ny + y) * nx + apron) * size;
@@ -297,7 +297,7 @@ impl Checked<'_> {
         let factors = self.container.pyramid().level_at(lod).factors;
         let mut reduced = vec![0; self.voxels.len()];
         downsample(reduce, voxel_type, absence, factors, fine, self.around, &mut reduced);
-        if let Some(quantizer) = quantizer_of(descriptor, steps, usize::from(lod.0)) {
+        if let Some(quantizer) = quantizer_of(descriptor, steps, lod) {
             quantizer.snap(voxel_type, absence, &mut reduced);
         }
         let Some(at) = reduced.iter().zip(&self.voxels).position(|(a, v)| a != v) else { return Ok(()) };

@@ -45,6 +45,9 @@ pub fn describe_options(options: &BuildOptions, reading: &Reading) -> String {
 
 /// Checksum of all files of an input: of the file and those it refers to, or of every file of a folder with its name.
 /// For a single file it is the checksum of the file.
+///
+/// # Errors
+/// If the folder cannot be listed, or a file cannot be read.
 pub fn checksum_of(input: &Path, others: &[PathBuf]) -> Result<String, BuildError> {
     let (file, _) = split_array(input);
     let mut hash = Xxh3Default::new();

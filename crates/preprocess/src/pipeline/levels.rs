@@ -6,6 +6,7 @@
 
 use supervol_files::folder_of;
 use supervol_format::Lod;
+use supervol_format::cast::index;
 use supervol_format::container::manifest::Source;
 use supervol_sources::SourceError;
 
@@ -49,8 +50,8 @@ impl Levels<'_> {
         let (finest, mut next) = self.write_finest(&source)?;
         let mut levels = vec![finest];
         source.finish(origin)?;
-        for lod in 1..self.plan.descriptor.pyramid.levels().len() {
-            let (level, coarser) = self.write_coarser(Lod(lod as u8), next)?;
+        for lod in self.plan.descriptor.pyramid.lods().skip(1) {
+            let (level, coarser) = self.write_coarser(lod, next)?;
             levels.push(level);
             next = coarser;
         }
@@ -123,7 +124,7 @@ impl Levels<'_> {
         let descriptor = &self.plan.descriptor;
         let (voxel_type, absence, pyramid) = (descriptor.voxel_type, descriptor.absence, &descriptor.pyramid);
         let factors = self.plan.level(lod).factors;
-        let reader = by_all_threads(self.record, Lod(lod.0 - 1), self.plan.memory.cache_bytes as usize);
+        let reader = by_all_threads(self.record, Lod(lod.0 - 1), index(self.plan.memory.cache_bytes));
         let read = |tile: &Tile| {
             let voxels = self.reducer.finer_box(lod, tile);
             let mut bytes = self.spares.take(voxels.voxels() * voxel_type.bytes());

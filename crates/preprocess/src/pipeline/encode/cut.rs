@@ -54,10 +54,9 @@ pub fn cut_brick(pyramid: &Pyramid, key: BrickKey, voxel_bytes: usize, block: Vo
 
 #[cfg(test)]
 mod tests {
-    use supervol_format::{BrickIndex, BrickLayout, Dims};
+    use supervol_format::{BrickIndex, BrickLayout, Dims, Lod};
 
     use super::*;
-    use crate::pipeline::plan::tiles::key_of;
 
     #[test]
     fn bricks_at_the_grid_s_ends_repeat_their_last_voxels() {
@@ -67,7 +66,7 @@ mod tests {
         let voxels: Vec<u8> = (0..51).collect();
         let block = VoxelBlock { voxels: dims.full_box(), bytes: &voxels };
         for x in 0..2u32 {
-            let key = key_of(0, BrickIndex([x, 0, 0]));
+            let key = BrickKey::new(Lod::FINEST, BrickIndex([x, 0, 0]));
             let [nx, ny, nz] = pyramid.stored_extent(key);
             let brick = cut_brick(&pyramid, key, 1, block);
             for (i, &value) in brick.iter().enumerate() {

@@ -16,7 +16,7 @@ use supervol_sources::stop::check;
 use self::cut::cut_brick;
 use self::ordered::in_order;
 use super::plan::BuildPlan;
-use super::plan::tiles::{Tile, key_of};
+use super::plan::tiles::Tile;
 use super::reduce::downsample::VoxelBlock;
 use super::reduce::error_bound::brick_error;
 use crate::error::BuildError;
@@ -48,7 +48,7 @@ impl Encoder<'_> {
         take: &mut TakeBrick<'_>,
     ) -> Result<(), BuildError> {
         let bricks = tile.bricks();
-        let encode = |i: usize| self.encode_brick(key_of(usize::from(lod.0), bricks[i]), block, step);
+        let encode = |i: usize| self.encode_brick(BrickKey::new(lod, bricks[i]), block, step);
         in_order(self.pool, bricks.len(), &encode, take)
     }
 

@@ -7,6 +7,7 @@
 use std::collections::BTreeMap;
 
 use supervol_format::VoxelType;
+use supervol_format::cast::whole;
 use supervol_sources::SourceInfo;
 
 use crate::pipeline::plan::lod_axes::Sample;
@@ -32,7 +33,7 @@ pub(crate) fn look_like_labels(samples: &[Sample]) -> bool {
     let (mut equal, mut pairs) = (0, 0);
     for sample in samples {
         for (a, b) in (0..3).flat_map(|axis| sample.pairs(axis)).filter(|(a, b)| a.is_finite() && b.is_finite()) {
-            let is_background = a as i64 == background && b as i64 == background;
+            let is_background = whole::<i64>(a) == background && whole::<i64>(b) == background;
             pairs += u64::from(!is_background);
             equal += u64::from(!is_background && a == b);
         }
@@ -46,9 +47,9 @@ fn counts_of(samples: &[Sample]) -> Option<BTreeMap<i64, u64>> {
     let mut small = [0; 1 << u8::BITS];
     let mut counts = BTreeMap::new();
     for &value in samples.iter().flat_map(|sample| &sample.values).filter(|v| v.is_finite()) {
-        match small.get_mut(value as usize) {
+        match small.get_mut(whole::<usize>(value)) {
             Some(count) if value >= 0.0 => *count += 1,
-            _ => *counts.entry(value as i64).or_default() += 1,
+            _ => *counts.entry(whole::<i64>(value)).or_default() += 1,
         }
         if counts.len() > *VALUES.end() {
             return None;

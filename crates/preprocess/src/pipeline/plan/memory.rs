@@ -15,6 +15,7 @@
 use std::sync::{Mutex, PoisonError};
 
 use supervol_format::brick::APRON;
+use supervol_format::cast::whole;
 use supervol_format::codec::wavelet::ENCODING_BYTES_PER_VOXEL;
 use supervol_format::container::toc::ENTRY_BYTES;
 use supervol_format::{Level, Pyramid, VoxelType};
@@ -86,7 +87,7 @@ impl MemoryPlan {
             let finer = if lod == 0 { [1; 3] } else { level.factors };
             tile_bytes(pyramid, level, finer, [1; 3], voxel_type)
         });
-        let smallest_tiles = smallest.max().expect("a pyramid has levels");
+        let smallest_tiles = smallest.fold(0, u64::max);
         let needed = (smallest_tiles + per_thread + table + histogram) * 16 / 15 + 16;
         let purpose = MemoryPurpose::Build {
             table_bytes: table,
@@ -135,7 +136,7 @@ impl MemoryPlan {
 #[must_use]
 pub fn tile_bytes(pyramid: &Pyramid, level: &Level, factors: [u32; 3], size: [u32; 3], voxel_type: VoxelType) -> u64 {
     let read = read_bytes(pyramid, level, factors, size, voxel_type) as f64 * TILES_IN_FLIGHT;
-    (read.ceil() as u64).saturating_add(records_bytes(pyramid, level, size, voxel_type))
+    whole::<u64>(read.ceil()).saturating_add(records_bytes(pyramid, level, size, voxel_type))
 }
 
 /// Largest size in bytes of the encoded bricks of a tile of `size` bricks.

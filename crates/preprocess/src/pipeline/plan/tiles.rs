@@ -4,7 +4,7 @@
 //! be cut out of it.
 
 use supervol_format::brick_key::morton;
-use supervol_format::{BrickIndex, BrickKey, Dims, Level, Lod, VoxelBox};
+use supervol_format::{BrickIndex, Dims, Level, VoxelBox};
 use supervol_sources::AccessOrder;
 
 /// A box of bricks of one level.
@@ -77,15 +77,9 @@ pub fn tiles(level: &Level, order: AccessOrder, fits: &dyn Fn([u32; 3]) -> bool)
     out
 }
 
-/// The key of a brick of a level.
-#[must_use]
-pub fn key_of(lod: usize, brick: BrickIndex) -> BrickKey {
-    BrickKey::new(Lod(lod as u8), brick)
-}
-
 #[cfg(test)]
 mod tests {
-    use supervol_format::{BrickLayout, Pyramid};
+    use supervol_format::{BrickLayout, Lod, Pyramid};
 
     use super::*;
 

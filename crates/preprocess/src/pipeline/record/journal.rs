@@ -21,6 +21,7 @@ use std::io::{self, BufReader, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use supervol_files::unfinished::{UnfinishedFile, Writer, is_name_of_build, list_builds};
+use supervol_format::cast::narrow;
 use supervol_format::container::toc::ENTRY_BYTES;
 use xxhash_rust::xxh3::xxh3_64;
 
@@ -100,7 +101,7 @@ impl Journal {
 fn head(identity: u64, name: &[u8]) -> Vec<u8> {
     let mut head = MAGIC.to_vec();
     head.extend(identity.to_le_bytes());
-    head.extend((name.len() as u16).to_le_bytes());
+    head.extend(narrow::<u16>(name.len()).to_le_bytes());
     head.extend(name);
     head.extend(xxh3_64(&head).to_le_bytes());
     head
@@ -126,7 +127,7 @@ impl Frame {
     fn encode(&self) -> Vec<u8> {
         let mut bytes = Vec::with_capacity(frame_bytes(self.bricks.len()));
         bytes.extend(self.lod.to_le_bytes());
-        bytes.extend((self.bricks.len() as u32).to_le_bytes());
+        bytes.extend(narrow::<u32>(self.bricks.len()).to_le_bytes());
         bytes.extend(self.end.to_le_bytes());
         for (number, entry) in &self.bricks {
             bytes.extend(number.to_le_bytes());

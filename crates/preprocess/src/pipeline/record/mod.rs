@@ -20,6 +20,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use rayon::prelude::*;
 use supervol_files::OutputFile;
+use supervol_format::cast::{index, whole};
 use supervol_format::codec::BrickShape;
 use supervol_format::container::ContainerError;
 use supervol_format::container::header::{self, Descriptor};
@@ -146,7 +147,7 @@ impl<'a> Record<'a> {
         let (voxel_type, absence) = (descriptor.voxel_type, descriptor.absence);
         let core = tile.voxels(options.layout.core(), descriptor.dims(), 0);
         let extent = block.voxels.extent();
-        let offset: [usize; 3] = std::array::from_fn(|a| (core.start[a] - block.voxels.start[a]) as usize);
+        let offset: [usize; 3] = std::array::from_fn(|a| index(core.start[a] - block.voxels.start[a]));
         let [nx, ny, nz] = core.extent();
         let size = voxel_type.bytes();
         let slab = nz.div_ceil(memory.threads);
@@ -205,7 +206,8 @@ fn keep_unfinished(
     let written_bytes = container.file().metadata().map_or(0, |metadata| metadata.len());
     let left = progress.bricks_total - progress.bricks_done;
     let records = written_bytes as f64 / progress.bricks_done as f64 * left as f64;
-    let missing_bytes = records as u64 + progress.bricks_total * ENTRY_BYTES as u64 + 2 * header::PAGE_BYTES as u64;
+    let missing_bytes =
+        whole::<u64>(records) + progress.bricks_total * ENTRY_BYTES as u64 + 2 * header::PAGE_BYTES as u64;
     let kept = container.abandon().and_then(|container| Ok((container, journal.abandon()?)));
     match kept {
         Ok((Some(container), journal)) if is_stopped => BuildError::Stopped { kept: Some([container, journal]) },
@@ -225,7 +227,7 @@ impl BrickStore for Record<'_> {
     fn read_brick(&self, key: BrickKey, mut spare: Vec<u8>) -> Result<Vec<u8>, ContainerError> {
         let descriptor = &self.plan.descriptor;
         let entry = self.writer().entry(key)?;
-        let mut record = vec![0; entry.record_bytes() as usize];
+        let mut record = vec![0; index(entry.record_bytes())];
         ByteSource::read_exact_at(self.container.file(), entry.offset, &mut record).map_err(|source| {
             ContainerError::Io { what: key.to_string(), offset: entry.offset, bytes: entry.record_bytes(), source }
         })?;

@@ -2,6 +2,7 @@
 
 use std::sync::{Mutex, PoisonError};
 
+use supervol_format::cast::whole;
 use supervol_format::container::header::Descriptor;
 use supervol_format::{Level, Lod};
 
@@ -35,12 +36,11 @@ impl<'a> ProgressCounter<'a> {
 
     /// Counts the restored tiles of an interrupted build as done.
     pub(super) fn restore(&self, levels: &[Restored], descriptor: &Descriptor) {
-        for (lod, level) in levels.iter().enumerate() {
-            let lod = Lod(lod as u8);
+        for (lod, level) in descriptor.pyramid.lods().zip(levels) {
             let of_level = descriptor.pyramid.level_at(lod);
             let bytes = of_level.dims.bytes(descriptor.voxel_type).unwrap_or(u64::MAX);
             let share = level.report.bricks as f64 / of_level.brick_count() as f64;
-            self.add(lod, level.report.bricks, (bytes as f64 * share) as u64);
+            self.add(lod, level.report.bricks, whole(bytes as f64 * share));
         }
     }
 

@@ -20,7 +20,6 @@ use super::journal::{Frame, Journal, Unfinished};
 use super::tally::tally;
 use crate::error::BuildError;
 use crate::pipeline::plan::BuildPlan;
-use crate::pipeline::plan::tiles::key_of;
 use crate::report::LevelReport;
 use crate::statistics::Statistics;
 
@@ -121,17 +120,19 @@ impl Restorer<'_> {
         statistics: &mut Statistics,
     ) -> Vec<Restored> {
         let mut levels: Vec<Restored> = Vec::new();
-        for (lod, level) in self.plan.descriptor.pyramid.levels().iter().enumerate() {
-            for tile in self.plan.tiles(Lod(lod as u8)) {
+        let pyramid = &self.plan.descriptor.pyramid;
+        for (lod, level) in pyramid.lods().zip(pyramid.levels()) {
+            let place = usize::from(lod.0);
+            for tile in self.plan.tiles(lod) {
                 if self.plan.options.canceller.is_cancelled() {
                     return levels;
                 }
-                let keys: Vec<BrickKey> = tile.bricks().into_iter().map(|brick| key_of(lod, brick)).collect();
+                let keys: Vec<BrickKey> = tile.bricks().into_iter().map(|brick| BrickKey::new(lod, brick)).collect();
                 let frame = unfinished.next_frame(keys.len());
-                let Some(frame) = frame.filter(|frame| frame.lod as usize == lod) else { return levels };
+                let Some(frame) = frame.filter(|frame| frame.lod == u32::from(lod.0)) else { return levels };
                 let Some(entries) = self.entries(&keys, &frame, writer.position()) else { return levels };
                 let Some(counted) = self.check_records(unfinished, &keys, &entries) else { return levels };
-                if levels.len() <= lod {
+                if levels.len() <= place {
                     let report = LevelReport { factors: level.factors, dims: level.dims.0, ..LevelReport::default() };
                     levels.push(Restored { tiles: 0, report });
                 }
@@ -140,10 +141,10 @@ impl Restorer<'_> {
                         writer.restore(key, entry),
                         "the record of {key} ends where the next begins, and no frame names it twice"
                     );
-                    tally(&mut levels[lod].report, entry, self.plan.descriptor.scale);
+                    tally(&mut levels[place].report, entry, self.plan.descriptor.scale);
                 }
                 statistics.merge(&counted);
-                levels[lod].tiles += 1;
+                levels[place].tiles += 1;
                 unfinished.accept(&frame);
             }
         }

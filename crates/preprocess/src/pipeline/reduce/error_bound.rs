@@ -13,6 +13,7 @@
 //! of 1/4, and every product is exact. Floating-point voxels are compared in double precision, and the difference is
 //! increased by its possible rounding error.
 
+use supervol_format::cast::{index, single, whole};
 use supervol_format::vectors::{Vectorized, vectorized};
 use supervol_format::voxel_type::{Absence, Voxel};
 use supervol_format::{ValueRange, VoxelBox, VoxelType, with_voxel};
@@ -34,12 +35,12 @@ trait Real: Copy + PartialOrd + Default {
 }
 
 macro_rules! real {
-    ($t:ty) => {
+    ($t:ty, $from_f64:expr) => {
         impl Real for $t {
             const NAN: Self = <$t>::NAN;
             #[inline(always)]
             fn from_f64(v: f64) -> Self {
-                v as $t
+                $from_f64(v)
             }
             #[inline(always)]
             fn from_word(v: i32) -> Self {
@@ -60,8 +61,8 @@ macro_rules! real {
         }
     };
 }
-real!(f32);
-real!(f64);
+real!(f32, single);
+real!(f64, f64::from);
 
 /// Linear interpolation on one axis at one point: two voxels of a box, and the weight of the second.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -76,7 +77,7 @@ impl Tap {
     /// The coordinate is clamped to the box; callers stay inside it, except at the end of the grid.
     fn new(p: f64, start: u64, n: usize) -> Self {
         let q = (p - start as f64).clamp(0.0, (n - 1) as f64);
-        let first = (q.floor() as usize).min(n - 1);
+        let first = whole::<usize>(q.floor()).min(n - 1);
         let weight = q - first as f64;
         // A point on a voxel uses that voxel twice, so that an absent neighbour has no effect.
         let second = if weight == 0.0 { first } else { (first + 1).min(n - 1) };
@@ -318,7 +319,7 @@ impl<'a, F: Real, V: Voxel> Slices<'a, F, V> {
         Self {
             block,
             absence,
-            from: std::array::from_fn(|a| (part.start[a] - block.voxels.start[a]) as usize),
+            from: std::array::from_fn(|a| index(part.start[a] - block.voxels.start[a])),
             part: [nx, ny, nz],
             x_taps: TapRun::all(x_taps.iter().map(placed)),
             x_points: x_taps.len(),

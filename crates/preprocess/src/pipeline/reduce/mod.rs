@@ -23,8 +23,8 @@ use super::plan::tiles::Tile;
 
 /// Quantizer of a level's voxels: the container's, or the one that rounds means. `steps` are those of means from level
 /// 1 on.
-pub(crate) fn quantizer_of(descriptor: &Descriptor, steps: &[f64], lod: usize) -> Option<Quantizer> {
-    let of_level = || Quantizer::new(descriptor.voxel_type, *steps.get(lod.checked_sub(1)?)?);
+pub(crate) fn quantizer_of(descriptor: &Descriptor, steps: &[f64], lod: Lod) -> Option<Quantizer> {
+    let of_level = || Quantizer::new(descriptor.voxel_type, *steps.get(usize::from(lod.0.checked_sub(1)?))?);
     descriptor.quantizer.or_else(of_level)
 }
 
@@ -53,7 +53,7 @@ impl Reducer<'_> {
     /// Quantizes voxels of a level, if the level has a quantizer.
     pub(super) fn quantize(&self, lod: Lod, bytes: &mut [u8]) {
         let Descriptor { voxel_type, absence, .. } = self.plan.descriptor;
-        let quantizer = quantizer_of(&self.plan.descriptor, &self.plan.levels.steps, usize::from(lod.0));
+        let quantizer = quantizer_of(&self.plan.descriptor, &self.plan.levels.steps, lod);
         let Some(quantizer) = quantizer else { return };
         let part = bytes.len() / voxel_type.bytes() / self.plan.memory.threads + 1;
         self.pool.install(|| {
@@ -76,7 +76,7 @@ impl Reducer<'_> {
         let read_back = if is_finest { 0 } else { self.plan.memory.cache_bytes };
         let taken = now.map_or(read_back, NextLevel::bytes);
         let folder = folder_of(self.plan.output);
-        NextLevel::begin(&self.plan.descriptor, usize::from(finer.0) + 1, tiles, most.saturating_sub(taken), folder)
+        NextLevel::begin(&self.plan.descriptor, finer, tiles, most.saturating_sub(taken), folder)
     }
 
     /// Makes a tile's part of the next coarser level. Drops that level (`None`) if its file cannot be written.

@@ -10,10 +10,11 @@ use std::io::{self, Seek, SeekFrom, Write};
 use std::path::Path;
 
 use supervol_format::byte_source::ByteSource;
+use supervol_format::cast::index;
 use supervol_format::container::header::Descriptor;
 use supervol_format::{BrickIndex, BrickKey, Lod, VoxelBox};
 
-use crate::pipeline::plan::tiles::{Tile, key_of};
+use crate::pipeline::plan::tiles::Tile;
 use crate::pipeline::reduce::downsample::VoxelBlock;
 
 /// Voxels around a tile's part of the level that its distance from the finer level depends on.
@@ -21,7 +22,7 @@ const REACH: u64 = 1;
 
 /// Voxels and distances of the next coarser level (see the module).
 pub(crate) struct NextLevel {
-    lod: usize,
+    lod: Lod,
     factors: [u32; 3],
     bricks: [u32; 3],
     /// All voxels of the level, x fastest.
@@ -70,17 +71,18 @@ pub(crate) struct Part {
 }
 
 impl NextLevel {
-    /// Begins level `lod`. `None` if there is no such level, if tiles of the finer level cut its bricks, or if it takes
+    /// Begins the level above `finer`. `None` if there is no such level, if tiles of the finer level cut its bricks, or if it takes
     /// more than `most_bytes` of memory and `folder` has no room for a file.
     pub fn begin(
         descriptor: &Descriptor,
-        lod: usize,
+        finer: Lod,
         finer_tiles: &[Tile],
         most_bytes: u64,
         folder: &Path,
     ) -> Option<Self> {
-        let level = *descriptor.pyramid.levels().get(lod)?;
-        let finer = descriptor.pyramid.level_at(Lod(lod as u8 - 1));
+        let lod = Lod(finer.0 + 1);
+        let level = *descriptor.pyramid.levels().get(usize::from(lod.0))?;
+        let finer = descriptor.pyramid.level_at(finer);
         let whole_bricks = |tile: &Tile| {
             (0..3).all(|a| {
                 let is_whole = |end: u32| end.is_multiple_of(level.factors[a]) || end == finer.bricks[a];
@@ -131,9 +133,9 @@ impl NextLevel {
     pub fn part_of(&self, descriptor: &Descriptor, finer: Tile) -> Part {
         let halved = |v: [u32; 3]| std::array::from_fn(|a| v[a].div_ceil(self.factors[a]));
         let tile = Tile { start: halved(finer.start), end: halved(finer.end) };
-        let dims = descriptor.pyramid.level_at(Lod(self.lod as u8)).dims;
+        let dims = descriptor.pyramid.level_at(self.lod).dims;
         let voxels = |margin| tile.voxels(descriptor.pyramid.layout().core(), dims, margin);
-        let bricks = tile.bricks().into_iter().map(|brick| key_of(self.lod, brick)).collect();
+        let bricks = tile.bricks().into_iter().map(|brick| BrickKey::new(self.lod, brick)).collect();
         Part { core: voxels(0), around: voxels(REACH), bricks }
     }
 
@@ -200,7 +202,7 @@ fn free_bytes(_: &Path) -> Option<u64> {
 /// Start of each row of the box `part` inside the box `whole`, in voxels.
 fn rows(part: VoxelBox, whole: VoxelBox) -> impl Iterator<Item = usize> {
     let [nx, ny, _] = whole.extent();
-    let from: [usize; 3] = std::array::from_fn(|a| (part.start[a] - whole.start[a]) as usize);
+    let from: [usize; 3] = std::array::from_fn(|a| index(part.start[a] - whole.start[a]));
     let [_, rows, slices] = part.extent();
     (0..slices).flat_map(move |z| (0..rows).map(move |y| ((from[2] + z) * ny + from[1] + y) * nx + from[0]))
 }
@@ -249,7 +251,8 @@ mod tests {
                 let folder = tempfile::tempdir().expect("a folder");
                 // In memory, and in a file.
                 let memory = if most_bricks == 16 { level.brick_count() * 8 } else { u64::MAX };
-                let mut next = NextLevel::begin(&descriptor, 1, &finer, memory, folder.path()).expect("whole bricks");
+                let mut next =
+                    NextLevel::begin(&descriptor, Lod::FINEST, &finer, memory, folder.path()).expect("whole bricks");
                 assert_eq!(matches!(next.voxels, Kept::File(_)), most_bricks == 16);
                 for &tile in &finer {
                     let part = next.part_of(&descriptor, tile);
@@ -267,7 +270,7 @@ mod tests {
                     }
                 }
                 let all = Tile { start: [0; 3], end: level.bricks };
-                for key in all.bricks().into_iter().map(|brick| key_of(1, brick)) {
+                for key in all.bricks().into_iter().map(|brick| BrickKey::new(Lod(1), brick)) {
                     assert_eq!(next.step(key), f64::from(key.brick().0[0]), "{key}");
                 }
             }
@@ -281,22 +284,22 @@ mod tests {
         let begin = |lod, tiles: &[Tile], memory, folder: &Path| {
             NextLevel::begin(&descriptor, lod, tiles, memory, folder).map(|next| next.bytes())
         };
-        assert_eq!(begin(1, &tiles_of(&descriptor, 4), u64::MAX, folder.path()), None, "one brick along z");
+        assert_eq!(begin(Lod::FINEST, &tiles_of(&descriptor, 4), u64::MAX, folder.path()), None, "one brick along z");
         let tiles = tiles_of(&descriptor, 8);
         let steps = descriptor.pyramid.level_at(Lod(1)).brick_count() * 8;
-        let bytes = begin(1, &tiles, u64::MAX, folder.path()).expect("bricks are whole");
-        assert_eq!(begin(1, &tiles, bytes, Path::new("/nowhere")), Some(bytes));
-        assert_eq!(begin(1, &tiles, bytes - 1, folder.path()), Some(steps), "in a file");
-        assert_eq!(begin(1, &tiles, bytes - 1, Path::new("/nowhere")), None);
-        assert_eq!(begin(1, &tiles, steps - 1, folder.path()), None);
-        assert_eq!(begin(4, &tiles, u64::MAX, folder.path()), None, "there is no such level");
+        let bytes = begin(Lod::FINEST, &tiles, u64::MAX, folder.path()).expect("bricks are whole");
+        assert_eq!(begin(Lod::FINEST, &tiles, bytes, Path::new("/nowhere")), Some(bytes));
+        assert_eq!(begin(Lod::FINEST, &tiles, bytes - 1, folder.path()), Some(steps), "in a file");
+        assert_eq!(begin(Lod::FINEST, &tiles, bytes - 1, Path::new("/nowhere")), None);
+        assert_eq!(begin(Lod::FINEST, &tiles, steps - 1, folder.path()), None);
+        assert_eq!(begin(Lod(3), &tiles, u64::MAX, folder.path()), None, "there is no such level");
         // More than any disk has.
         let dims = Dims([1 << 20; 3]);
         let layout = BrickLayout::LARGEST;
         let pyramid = Pyramid::new(dims, layout, &[[2; 3]; 13]).expect("a valid pyramid");
         let all = Tile { start: [0; 3], end: pyramid.level_at(Lod(0)).bricks };
         let descriptor = Descriptor { pyramid, ..descriptor };
-        assert!(NextLevel::begin(&descriptor, 2, &[all], 1 << 40, folder.path()).is_none());
+        assert!(NextLevel::begin(&descriptor, Lod(1), &[all], 1 << 40, folder.path()).is_none());
         let left = folder.path().read_dir().expect("a folder").count();
         assert_eq!(left, 0, "files have no names");
     }
