@@ -95,7 +95,7 @@ macro_rules! whole {
 
 whole! {
     f32 => u8, u16, u32, u64, usize, i32, i64;
-    f64 => u8, u16, u32, u64, usize, i32, i64, i128;
+    f64 => u8, u16, u32, u64, usize, i16, i32, i64, i128;
 }
 
 #[cfg(test)]

@@ -5,10 +5,13 @@
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::io::Write;
 
+use supervol_format::cast::index;
+
 /// Greatest length of the message.
 const SENTENCE_BYTES: usize = 256;
 
 /// System allocator; a failed allocation ends the program.
+#[derive(Debug)]
 pub struct ExitOnOutOfMemory;
 
 // SAFETY: every call goes to the system allocator unchanged; if it fails, the process ends and nothing is returned.
@@ -48,7 +51,7 @@ fn end(bytes: usize) -> ! {
         sentence,
         "supervol: out of memory: the system refused {bytes} bytes. Use a lower --memory or --host-memory"
     );
-    let written = sentence.position() as usize;
+    let written = index(sentence.position());
     let _ = std::io::stderr().write_all(&sentence.get_ref()[..written]);
     exit()
 }

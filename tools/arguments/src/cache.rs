@@ -37,6 +37,10 @@ impl CacheArguments {
     }
 
     /// Container of an input: the input itself if it is a container, else a kept one, else a new one.
+    ///
+    /// # Errors
+    /// If the input is a container and `reading` has options, if the cache folder is unusable, or if the input cannot
+    /// be built.
     pub fn container_of(
         &self,
         input: &Path,

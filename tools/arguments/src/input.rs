@@ -19,11 +19,17 @@ pub fn is_piped(path: &Path) -> bool {
 }
 
 /// Text of a small file, or of standard input for `-`. `what` names the expected content in error messages.
+///
+/// # Errors
+/// If the file cannot be read, is no text, or is longer than the limit of small files.
 pub fn read_text(file: &Path, what: &str) -> Result<String, Failure> {
     read_text_up_to(LIMIT_BYTES, file, what)
 }
 
 /// Like [`read_text`], with a limit of bytes.
+///
+/// # Errors
+/// If the file cannot be read, is no text, or is longer than the limit.
 pub fn read_text_up_to(limit_bytes: u64, file: &Path, what: &str) -> Result<String, Failure> {
     let cannot = |e: std::io::Error| Failure::Command(format!("cannot read {what} {}: {e}", file.display()));
     let is_piped = is_piped(file);
@@ -54,11 +60,17 @@ pub struct Input {
 
 impl Input {
     /// The named file; for `-`, a copy of standard input in the temporary folder of the system.
+    ///
+    /// # Errors
+    /// If standard input cannot be copied. A named file is not opened.
     pub fn named(path: &Path) -> Result<Self, Failure> {
         Self::kept_in(path, &std::env::temp_dir())
     }
 
     /// Like [`Self::named`], with a folder for the copy of standard input.
+    ///
+    /// # Errors
+    /// If standard input cannot be copied. A named file is not opened.
     pub fn kept_in(path: &Path, folder: &Path) -> Result<Self, Failure> {
         if !is_piped(path) {
             return Ok(Self { path: path.into(), _piped: None });
@@ -80,6 +92,9 @@ impl Input {
 }
 
 /// Runs a command on every input, also after failures. Failures are printed; the exit code is the greatest.
+///
+/// # Errors
+/// For one input its failure. For several, [`Failure::Reported`] if one failed, and [`Failure::OutputClosed`] at once.
 pub fn for_each(paths: &[PathBuf], run: impl Fn(&Path) -> Result<(), Failure>) -> Result<(), Failure> {
     if let [path] = paths {
         return run(path);

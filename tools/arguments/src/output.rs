@@ -63,6 +63,10 @@ pub struct PictureFile {
 
 impl PictureFile {
     /// Opens the output of a picture. The file name determines the format.
+    ///
+    /// # Errors
+    /// If standard output is a terminal, if the name has no known ending, or if the file may not be written or cannot
+    /// be.
     pub fn begin(path: &Path, force: Force) -> Result<Self, Failure> {
         if is_standard(path) {
             if io::stdout().is_terminal() {
@@ -78,12 +82,18 @@ impl PictureFile {
     }
 
     /// Writes a map of numbers for each pixel: as floats if the format holds them, else in colours.
+    ///
+    /// # Errors
+    /// If the file cannot be written, or the format cannot hold the map.
     pub fn write_map(self, map: Image, in_colors: impl FnOnce(Image) -> Image) -> Result<(), Failure> {
         let map = if self.format == ImageFormat::Png { in_colors(map) } else { map };
         self.write(&map, [0.0; 3])
     }
 
     /// Writes the picture.
+    ///
+    /// # Errors
+    /// If the file cannot be written, or the format cannot hold the picture.
     pub fn write(self, image: &Image, background: [f64; 3]) -> Result<(), Failure> {
         let encoded = match &self.file {
             Some(file) if !file.is_stream() => image.encode(self.format, background, &mut file.file()),
@@ -117,16 +127,26 @@ pub struct TextFile {
 
 impl TextFile {
     /// Opens the output of statistics.
+    ///
+    /// # Errors
+    /// If a file exists there that is no statistics and `force` does not allow it, or if the folder cannot be written
+    /// to.
     pub fn begin_statistics(path: &Path, force: Force) -> Result<Self, Failure> {
         Self::begin(path, force.or(Existing::ReplaceStatistics))
     }
 
     /// Opens the output of a text.
+    ///
+    /// # Errors
+    /// If a file exists there that `existing` protects, or if the folder cannot be written to.
     pub fn begin(path: &Path, existing: Existing) -> Result<Self, Failure> {
         Ok(Self { file: OutputFile::begin(path, existing)?, path: path.into() })
     }
 
     /// Writes the text.
+    ///
+    /// # Errors
+    /// If the file cannot be written, or appeared in the meantime.
     pub fn write(self, text: &str) -> Result<(), Failure> {
         let written = self.file.file().write_all(text.as_bytes());
         written.map_err(|source| BuildError::write(&self.path, source))?;
@@ -147,6 +167,9 @@ pub struct RenderOutputs {
 
 impl RenderOutputs {
     /// Opens picture, error map, work map and statistics. No output may be an input or another output.
+    ///
+    /// # Errors
+    /// If two of these files are the same, or if one of the outputs cannot be opened.
     pub fn begin(
         picture: &Path,
         [error_map, work_map, statistics]: [Option<&Path>; 3],
@@ -174,6 +197,9 @@ pub struct ReportFolder<'a> {
 
 impl<'a> ReportFolder<'a> {
     /// Creates the folder if it does not exist.
+    ///
+    /// # Errors
+    /// If the folder cannot be created.
     pub fn begin(folder: &'a Path, force: Force) -> Result<Self, Failure> {
         std::fs::create_dir_all(folder)
             .map_err(|e| Failure::Machine(format!("cannot write {}: {e}", folder.display())))?;
@@ -182,6 +208,10 @@ impl<'a> ReportFolder<'a> {
 
     /// Writes reports under these names. If one would overwrite a file of another kind, all go into a new folder
     /// inside this one. So the results of a long measurement are not lost.
+    ///
+    /// # Errors
+    /// If a report would overwrite an input or a file of another kind, also where all are written elsewhere. If a file
+    /// cannot be written.
     pub fn write(&self, reports: &[(String, Vec<u8>)], inputs: &[&Path]) -> Result<(), Failure> {
         let check = |(name, bytes): &(String, Vec<u8>)| {
             let path = self.folder.join(name);
@@ -196,6 +226,9 @@ impl<'a> ReportFolder<'a> {
     }
 
     /// Lets `write` fill a temporary folder, and writes the files of that folder as reports.
+    ///
+    /// # Errors
+    /// The failure of `write`; that of a folder that cannot be written or read; those of [`Self::write`].
     pub fn write_with<E: Into<Failure>>(
         &self,
         inputs: &[&Path],

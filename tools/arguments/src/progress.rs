@@ -8,6 +8,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use supervol_format::cast::whole;
 use supervol_preprocess::report::Progress;
 use supervol_runtime::render::options::OnProgress;
 use supervol_scene::scene::Scene;
@@ -24,6 +25,7 @@ const LARGE_FILE_BYTES: u64 = 8 << 20;
 const BAR_INTERVAL: Duration = Duration::from_millis(100);
 
 /// Output of progress.
+#[derive(Debug)]
 pub enum Reporter {
     /// A bar on standard error; hidden if standard error is no terminal.
     Bar(ProgressBar),
@@ -96,6 +98,7 @@ impl Reporter {
 }
 
 /// A bar over the rays of a picture, updated while they are cast. Dropping it removes the bar.
+#[derive(Debug)]
 pub struct RayBar {
     bar: ProgressBar,
     /// Finished rays: counted by packets (`finished`), and estimated from finished rows (`of_rows`). The bar shows
@@ -146,7 +149,7 @@ impl RayBar {
         let (bar, of_rows, rays) = (self.bar.clone(), self.of_rows.clone(), self.rays);
         Arc::new(move |progress| {
             let share = f64::from(progress.rows_finished) / f64::from(progress.rows.max(1));
-            of_rows.store((share * rays as f64) as u64, Ordering::Relaxed);
+            of_rows.store(whole::<u64>(share * rays as f64), Ordering::Relaxed);
             bar.set_message(format!("{} read,", show_bytes(progress.bytes_read)));
         })
     }

@@ -3,6 +3,7 @@
 use std::num::NonZero;
 use std::str::FromStr;
 
+use supervol_format::cast::whole;
 use supervol_format::{Dims, VoxelBox, VoxelType};
 use supervol_runtime::engines::rules::MAX_ERROR_LIMITS;
 use supervol_runtime::lod::by_error::ANY_ERROR;
@@ -26,6 +27,9 @@ pub enum Offset {
 }
 
 /// An offset: `512`, `4KiB`, `-120`, `stack`.
+///
+/// # Errors
+/// If the text is neither `stack`, nor a whole number, nor a size.
 pub fn offset(text: &str) -> Result<Offset, String> {
     if text == "stack" {
         return Ok(Offset::Stack);
@@ -38,6 +42,9 @@ pub fn offset(text: &str) -> Result<Offset, String> {
 
 impl Offset {
     /// Bytes before the voxels.
+    ///
+    /// # Errors
+    /// If it is `stack`, or no number of bytes from 0 to 8 EiB.
     pub fn bytes(&self) -> Result<u64, Failure> {
         match self {
             Self::Stack => Err(Failure::command(
@@ -57,6 +64,9 @@ impl Offset {
 }
 
 /// Bytes: `1048576`, `64MiB`, `1GiB`, `500 MB`, `2G` (binary).
+///
+/// # Errors
+/// If the text is no number with a known unit, or not from 0 to 8 EiB.
 pub fn bytes(text: &str) -> Result<u64, String> {
     let (number, unit) = split_unit(text)?;
     let factor: f64 = match unit.to_ascii_lowercase().as_str() {
@@ -77,13 +87,16 @@ pub fn bytes(text: &str) -> Result<u64, String> {
     };
     let value = number * factor;
     if (0.0..=MOST_BYTES).contains(&value) {
-        Ok(value as u64)
+        Ok(whole::<u64>(value))
     } else {
         Err(format!("{text}: expected a size from 0 to 8 EiB"))
     }
 }
 
 /// Milliseconds: `100`, `100ms`, `1.5 s`, `2min`.
+///
+/// # Errors
+/// If the text is no number with a known unit, or not from 0 to 10^12 ms.
 pub fn milliseconds(text: &str) -> Result<u64, String> {
     let (number, unit) = split_unit(text)?;
     let factor = match unit {
@@ -93,7 +106,11 @@ pub fn milliseconds(text: &str) -> Result<u64, String> {
         _ => return Err(format!("unit '{unit}': expected ms, s or min")),
     };
     let value = number * factor;
-    if (0.0..1e12).contains(&value) { Ok(value as u64) } else { Err(format!("{text}: expected a time of at least 0")) }
+    if (0.0..1e12).contains(&value) {
+        Ok(whole::<u64>(value))
+    } else {
+        Err(format!("{text}: expected a time of at least 0"))
+    }
 }
 
 /// Splits a text into number and unit.
@@ -117,18 +134,27 @@ fn list<T: FromStr, const N: usize>(text: &str, what: &str) -> Result<[T; N], St
 const MOST_THREADS: usize = 1024;
 
 /// A number of threads.
+///
+/// # Errors
+/// If the text is no whole number from 1 to 1024.
 pub fn threads(text: &str) -> Result<NonZero<usize>, String> {
     let number = text.trim().parse().ok().filter(|n: &NonZero<usize>| n.get() <= MOST_THREADS);
     number.ok_or_else(|| format!("'{text}': expected 1 to {MOST_THREADS} threads"))
 }
 
 /// `NX,NY,NZ` or `NXxNYxNZ`.
+///
+/// # Errors
+/// If the text is not three numbers, or one of them is not an allowed number of voxels.
 pub fn dims(text: &str) -> Result<Dims, String> {
     let dims = Dims(list(&text.replace(['x', 'X'], ","), "numbers of voxels")?);
     if dims.is_valid() { Ok(dims) } else { Err(format!("'{text}': expected 1 to {} voxels on each axis", Dims::LIMIT)) }
 }
 
 /// Pixels of a picture: `1024x768`.
+///
+/// # Errors
+/// If the text is not two numbers from 1 to 32768.
 pub fn image_size(text: &str) -> Result<[u32; 2], String> {
     let number = |t: &str| t.trim().parse::<u32>().ok().filter(|n| (1..=1 << 15).contains(n));
     let size = text.split_once('x').and_then(|(width, height)| Some([number(width)?, number(height)?]));
@@ -136,6 +162,9 @@ pub fn image_size(text: &str) -> Result<[u32; 2], String> {
 }
 
 /// A pixel: `X,Y`.
+///
+/// # Errors
+/// If the text is not two whole numbers of at least 0.
 pub fn pixel(text: &str) -> Result<[u32; 2], String> {
     let number = |t: &str| t.trim().parse::<u32>().ok();
     let pixel = text.split_once(',').and_then(|(x, y)| Some([number(x)?, number(y)?]));
@@ -143,11 +172,17 @@ pub fn pixel(text: &str) -> Result<[u32; 2], String> {
 }
 
 /// `X,Y,Z`.
+///
+/// # Errors
+/// If the text is not three numbers.
 pub fn triple(text: &str) -> Result<[f64; 3], String> {
     list(text, "numbers")
 }
 
 /// Nine numbers: the rows of a 3x3 matrix.
+///
+/// # Errors
+/// If the text is not nine numbers.
 pub fn matrix(text: &str) -> Result<[f64; 9], String> {
     list(text, "numbers")
 }
@@ -166,6 +201,9 @@ const LENGTHS: [(&str, f64); 8] =
     [("nm", 1.0), ("um", 1e3), ("µm", 1e3), ("mm", 1e6), ("cm", 1e7), ("m", 1e9), ("km", 1e12), ("ft", 304_800_000.0)];
 
 /// A unit of length or time.
+///
+/// # Errors
+/// If the text is no known unit.
 pub fn unit(text: &str) -> Result<String, String> {
     let lengths = LENGTHS.iter().map(|(name, _)| *name);
     let known: Vec<&str> = lengths.chain(TIMES).collect();
@@ -173,6 +211,9 @@ pub fn unit(text: &str) -> Result<String, String> {
 }
 
 /// `1,1,2`, `1mm,1mm,2mm` or `500um,500um,2mm`. The result is in the unit of the first length, or without unit.
+///
+/// # Errors
+/// If the text is not three lengths, either all without units or all with known ones.
 pub fn spacing(text: &str) -> Result<Spacing, String> {
     let parts: [String; 3] = list(text, "lengths")?;
     let expected = || {
@@ -206,6 +247,9 @@ impl WrittenBox {
 }
 
 /// `I0:I1,J0:J1,K0:K1`, ends excluded. Both ends are optional (`:` is all), and `50` means `50:51`.
+///
+/// # Errors
+/// If the text is not three ranges, or a range ends before it begins.
 pub fn voxel_box(text: &str) -> Result<WrittenBox, String> {
     let ranges: [String; 3] = list(text, "ranges I0:I1")?;
     let read = |range: &String| voxel_range(range.trim());
@@ -248,6 +292,9 @@ const OTHER_NAMES: [(&str, &str); 10] = [
 ];
 
 /// Parses a [`Dtype`].
+///
+/// # Errors
+/// If the text is no name of a voxel type.
 pub fn dtype(text: &str) -> Result<Dtype, String> {
     let lower = text.trim().to_ascii_lowercase();
     let (name, endian) = match (lower.strip_suffix("be"), lower.strip_suffix("le")) {
@@ -272,6 +319,9 @@ pub enum ErrorBound {
 }
 
 /// Parses an [`ErrorBound`].
+///
+/// # Errors
+/// If the text is no number of at least 0, no percentage and no quotient.
 pub fn error_bound(text: &str) -> Result<ErrorBound, String> {
     let wrong = || format!("'{text}': expected a number that is not negative, such as 0.5, 0.5/255 or 1%");
     let number = |t: &str| t.trim().parse::<f64>().ok().filter(|v| v.is_finite() && *v >= 0.0).ok_or_else(wrong);
@@ -291,6 +341,9 @@ pub fn error_bound(text: &str) -> Result<ErrorBound, String> {
 /// error.
 ///
 /// Other values are refused, because the renderer would silently clamp them to its limits.
+///
+/// # Errors
+/// If the text is no [`ErrorBound`], or its value is outside the limits and not 1.
 pub fn picture_error(text: &str) -> Result<f64, String> {
     let error = match error_bound(text)? {
         ErrorBound::Absolute(error) => error,

@@ -45,6 +45,9 @@ pub fn name_of_scene(file: &Path) -> &Path {
 }
 
 /// Reads a scene from a file or from the command line.
+///
+/// # Errors
+/// If the file cannot be read, or its text is no scene.
 pub fn read_scene(file: &Path) -> Result<Scene, Failure> {
     let text = match written_out(file) {
         Some(text) => text.to_owned(),

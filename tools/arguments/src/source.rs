@@ -178,6 +178,9 @@ impl SourceArguments {
     /// Opens a volume file of any supported format. Compressed voxels are decoded into a file in `folder`.
     ///
     /// The source itself uses at most `memory_bytes`.
+    ///
+    /// # Errors
+    /// If the options contradict each other, or the file cannot be opened with them.
     pub fn open(
         &self,
         input: &Path,
@@ -188,6 +191,9 @@ impl SourceArguments {
     }
 
     /// Options of `supervol_sources`, with a memory limit.
+    ///
+    /// # Errors
+    /// If `--offset` of a headerless file is no number of bytes.
     pub fn reading(&self, memory_bytes: u64) -> Result<Reading, Failure> {
         let raw = match (self.raw.dims, self.raw.dtype) {
             (Some(dims), Some(dtype)) => Some(RawOptions {
@@ -228,6 +234,9 @@ impl SourceArguments {
 }
 
 /// Refuses options for volume files if the input is a container: they would change nothing.
+///
+/// # Errors
+/// If there are such options.
 pub fn refuse_for_container(reading: &Reading, container: &Path) -> Result<(), Failure> {
     if reading.is_default() {
         return Ok(());
@@ -238,6 +247,9 @@ pub fn refuse_for_container(reading: &Reading, container: &Path) -> Result<(), F
 }
 
 /// Refuses options for volume files if no option names a volume file: they would change nothing.
+///
+/// # Errors
+/// If there are such options.
 pub fn refuse_without_file(reading: &Reading, option: &str) -> Result<(), Failure> {
     if reading.is_default() {
         return Ok(());
@@ -272,6 +284,9 @@ pub fn flag(option: ReadOption) -> &'static str {
 }
 
 /// Opens a volume file. Returns the source and its identity. The notes of the source name the flags of the options.
+///
+/// # Errors
+/// If the file cannot be opened with these options, or its files cannot be read for the identity.
 pub fn open(reading: &Reading, input: &Path, folder: &Path) -> Result<(Box<dyn VolumeSource>, Source), BuildError> {
     let source: Box<dyn VolumeSource> = Box::new(NamedSource::new(reading.open(input, folder)?, flag));
     let origin = supervol_preprocess::identify_source(input, &reading.options.selection, source.as_ref())?;

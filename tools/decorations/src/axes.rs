@@ -5,6 +5,7 @@
 
 use glam::DVec3;
 use supervol_format::Container;
+use supervol_format::cast::whole;
 use supervol_scene::camera::{Camera, Projection};
 use supervol_scene::facts::VolumeFacts;
 use supervol_scene::preset::domain_corners;
@@ -128,7 +129,7 @@ impl LabelledEdge {
 
     /// Writes a text beside the edge unless another text is there. Returns whether it was written.
     fn write(&self, canvas: &mut Canvas<'_>, at: [f64; 2], text: &str) -> bool {
-        let [x, y] = [0, 1].map(|i| (at[i] + BESIDE * self.outward[i]).round() as i32);
+        let [x, y] = [0, 1].map(|i| whole::<i32>((at[i] + BESIDE * self.outward[i]).round()));
         let anchor = match self.outward {
             [x, y] if x.abs() > y.abs() && x > 0.0 => Anchor::MiddleLeft,
             [x, y] if x.abs() > y.abs() => Anchor::MiddleRight,
@@ -181,7 +182,7 @@ impl AxisEnds {
         if !(step.is_finite() && step > 0.0 && pixels > TICK_ROOM) {
             return Vec::new();
         }
-        let digits = (-step.log10().floor()).clamp(0.0, 12.0) as usize;
+        let digits = whole::<usize>((-step.log10().floor()).clamp(0.0, 12.0));
         let numbers = (0..TICK_LIMIT).map(|n| ((low / step).ceil() + n as f64) * step);
         let within = numbers.take_while(|value| *value <= high);
         within

@@ -11,6 +11,7 @@ use embedded_graphics::pixelcolor::BinaryColor;
 use embedded_graphics::prelude::{Drawable, Primitive};
 use embedded_graphics::primitives::{Line, PointsIter, PrimitiveStyle, Rectangle};
 use embedded_graphics::text::{Alignment, Baseline, Text, TextStyleBuilder};
+use supervol_format::cast::{single, whole};
 use supervol_scene::image::Image;
 
 /// Size of a letter in pixels: width, height.
@@ -69,7 +70,7 @@ impl<'a> Canvas<'a> {
     /// A canvas with a line colour that contrasts with the background.
     pub fn new(image: &'a mut Image, background: [f64; 3]) -> Self {
         let is_dark = background.iter().sum::<f64>() < 1.5;
-        let as_stored = background.map(|c| c as f32);
+        let as_stored = background.map(single);
         Self {
             image,
             background: as_stored,
@@ -87,7 +88,7 @@ impl<'a> Canvas<'a> {
     /// Draws a line between two points in pixels, clipped to the picture.
     pub fn line(&mut self, from: [f64; 2], to: [f64; 2], layer: Layer) {
         let Some(ends) = clipped(from, to, self.size().map(f64::from)) else { return };
-        let [from, to] = ends.map(|p| Point::new(p[0].round() as i32, p[1].round() as i32));
+        let [from, to] = ends.map(|p| Point::new(whole::<i32>(p[0].round()), whole::<i32>(p[1].round())));
         self.layer = layer;
         let Ok(()) = Line::new(from, to).into_styled(PrimitiveStyle::with_stroke(BinaryColor::On, 1)).draw(self);
         self.layer = Layer::Before;
@@ -176,7 +177,7 @@ impl<'a> Canvas<'a> {
     pub fn row(&mut self, [left, y]: [i32; 2], pixels: i32, color: [f64; 3]) {
         for x in left..left + pixels {
             if let Some(pixel) = self.pixel(x, y) {
-                *pixel = [color[0] as f32, color[1] as f32, color[2] as f32, 1.0];
+                *pixel = [single(color[0]), single(color[1]), single(color[2]), 1.0];
             }
         }
     }

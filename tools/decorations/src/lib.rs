@@ -6,12 +6,31 @@
 //! Edges on the far side of the box are drawn behind the volume, the others in front of it, according to the picture's
 //! opacity. The picture has no depth, so an edge inside a transparent volume looks as if it were behind it.
 
+#![warn(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    clippy::missing_errors_doc,
+    clippy::missing_panics_doc,
+    missing_debug_implementations
+)]
+#![cfg_attr(
+    test,
+    allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_possible_wrap,
+        clippy::cast_sign_loss,
+        reason = "tests use small numbers"
+    )
+)]
+
 mod axes;
 mod canvas;
 pub mod frames;
 
 use glam::DVec3;
 use supervol_format::Container;
+use supervol_format::cast::whole;
 use supervol_scene::camera::{Camera, Projection};
 use supervol_scene::facts::{Frame, VolumeFacts};
 use supervol_scene::image::Image;
@@ -175,7 +194,7 @@ fn draw_colors(canvas: &mut Canvas<'_>, container: &Container, scene: &ResolvedS
     let (Some(first), Some(last)) = (points.first(), points.last()) else { return };
     let (low, high) = (first.value, last.value);
     let [width, height] = canvas.size();
-    let rows = (BAR_SHARE * f64::from(height)) as i32;
+    let rows = whole::<i32>(BAR_SHARE * f64::from(height));
     let (left, top) = (width - MARGIN - BAR_WIDTH, (height - rows) / 2);
     if rows < 2 || high <= low {
         return;
@@ -189,11 +208,12 @@ fn draw_colors(canvas: &mut Canvas<'_>, container: &Container, scene: &ResolvedS
     }
     let unit = &container.manifest().unit;
     for (share, value) in [(0.0, high), (0.5, 0.5 * high + 0.5 * low), (1.0, low)] {
-        let y = top + (share * f64::from(rows - 1)).round() as i32;
+        let y = top + whole::<i32>((share * f64::from(rows - 1)).round());
         canvas.text(&short(value * value_unit), [left - 4, y], Anchor::MiddleRight);
     }
     // A long unit would reach across a small picture; `info` shows it.
-    if 2 * canvas::LETTER[0] * unit.chars().count() as i32 <= width {
+    let letters = i32::try_from(unit.chars().count()).unwrap_or(i32::MAX);
+    if (2 * canvas::LETTER[0]).saturating_mul(letters) <= width {
         canvas.text(unit, [left + BAR_WIDTH, top - 4], Anchor::BottomRight);
     }
 }

@@ -55,6 +55,7 @@ const PICTURED_METHODS: [(&str, &str); 4] = [
 ];
 
 /// Results of the chart.
+#[derive(Debug)]
 pub struct Chart {
     /// In order of scenes, looks and methods.
     pub points: Vec<Point>,
@@ -71,6 +72,7 @@ pub struct Chart {
 }
 
 /// The exact picture of a scene and look, and the pictures of some methods.
+#[derive(Debug)]
 pub struct PictureRow {
     /// Name of the scene.
     pub scene: String,

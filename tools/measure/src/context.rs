@@ -74,6 +74,12 @@ pub struct Context<'a> {
     pub say: &'a (dyn Fn(&str) + Sync),
 }
 
+impl std::fmt::Debug for Context<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Context").field("scale", &self.scale).field("folder", &self.folder).finish_non_exhaustive()
+    }
+}
+
 impl Context<'_> {
     /// `full` or `small`, depending on the scale.
     #[must_use]
@@ -92,6 +98,12 @@ const PACE: Duration = Duration::from_secs(2);
 pub struct Pace<'a> {
     say: &'a (dyn Fn(&str) + Sync),
     last: Mutex<Instant>,
+}
+
+impl std::fmt::Debug for Pace<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Pace").field("last", &self.last).finish_non_exhaustive()
+    }
 }
 
 impl<'a> Pace<'a> {

@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use supervol_files::{OutputFile, check_distinct};
+use supervol_format::cast::{narrow, whole};
 use supervol_preprocess::Existing;
 
 use crate::context::ChartError;
@@ -222,7 +223,7 @@ fn significant(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return value.to_string();
     }
-    let decimals = (DIGITS - 1 - value.abs().log10().floor() as i32).max(0) as usize;
+    let decimals = narrow::<usize>((DIGITS - 1 - whole::<i32>(value.abs().log10().floor())).max(0));
     let mut text = String::new();
     let _ = write!(text, "{value:.decimals$}");
     let is_fraction = text.contains('.');

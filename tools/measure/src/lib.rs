@@ -21,6 +21,24 @@
 //! Neither building nor rendering needs this crate: it calls the other crates as any program does. All random numbers
 //! are seeded ([`supervol_format::random`]).
 
+#![warn(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    clippy::missing_errors_doc,
+    clippy::missing_panics_doc,
+    missing_debug_implementations
+)]
+#![cfg_attr(
+    test,
+    allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_possible_wrap,
+        clippy::cast_sign_loss,
+        reason = "tests use small numbers"
+    )
+)]
+
 pub mod chart;
 pub mod comparison;
 pub mod context;

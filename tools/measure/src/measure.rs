@@ -4,6 +4,7 @@
 //! Difference Evaluator for Alternating Images") models human vision: pictures over black, 8 bit; 0 (equal) to 1.
 
 use serde::Serialize;
+use supervol_format::cast::whole;
 pub use supervol_scene::image::GREY_LEVELS;
 use supervol_scene::image::Image;
 
@@ -81,7 +82,7 @@ pub fn distance_of(channels: &[f32], exact: &[f32]) -> Distance {
     let rmse = (sizes.iter().map(|d| d * d).sum::<f64>() / n as f64).sqrt();
     Distance {
         linf: sizes[n - 1],
-        p999: sizes[((n as f64 * 0.999).ceil() as usize).clamp(1, n) - 1],
+        p999: sizes[whole::<usize>((n as f64 * 0.999).ceil()).clamp(1, n) - 1],
         rmse,
         psnr_db: -20.0 * rmse.log10(),
         bias: signed.sum::<f64>() / n as f64,

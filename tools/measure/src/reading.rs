@@ -53,6 +53,7 @@ pub struct Read {
 ///
 /// # Errors
 /// If a volume cannot be made, or a frame cannot be drawn.
+#[expect(clippy::missing_panics_doc, reason = "the camera path comes with the program")]
 pub fn for_report(context: &Context<'_>) -> Result<Vec<Read>, ChartError> {
     let (edges, image, errors) = match context.scale {
         Scale::Full => ([EDGE, SMALL_EDGE], [200, 150], &ERRORS[..]),

@@ -10,6 +10,7 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
+use supervol_format::cast::index;
 use supervol_format::{BrickKey, Container, Lod};
 use supervol_runtime::engines::cpu::{CpuFrame, CpuQuality, CpuRays};
 use supervol_runtime::engines::ray_scene::DrawnVolume;
@@ -25,6 +26,7 @@ use supervol_scene::value_map::value_map;
 use crate::context::ChartError;
 
 /// All bricks of all levels, decoded.
+#[derive(Debug)]
 pub struct ResidentBricks {
     container: Arc<Container>,
     map: ValueMap,
@@ -39,8 +41,8 @@ impl ResidentBricks {
     pub fn load(container: &Arc<Container>) -> Result<Self, ChartError> {
         let map = value_map(container);
         let mut bricks = HashMap::new();
-        for lod in 0..container.pyramid().levels().len() {
-            for key in container.pyramid().keys_of(Lod(lod as u8)) {
+        for lod in container.pyramid().lods() {
+            for key in container.pyramid().keys_of(lod) {
                 bricks.insert(key, decode(container, key, &map)?);
             }
         }
@@ -118,6 +120,12 @@ pub struct Mixed<'a> {
     pub is_coarse: &'a (dyn Fn(BrickKey) -> bool + Sync),
 }
 
+impl std::fmt::Debug for Mixed<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Mixed").field("all", &self.all).field("coarse", &self.coarse).finish_non_exhaustive()
+    }
+}
+
 impl BrickView for Mixed<'_> {
     fn lookup(&self, key: BrickKey) -> Resident<'_> {
         let too_fine = if key.lod() == Lod::FINEST { (self.is_coarse)(key) } else { key.lod() < self.coarse };
@@ -126,6 +134,7 @@ impl BrickView for Mixed<'_> {
 }
 
 /// Bricks as the streamer hands them out for one scene: invisible bricks are skipped.
+#[derive(Debug)]
 pub struct Classified<'a> {
     all: &'a ResidentBricks,
     classes: HashMap<BrickKey, Class>,
@@ -159,7 +168,7 @@ impl BrickView for Classified<'_> {
 fn decode(container: &Container, key: BrickKey, map: &ValueMap) -> Result<DecodedBrick, ChartError> {
     let descriptor = container.descriptor();
     let entry = container.entry(key)?;
-    let mut record = vec![0; entry.record_bytes() as usize];
+    let mut record = vec![0; index(entry.record_bytes())];
     if !record.is_empty() {
         container.read_at(entry.offset, &mut record)?;
     }

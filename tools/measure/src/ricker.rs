@@ -7,6 +7,7 @@
 use std::f64::consts::PI;
 
 use supervol_format::VoxelType;
+use supervol_format::cast::{single, whole};
 use supervol_format::random::{Random, mix};
 use supervol_sources::computed::Computed;
 
@@ -68,31 +69,31 @@ impl Ricker {
         let throw = if across > 0.0 { THROW } else { 0.0 };
         let depth = z as f64 + DIP[0] * x as f64 + DIP[1] * y as f64 + throw;
         let entry = depth * ENTRIES_PER_SAMPLE as f64;
-        let (i, share) = (entry as usize, entry.fract());
+        let (i, share) = (whole::<usize>(entry), entry.fract());
         AMPLITUDE * (f64::from(trace[i]) * (1.0 - share) + f64::from(trace[i + 1]) * share)
     }
 
     /// Reflectivity convolved with the wavelet, for every depth of a voxel; greatest magnitude 1.
     fn trace(&self) -> Vec<f32> {
         let deepest = self.dims[2] as f64 + DIP[0] * self.dims[0] as f64 + DIP[1] * self.dims[1] as f64 + THROW;
-        let samples = deepest as usize + 2;
+        let samples = whole::<usize>(deepest) + 2;
         let wavelet = |seconds: f64| {
             let squared = (PI * self.peak_hz * seconds).powi(2);
             (1.0 - 2.0 * squared) * (-squared).exp()
         };
         // Beyond this many samples the wavelet is below 1e-10.
-        let support = (5.2 / (PI * self.peak_hz * SAMPLE_SECONDS)).ceil() as usize;
+        let support = whole::<usize>((5.2 / (PI * self.peak_hz * SAMPLE_SECONDS)).ceil());
         let mut random = Random::new(self.seed);
         let reflectivity: Vec<f64> = (0..samples + 2 * support).map(|_| 2.0 * random.unit() - 1.0).collect();
         let at = |entry: usize| {
             let depth = entry as f64 / ENTRIES_PER_SAMPLE as f64;
-            let first = depth as usize;
+            let first = whole::<usize>(depth);
             (first..=first + 2 * support)
                 .map(|k| reflectivity[k] * wavelet((depth - (k as f64 - support as f64)) * SAMPLE_SECONDS))
                 .sum::<f64>()
         };
         let trace: Vec<f64> = (0..samples * ENTRIES_PER_SAMPLE - 1).map(at).collect();
         let greatest = trace.iter().fold(0.0f64, |m, v| m.max(v.abs()));
-        trace.iter().map(|v| (v / greatest) as f32).collect()
+        trace.iter().map(|v| single(v / greatest)).collect()
     }
 }

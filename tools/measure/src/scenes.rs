@@ -8,6 +8,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use supervol_format::cast::index;
 use supervol_format::voxel_type::voxels_as_f64;
 use supervol_format::{Dims, VoxelBox, VoxelType};
 use supervol_sources::VolumeSource;
@@ -44,6 +45,7 @@ pub struct Grid {
 }
 
 /// Result of loading a scene's volume.
+#[derive(Debug)]
 pub enum Loaded {
     /// The volume.
     Grid(Grid),
@@ -65,6 +67,7 @@ pub enum Storage {
 }
 
 /// One volume of the chart.
+#[derive(Debug)]
 pub struct SceneSpec {
     /// Name, for the command line and for tables.
     pub name: &'static str,
@@ -288,7 +291,7 @@ impl Grid {
             Storage::Word => self.quantised(VoxelType::U16, WORD_MAX),
             Storage::Byte => self.quantised(VoxelType::U8, BYTE_MAX),
             Storage::SplineCoefficients => {
-                let dims = self.dims.map(|n| usize::try_from(n).expect("a grid in memory has such dims"));
+                let dims = self.dims.map(index);
                 let mut coefficients = (*self.values).clone();
                 bspline_coefficients(dims, &mut coefficients);
                 self.computed(Arc::new(coefficients), VoxelType::F32)
@@ -305,7 +308,7 @@ impl Grid {
 
     fn computed(&self, stored: Arc<Vec<f64>>, voxel_type: VoxelType) -> Computed {
         let [nx, ny, _] = self.dims;
-        Computed::new(self.dims, voxel_type, move |[x, y, z]| stored[((z * ny + y) * nx + x) as usize])
+        Computed::new(self.dims, voxel_type, move |[x, y, z]| stored[index((z * ny + y) * nx + x)])
     }
 }
 

@@ -32,6 +32,7 @@ pub struct AtLevel {
 }
 
 /// Pixels of one level, collected scene by scene: true and stated error of each, grey levels of 255.
+#[derive(Debug)]
 pub struct Pixels {
     level: u8,
     errors: Vec<[f64; 2]>,

@@ -27,6 +27,7 @@ pub const HOST_MEMORY_BYTES: u64 = 2 << 30;
 pub type Point = (f64, [f64; 3], f64);
 
 /// A volume built into a container.
+#[derive(Debug)]
 pub struct Volume {
     /// Name, for tables and messages.
     pub name: String,

@@ -13,6 +13,7 @@ use supervol_arguments::quantity::{self, ErrorBound, show_bytes};
 use supervol_arguments::source::SourceArguments;
 use supervol_files::{check_distinct, folder_of};
 use supervol_format::BrickLayout;
+use supervol_format::cast::whole;
 use supervol_format::codec::{Codec, CodecChoice};
 use supervol_format::container::manifest::Source;
 use supervol_format::readable::counted;
@@ -217,7 +218,7 @@ fn print(report: &BuildReport, output: &Path, out: &mut impl Write) -> std::io::
         counted(report.bricks, "brick"),
         counted(report.levels.len() as u64, "level"),
         report.wall_ms / 1e3,
-        show_bytes(report.bytes_per_second as u64),
+        show_bytes(whole::<u64>(report.bytes_per_second)),
     )
 }
 

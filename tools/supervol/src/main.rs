@@ -5,6 +5,22 @@
 //! progress to standard error. Rules for overwriting: [`supervol_arguments::output`]. `view`, `bench` and `chart` are
 //! executables of their own ([`executables`]).
 
+#![warn(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    missing_debug_implementations
+)]
+#![cfg_attr(
+    test,
+    allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_possible_wrap,
+        clippy::cast_sign_loss,
+        reason = "tests use small numbers"
+    )
+)]
+
 mod batch;
 mod build;
 mod completions;

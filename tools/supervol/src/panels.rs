@@ -6,6 +6,7 @@ use std::sync::Arc;
 use supervol_arguments::failure::Failure;
 use supervol_arguments::output::PictureFile;
 use supervol_format::Container;
+use supervol_format::cast::narrow;
 use supervol_format::readable::counted;
 use supervol_runtime::render::options::RenderOptions;
 use supervol_runtime::render::renderer::render;
@@ -45,7 +46,8 @@ impl Grid {
 
     /// Copies a panel into its place.
     fn put(self, picture: &mut Image, number: usize, panel: &Image) {
-        let [column, row] = [number as u32 % self.columns, number as u32 / self.columns];
+        let number = narrow::<u32>(number);
+        let [column, row] = [number % self.columns, number / self.columns];
         for y in 0..self.size[1] {
             let to = ((row * self.size[1] + y) * picture.width + column * self.size[0]) as usize;
             let from = (y * panel.width) as usize;

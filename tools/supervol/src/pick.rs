@@ -6,6 +6,7 @@ use std::sync::Arc;
 use serde_json::{Map, Value, json};
 use supervol_arguments::failure::{Failure, with_output};
 use supervol_format::Container;
+use supervol_format::cast::whole;
 use supervol_format::readable::Number;
 use supervol_runtime::render::options::RenderOptions;
 use supervol_runtime::render::renderer::{Picked, PickedOn, Renderer};
@@ -92,7 +93,7 @@ fn short(value: f64, digits: f64) -> String {
     if !(1.0..=17.0).contains(&digits) {
         return Number(value).to_string();
     }
-    let text = format!("{value:.*}", digits as usize);
+    let text = format!("{value:.*}", whole::<usize>(digits));
     let text = text.trim_end_matches('0').trim_end_matches('.');
     if text == "-0" { "0".into() } else { text.into() }
 }

@@ -58,17 +58,17 @@ fn write_raw(arguments: &Arguments, output: &Path, source: &dyn VolumeSource) ->
     let write_error = |e| Failure::from(BuildError::write(output, e));
     let unfinished = OutputFile::begin(output, arguments.output.existing())?;
     let info = source.info();
-    let voxel_bytes = info.voxel_type.bytes() as u64;
+    let voxel_bytes = info.voxel_type.bytes();
     let threads = rayon::current_num_threads();
     let batch_bytes = arguments.output.memory_bytes().clamp(BATCH_BYTES[0], BATCH_BYTES[1]);
-    let mut boxes = boxes(info.dims.full_box(), batch_bytes / threads as u64 / voxel_bytes, u64::MAX);
+    let mut boxes = boxes(info.dims.full_box(), batch_bytes / threads as u64 / voxel_bytes as u64, u64::MAX);
     let bar = Reporter::over_slices();
     bar.set_length(info.dims.0[2]);
     loop {
         let batch: Vec<VoxelBox> = boxes.by_ref().take(threads).collect();
         let Some(last) = batch.last() else { break };
         let make = |part: &VoxelBox| {
-            let mut bytes = vec![0; part.voxels() * voxel_bytes as usize];
+            let mut bytes = vec![0; part.voxels() * voxel_bytes];
             source.read_box(*part, &mut bytes).map(|()| bytes)
         };
         let made: Result<Vec<_>, _> = batch.par_iter().map(make).collect();

@@ -47,6 +47,7 @@ pub enum Command {
 }
 
 /// A command with its keys and its description.
+#[derive(Debug)]
 pub struct Binding {
     /// The command.
     pub command: Command,

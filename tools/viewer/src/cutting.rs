@@ -2,6 +2,7 @@
 //! World space; each result is the `clip` and the `slices` of a scene.
 
 use glam::DVec3;
+use supervol_format::cast::whole;
 use supervol_scene::camera::unit_vector;
 use supervol_scene::clip::solids::{Keep, SOLID_LIMIT};
 use supervol_scene::facts::VolumeFacts;
@@ -74,6 +75,9 @@ fn diagonal(facts: &VolumeFacts) -> f64 {
 }
 
 /// Adds a clip plane through the volume's middle that removes the half towards the camera, so that the cut is visible.
+///
+/// # Errors
+/// If the scene has the most clip planes already.
 pub fn add_plane(scene: &mut Scene, facts: &VolumeFacts) -> Result<(), String> {
     if scene.clip.planes.len() >= PLANE_LIMIT {
         return Err(format!("expected at most {PLANE_LIMIT} clip planes"));
@@ -85,6 +89,9 @@ pub fn add_plane(scene: &mut Scene, facts: &VolumeFacts) -> Result<(), String> {
 }
 
 /// Adds a solid in the volume's middle that removes its inside, so that the cut is visible.
+///
+/// # Errors
+/// If the scene has the most solids already.
 pub fn add_solid(scene: &mut Scene, facts: &VolumeFacts, kind: NewSolid) -> Result<(), String> {
     let (center, radius) = (middle(facts), RADIUS * diagonal(facts));
     let mut solid = SolidSpec { keep: Keep::Outside, ..SolidSpec::default() };
@@ -104,6 +111,9 @@ pub fn add_solid(scene: &mut Scene, facts: &VolumeFacts, kind: NewSolid) -> Resu
 }
 
 /// Adds a given solid.
+///
+/// # Errors
+/// If the scene has the most solids already.
 pub fn push_solid(scene: &mut Scene, solid: SolidSpec) -> Result<(), String> {
     if scene.clip.solids.len() >= SOLID_LIMIT {
         return Err(format!("expected at most {SOLID_LIMIT} solids"));
@@ -214,7 +224,7 @@ pub fn moved(scene: &Scene, facts: &VolumeFacts, camera: &CameraSpec, handle: &H
             let voxels = along(edge.normalize_or_zero()) / edge.length();
             let mut kept = edit::kept_voxels(scene, facts);
             let last = (facts.dims.0[axis] - 1) as f64;
-            let place = (kept[axis][end] as f64 + voxels).round().clamp(0.0, last) as u64;
+            let place = whole::<u64>((kept[axis][end] as f64 + voxels).round().clamp(0.0, last));
             // A face cannot pass the opposite face.
             kept[axis][end] = if end == 0 { place.min(kept[axis][1]) } else { place.max(kept[axis][0]) };
             edit::keep_voxels(&mut after, facts, kept);

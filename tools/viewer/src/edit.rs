@@ -1,6 +1,7 @@
 //! Edits of a scene by the panels. Each result is a scene that could also be written by hand.
 
 use glam::DVec3;
+use supervol_format::cast::whole;
 use supervol_scene::facts::{DataKind, VolumeFacts};
 use supervol_scene::preset::view::{Direction, View};
 use supervol_scene::preset::{colormap, domain, domain_corners, looks, ramps};
@@ -192,7 +193,10 @@ pub fn kept_voxels(scene: &Scene, facts: &VolumeFacts) -> [[u64; 2]; 3] {
     std::array::from_fn(|a| {
         let most = facts.dims.0[a] - 1;
         // Voxel i begins at the face i - 1/2.
-        [(low[a] + 0.5).round().clamp(0.0, most as f64) as u64, (high[a] - 0.5).round().clamp(0.0, most as f64) as u64]
+        [
+            whole::<u64>((low[a] + 0.5).round().clamp(0.0, most as f64)),
+            whole::<u64>((high[a] - 0.5).round().clamp(0.0, most as f64)),
+        ]
     })
 }
 

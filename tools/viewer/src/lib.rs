@@ -19,6 +19,24 @@
 //! - `folders`, `saved_settings`: cache folder and settings that persist between sessions.
 //! - this file: the window.
 
+#![warn(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    clippy::missing_errors_doc,
+    clippy::missing_panics_doc,
+    missing_debug_implementations
+)]
+#![cfg_attr(
+    test,
+    allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_possible_wrap,
+        clippy::cast_sign_loss,
+        reason = "tests use small numbers"
+    )
+)]
+
 mod background_task;
 pub mod command;
 pub mod cutting;

@@ -53,6 +53,9 @@ pub fn axis_name(opened: &OpenVolume, axis: usize) -> String {
 
 /// Adds a slice through the volume's middle, across an axis of the grid or oblique (`None`). Returns the reason if it
 /// cannot.
+///
+/// # Errors
+/// If the mode has no depth, or the scene has the most slices already.
 pub fn add(scene: &mut Scene, facts: &VolumeFacts, axis: Option<usize>) -> Result<(), String> {
     if !has_depth(scene.mode.unwrap_or_default()) {
         return Err("projections have no depth: choose Volume or Iso first".into());

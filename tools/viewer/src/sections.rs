@@ -7,6 +7,7 @@
 use eframe::egui::TextureHandle;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
+use supervol_format::cast::whole;
 use supervol_runtime::render::renderer::Picked;
 use supervol_runtime::render::stats::FrameStats;
 use supervol_scene::facts::VolumeFacts;
@@ -58,8 +59,18 @@ pub struct Shown {
     pub is_converged: bool,
 }
 
+impl std::fmt::Debug for Shown {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Shown")
+            .field("number", &self.number)
+            .field("stats", &self.stats)
+            .field("is_converged", &self.is_converged)
+            .finish_non_exhaustive()
+    }
+}
+
 /// One panel, across one axis.
-#[derive(Default)]
+#[derive(Debug, Default)]
 pub struct Panel {
     /// The camera, if the user has moved it. Its depth is that of the plane.
     pub(crate) camera: Option<CameraSpec>,
@@ -99,6 +110,7 @@ impl Panel {
 }
 
 /// All panels with their cursor; see the module.
+#[derive(Debug)]
 pub struct Sections {
     /// Layout of the panels.
     pub(crate) layout: Layout,
@@ -275,7 +287,7 @@ pub fn place(value: f64, step: f64) -> String {
     }
     let power = 10f64.powf(digits);
     // Avoids a negative zero.
-    format!("{:.*}", digits as usize, (value * power).round() / power + 0.0)
+    format!("{:.*}", whole::<usize>(digits), (value * power).round() / power + 0.0)
 }
 
 /// A number as short text.

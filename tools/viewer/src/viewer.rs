@@ -9,6 +9,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use eframe::egui::{self, ColorImage, TextureHandle, TextureOptions};
+use supervol_format::cast::whole;
 use supervol_preprocess::kept::Reading;
 use supervol_runtime::render::stats::FrameStats;
 use supervol_scene::scene::{Mode, Scene};
@@ -56,6 +57,16 @@ pub struct Picture {
     pub marks: Vec<Mark>,
 }
 
+impl std::fmt::Debug for Picture {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Picture")
+            .field("number", &self.number)
+            .field("stats", &self.stats)
+            .field("is_converged", &self.is_converged)
+            .finish_non_exhaustive()
+    }
+}
+
 /// State of the slice that is shown instead of the volume.
 pub(crate) struct ShownSlice {
     /// The grid's axis across the slice.
@@ -98,6 +109,19 @@ pub struct Viewer {
     requests: u64,
     /// Requests without an answer, and their times.
     unanswered: VecDeque<(u64, Instant)>,
+}
+
+impl std::fmt::Debug for Viewer {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Viewer")
+            .field("opened", &self.opened)
+            .field("scene", &self.scene)
+            .field("settings", &self.settings)
+            .field("picture", &self.picture)
+            .field("busy", &self.busy)
+            .field("message", &self.message)
+            .finish_non_exhaustive()
+    }
 }
 
 impl Viewer {
@@ -554,7 +578,7 @@ impl Viewer {
         let Some(opened) = self.opened.clone() else { return };
         if let Some((axis, at)) = self.slice.as_ref().map(|slice| (slice.axis, slice.at)) {
             let last = (opened.facts.dims.0[axis] - 1) as f64;
-            let next = (at as f64 + steps).clamp(0.0, last) as u64;
+            let next = whole::<u64>((at as f64 + steps).clamp(0.0, last));
             if next != at {
                 self.set_slice(Some((axis, next)));
             }

@@ -1,5 +1,7 @@
 //! Gradient operators at a voxel, index space: value change per voxel.
 
+use supervol_format::cast::narrow;
+
 use super::GradientOperator;
 
 /// Weights of Sobel's smoothing across the direction of the difference; their sum is 1.
@@ -23,7 +25,7 @@ pub fn gradient_at_voxel(operator: GradientOperator, value: impl Fn([i32; 3]) ->
             let mut sum = 0.0;
             for b in -1..=1 {
                 for c in -1..=1 {
-                    let weight = SOBEL[(b + 1) as usize] * SOBEL[(c + 1) as usize];
+                    let weight = SOBEL[narrow::<usize>(b + 1)] * SOBEL[narrow::<usize>(c + 1)];
                     let tap = |step: i32| {
                         let mut offset = [0; 3];
                         offset[axis] = step;

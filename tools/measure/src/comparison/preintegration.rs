@@ -9,6 +9,7 @@
 //!
 //! Data values are `f64`. Within one bin of the sums, K is a cubic Hermite polynomial with exact ends and slopes.
 
+use supervol_format::cast::whole;
 use supervol_scene::transfer_function::TransferFunction;
 use supervol_scene::transfer_function::render::with_limit_points;
 
@@ -113,7 +114,7 @@ impl PreIntegration {
         let after = self.pieces.partition_point(|p| p.low <= value);
         let Some(piece) = after.checked_sub(1).map(|i| &self.pieces[i]) else { return [0.0; 4] };
         let bins = (value - piece.low) / piece.bin_width;
-        let bin = (bins as usize).min(piece.bins - 1);
+        let bin = whole::<usize>(bins).min(piece.bins - 1);
         let (x, w) = (bins - bin as f64, piece.bin_width);
         let (a, b) = (&self.edges[piece.first_bin + bin], &self.edges[piece.first_bin + bin + 1]);
         let (x2, x3) = (x * x, x * x * x);

@@ -1,6 +1,7 @@
 //! One sample of the field, at any ray parameter t inside a macro cell.
 
 use glam::Vec3;
+use supervol_format::cast::{narrow, single, whole};
 use supervol_runtime::engines::cells::cell::{Cell, trilinear};
 use supervol_runtime::engines::cells::walk::CellBox;
 use supervol_runtime::engines::cells::{BrickVisit, StoredVoxel, cells_of_macro_cell};
@@ -75,7 +76,7 @@ impl<'a, T: StoredVoxel> BrickProbe<'a, T> {
     fn cubic(&self, cell: [i64; 3], p: [f64; 3], weights: fn(f64) -> [f64; 4]) -> Option<f64> {
         let base = self.visit.base(cell);
         let values: [f64; 64] = std::array::from_fn(|i| {
-            let offset = [i & 3, i >> 2 & 3, i >> 4].map(|o| o as i32 - 1);
+            let offset = [i & 3, i >> 2 & 3, i >> 4].map(|o| narrow::<i32>(o) - 1);
             f64::from(self.visit.value(self.voxels, base, offset))
         });
         let value = tricubic(&values, p.map(weights));
@@ -95,12 +96,12 @@ impl<'a, T: StoredVoxel> BrickProbe<'a, T> {
             let tap = |step: f64| {
                 let (mut cell, mut p) = (cell, p);
                 let moved = p[axis] + step;
-                let whole = moved.floor();
-                cell[axis] += whole as i64;
-                p[axis] = moved - whole;
+                let floor = moved.floor();
+                cell[axis] += whole::<i64>(floor);
+                p[axis] = moved - floor;
                 self.trilinear(cell, p)
             };
-            gradient[axis] = (tap(0.5)? - tap(-0.5)?) as f32;
+            gradient[axis] = single(tap(0.5)? - tap(-0.5)?);
         }
         Some(gradient)
     }
@@ -111,13 +112,13 @@ impl<'a, T: StoredVoxel> BrickProbe<'a, T> {
         let components = match self.sampling.gradient {
             GradientOperator::Sobel => {
                 let corner_gradients: [[f64; 3]; 8] = std::array::from_fn(|corner| {
-                    let at = [corner & 1, corner >> 1 & 1, corner >> 2].map(|o| o as i32);
+                    let at = [corner & 1, corner >> 1 & 1, corner >> 2].map(narrow::<i32>);
                     gradient_at_voxel(GradientOperator::Sobel, |offset| {
                         let offset = std::array::from_fn(|a| at[a] + offset[a]);
                         f64::from(self.visit.value(self.voxels, base, offset))
                     })
                 });
-                std::array::from_fn(|axis| corner_gradients.map(|gradient| gradient[axis] as f32))
+                std::array::from_fn(|axis| corner_gradients.map(|gradient| single(gradient[axis])))
             }
             GradientOperator::Central | GradientOperator::Intermediate => {
                 self.visit.gradient_corners(self.voxels, base)
@@ -125,7 +126,7 @@ impl<'a, T: StoredVoxel> BrickProbe<'a, T> {
         };
         let mut gradient = Vec3::ZERO;
         for axis in 0..3 {
-            gradient[axis] = interpolate(components[axis], p)? as f32;
+            gradient[axis] = single(interpolate(components[axis], p)?);
         }
         Some(gradient)
     }
@@ -151,7 +152,7 @@ impl<T: StoredVoxel> Probe for BrickProbe<'_, T> {
             Reconstruction::CatmullRom => self.cubic(cell, p, catmull_rom_weights),
             Reconstruction::CubicBSpline => self.cubic(cell, p, bspline_weights),
         };
-        value.map(|v| v as f32)
+        value.map(single)
     }
 
     fn classified(&self, t: f64) -> Option<[f32; 4]> {
@@ -164,7 +165,7 @@ impl<T: StoredVoxel> Probe for BrickProbe<'_, T> {
         });
         let mut sum = [0.0; 4];
         for (channel, sum) in sum.iter_mut().enumerate() {
-            *sum = interpolate(colors.map(|rgba| rgba[channel]), p)? as f32;
+            *sum = single(interpolate(colors.map(|rgba| rgba[channel]), p)?);
         }
         let [r, g, b, alpha] = sum;
         Some(if alpha > 0.0 { [r / alpha, g / alpha, b / alpha, alpha] } else { [0.0; 4] })

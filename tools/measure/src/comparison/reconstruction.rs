@@ -2,6 +2,8 @@
 //!
 //! `u` in [0, 1] is the position between the second and third of four neighbours.
 
+use supervol_format::cast::narrow;
+
 /// Weights of the Catmull-Rom spline (Catmull and Rom 1974). It interpolates and may overshoot.
 #[must_use]
 pub fn catmull_rom_weights(u: f64) -> [f64; 4] {
@@ -56,7 +58,7 @@ fn filter_line(line: &mut [f64]) {
         let i = i % period;
         line[if i < n { i } else { period - i }]
     };
-    let first: f64 = (0..HORIZON).map(|i| POLE.powi(i as i32) * mirrored(i)).sum();
+    let first: f64 = (0..HORIZON).map(|i| POLE.powi(narrow::<i32>(i)) * mirrored(i)).sum();
     line[0] = first;
     for i in 1..n {
         line[i] += POLE * line[i - 1];

@@ -7,6 +7,7 @@
 use std::sync::Arc;
 
 use supervol_format::Geometry;
+use supervol_format::cast::{single, whole};
 use supervol_runtime::engines::cells::modes::ShadeSetup;
 use supervol_runtime::engines::cells::shade::shade;
 use supervol_runtime::engines::cells::{BrickVisit, Integration, Integrator, LevelVisit, StoredVoxel};
@@ -104,7 +105,7 @@ impl<'a> SampledRay<'a> {
     fn first(&self, t: f64, place: impl Fn(u64) -> f64) -> u64 {
         let intervals = ((t - self.segment.t0) / self.tables.step - self.offset).floor();
         // `as` saturates: positions before the segment give interval 0.
-        let mut j = (intervals as u64).saturating_sub(1);
+        let mut j = whole::<u64>(intervals).saturating_sub(1);
         while place(j) < t {
             j += 1;
         }
@@ -174,7 +175,7 @@ impl<'a> SampledRay<'a> {
                 let (a, b) = (visit.map().to_data(a), visit.map().to_data(b));
                 let (color, opacity) = table.interval(a, b, back_t - front_t, *attenuation);
                 if opacity > 0.0 {
-                    let plain = color.map(|c| (c / opacity) as f32);
+                    let plain = color.map(|c| single(c / opacity));
                     let lit = shaded(visit.shade_setup(), plain, || probe.gradient(0.5 * (front_t + back_t)));
                     // Without lighting, the colour stays in `f64`.
                     let color = if lit == plain { color } else { lit.map(|c| f64::from(c) * opacity) };
@@ -222,7 +223,7 @@ impl<'a> SampledRay<'a> {
 fn rounding(accumulation: Accumulation) -> fn(f64) -> f64 {
     match accumulation {
         Accumulation::Double => |v| v,
-        Accumulation::Single => |v| f64::from(v as f32),
+        Accumulation::Single => |v| f64::from(single(v)),
         Accumulation::Half => |v| half::f16::from_f64(v).to_f64(),
         Accumulation::Byte => |v| (v.clamp(0.0, 1.0) * 255.0).round() / 255.0,
     }

@@ -5,6 +5,7 @@
 
 use glam::DVec3;
 use rayon::prelude::*;
+use supervol_format::cast::whole;
 use supervol_format::random::Random;
 use supervol_scene::transfer_function::TransferFunction;
 
@@ -62,7 +63,7 @@ impl Field {
             Self::Analytic => return marschner_lobb_at(p * (2.0 / (EDGE as f64 - 1.0)) - DVec3::ONE),
             Self::Trilinear(voxels) => voxels,
         };
-        let cell = p.to_array().map(|v| (v.max(0.0) as usize).min(EDGE - 2));
+        let cell = p.to_array().map(|v| whole::<usize>(v.max(0.0)).min(EDGE - 2));
         let u: [f64; 3] = std::array::from_fn(|a| p[a] - cell[a] as f64);
         let mut sum = 0.0;
         for corner in 0..8 {
@@ -170,7 +171,7 @@ fn converged(field: &Field, chord: &Chord, classifiers: &[Classifier]) -> Vec<Ga
         };
         let h = (ends[1] - ends[0]) / n;
         let mut front = field.at(chord.at(ends[0]));
-        for i in 1..=n as u64 {
+        for i in 1..=whole::<u64>(n) {
             let back = field.at(chord.at(ends[0] + i as f64 * h));
             for (ray, classifier) in rays.iter_mut().zip(classifiers) {
                 ray.add(classifier.sums.interval(front, back, h, Attenuation::Included));
@@ -190,8 +191,8 @@ fn errors_of_ray(field: &Field, chord: &Chord, classifiers: &[Classifier]) -> Ra
     for (rung, samples) in SAMPLES_PER_VOXEL.iter().enumerate() {
         let n = (samples * chord.length).round().max(1.0);
         let h = chord.length / n;
-        let ends: Vec<f64> = (0..=n as u64).map(|i| field.at(chord.at(i as f64 * h))).collect();
-        let middles: Vec<f64> = (0..n as u64).map(|i| field.at(chord.at((i as f64 + 0.5) * h))).collect();
+        let ends: Vec<f64> = (0..=whole::<u64>(n)).map(|i| field.at(chord.at(i as f64 * h))).collect();
+        let middles: Vec<f64> = (0..whole::<u64>(n)).map(|i| field.at(chord.at((i as f64 + 0.5) * h))).collect();
         for (function, classifier) in classifiers.iter().enumerate() {
             let found = by_rules(classifier, &ends, &middles, h);
             for (rule, gathered) in found.iter().enumerate() {

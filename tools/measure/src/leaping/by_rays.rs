@@ -4,6 +4,7 @@
 //! cells as a packet does before its next test. Numbers of leaps and walked lengths can be compared with those of
 //! packets. Processor times can be compared only among walkers of this kind.
 
+use supervol_format::cast::{narrow, single, whole};
 use supervol_runtime::engines::blocks::BLOCK;
 use supervol_runtime::engines::packets::leap::ProximityCloud;
 use supervol_runtime::engines::packets::trace::{LocalRay, ROUND, Stretch};
@@ -35,7 +36,7 @@ impl Octree {
             };
             let mut is_empty = vec![true; nodes.iter().product()];
             (0..blocks).for_each(|block| is_empty[node_of(block)] &= edges[block] > 0);
-            (0..blocks).filter(|&block| is_empty[node_of(block)]).for_each(|block| edges[block] = edge as u8);
+            (0..blocks).filter(|&block| is_empty[node_of(block)]).for_each(|block| edges[block] = narrow::<u8>(edge));
             edge *= 2;
         }
         Self { cells, edges }
@@ -45,7 +46,7 @@ impl Octree {
     #[must_use]
     pub fn around(&self, block: [usize; 3]) -> Option<Box3> {
         let edge = i64::from(self.edges[block[0] + self.cells[0] * (block[1] + self.cells[1] * block[2])]);
-        (edge > 0).then(|| block.map(|b| b as i64 / edge * edge).map(|first| planes(first, first + edge)))
+        (edge > 0).then(|| block.map(|b| narrow::<i64>(b) / edge * edge).map(|first| planes(first, first + edge)))
     }
 }
 
@@ -54,7 +55,7 @@ impl Octree {
 pub fn around(cloud: &ProximityCloud<BLOCK>, block: [usize; 3]) -> Option<Box3> {
     let distance = cloud.distances[block[0] + cloud.cells[0] * (block[1] + cloud.cells[1] * block[2])];
     let reach = i64::from(distance);
-    (reach > 0).then(|| block.map(|b| b as i64).map(|b| planes(b - reach + 1, b + reach)))
+    (reach > 0).then(|| block.map(narrow::<i64>).map(|b| planes(b - reach + 1, b + reach)))
 }
 
 fn block_at(place: usize, [nx, ny, _]: [usize; 3]) -> [usize; 3] {
@@ -64,7 +65,7 @@ fn block_at(place: usize, [nx, ny, _]: [usize; 3]) -> [usize; 3] {
 fn planes(first_block: i64, end_block: i64) -> [i64; 2] {
     // Space before the first block is outside the brick.
     let first_block = if first_block <= 0 { -1 } else { first_block };
-    [first_block, end_block].map(|block| block * BLOCK as i64)
+    [first_block, end_block].map(|block| block * narrow::<i64>(BLOCK))
 }
 
 /// The stretches of each ray, in order. `box_around` gives the empty box around a block.
@@ -82,7 +83,7 @@ pub fn stretches(
                 Some(empty) => way.leave(empty),
                 None => (0..ROUND).for_each(|_| way.leave(way.cell.map(|cell| [cell, cell + 1]))),
             }
-            found.push(Stretch { t: [before as f32, way.t as f32], is_leap: leapt.is_some() });
+            found.push(Stretch { t: [single(before), single(way.t)], is_leap: leapt.is_some() });
         }
         found
     };
@@ -104,17 +105,17 @@ struct Way {
 impl Way {
     fn new(ray: &LocalRay, core: [usize; 3]) -> Self {
         let (origin, direction) = (ray.origin.map(f64::from), ray.direction.map(f64::from));
-        let last_cell = core.map(|n| n as i64 - 1);
+        let last_cell = core.map(|n| narrow::<i64>(n) - 1);
         let cell = std::array::from_fn(|a| {
             let is_face = origin[a].fract() == 0.0 && direction[a] < 0.0;
-            (origin[a].floor() as i64 - i64::from(is_face)).clamp(-1, last_cell[a])
+            (whole::<i64>(origin[a].floor()) - i64::from(is_face)).clamp(-1, last_cell[a])
         });
         let inverse = direction.map(f64::recip);
         Self { origin, direction, inverse, last_cell, cell, t: 0.0, end: f64::from(ray.length) }
     }
 
     fn block(&self) -> [usize; 3] {
-        self.cell.map(|cell| cell.max(0) as usize / BLOCK)
+        self.cell.map(|cell| narrow::<usize>(cell.max(0)) / BLOCK)
     }
 
     /// Moves to the point at which the ray leaves a box around its cell, or to the end of the ray.
@@ -131,7 +132,7 @@ impl Way {
                 (true, false) => low - 1,
                 (false, _) => {
                     let position = self.origin[a] + self.t * self.direction[a];
-                    (position.floor() as i64).clamp(low, high - 1)
+                    whole::<i64>(position.floor()).clamp(low, high - 1)
                 }
             };
             self.cell[a] = next.clamp(-1, self.last_cell[a]);

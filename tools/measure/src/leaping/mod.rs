@@ -45,6 +45,7 @@ const REPORTED: [&str; 3] = ["vessels", "carp", "seismic"];
 const REPEATS: usize = 3;
 
 /// Options of the measurement.
+#[derive(Debug)]
 pub struct Options<'a> {
     /// The volumes.
     pub subject: Subject,

@@ -186,6 +186,7 @@ pub fn planned(context: &Context<'_>, subject: &Subject, edge: Option<u64>) -> R
 }
 
 /// A built volume, in the form for each program.
+#[derive(Debug)]
 pub struct Built {
     /// Name of the scene or of the file.
     pub name: String,
@@ -339,7 +340,7 @@ impl Built {
 }
 
 /// One picture, drawn by both programs.
-#[derive(Clone, Copy)]
+#[derive(Debug, Clone, Copy)]
 pub struct Case<'a> {
     /// The volume.
     pub built: &'a Built,

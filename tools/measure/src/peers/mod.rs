@@ -274,6 +274,7 @@ fn summary(rows: &[Row]) -> String {
 }
 
 /// Picture of one program and one case, with its cost.
+#[derive(Debug)]
 pub struct Drawn {
     /// The program.
     pub program: &'static str,

@@ -3,6 +3,7 @@
 //! The pixels are drawn at random, without repetition, among those with a ray through the drawn domain. The seed is
 //! fixed, so every program and run uses the same pixels. Rare errors may be missed.
 
+use supervol_format::cast::index;
 use supervol_format::random::Random;
 use supervol_format::{Dims, Geometry};
 use supervol_runtime::engines::reference::ReferenceCaster;
@@ -21,6 +22,7 @@ pub const SEED: u64 = 12_345;
 const CHUNK: usize = 32;
 
 /// Exact values of some pixels of a picture.
+#[derive(Debug)]
 pub struct ExactPixels {
     pixels: Vec<[u32; 2]>,
     exact: Vec<[f32; 4]>,
@@ -86,7 +88,7 @@ fn chosen(scene: &ResolvedScene, case: &Case<'_>, count: usize) -> Vec<[u32; 2]>
     let mut random = Random::new(SEED);
     let wanted = count.min(candidates.len());
     for i in 0..wanted {
-        let j = i + random.below((candidates.len() - i) as u64) as usize;
+        let j = i + index(random.below((candidates.len() - i) as u64));
         candidates.swap(i, j);
     }
     candidates.truncate(wanted);

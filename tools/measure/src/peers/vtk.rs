@@ -55,6 +55,7 @@ pub struct Versions {
 }
 
 /// The peer while it works. After its first failure the comparison continues without it.
+#[derive(Debug)]
 pub struct Peer {
     python: Option<PathBuf>,
     report: PeerReport,

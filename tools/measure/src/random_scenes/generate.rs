@@ -13,6 +13,7 @@ use std::f64::consts::TAU;
 
 use glam::DVec3;
 use supervol_format::VoxelType;
+use supervol_format::cast::index;
 use supervol_format::random::{Random, mix};
 use supervol_runtime::render::stats::mode_name;
 use supervol_scene::scene::Mode;
@@ -29,6 +30,7 @@ const TYPES: [VoxelType; 4] = [VoxelType::F32, VoxelType::U8, VoxelType::U16, Vo
 const NODATA: f64 = 0.0;
 
 /// A volume and its scene.
+#[derive(Debug)]
 pub struct RandomScene {
     /// Number of the scene within its seed.
     pub number: u64,
@@ -98,12 +100,12 @@ impl RandomScene {
 
 fn volume(random: &mut Random) -> (Computed, Shape) {
     let dims = [0; 3].map(|_| 14 + random.below(20));
-    let voxel_type = TYPES[random.below(4) as usize];
+    let voxel_type = TYPES[index(random.below(4))];
     // Integer volumes use some hundred or some ten thousand values.
     let values = match voxel_type {
-        VoxelType::F32 => [[0.0, 1.0], [0.0, 1.0], [5000.0, 20.0]][random.below(3) as usize],
+        VoxelType::F32 => [[0.0, 1.0], [0.0, 1.0], [5000.0, 20.0]][index(random.below(3))],
         VoxelType::U8 => [1.0, 240.0],
-        _ => [[1.0, 120.0], [2000.0, 25_000.0]][random.below(2) as usize],
+        _ => [[1.0, 120.0], [2000.0, 25_000.0]][index(random.below(2))],
     };
     let is_cubic = random.unit() < 0.6;
     let spacing = [0; 3].map(|_| if is_cubic { 1.0 } else { 0.5 + 1.5 * random.unit() });
@@ -151,7 +153,7 @@ fn hash(voxel: [u64; 3], what: u64) -> u64 {
 
 /// Ramps, steps and spikes over all or few of the values.
 fn classification(random: &mut Random, shape: &Shape) -> String {
-    let width = [1.0, 1.0, 0.2, 0.02][random.below(4) as usize];
+    let width = [1.0, 1.0, 0.2, 0.02][index(random.below(4))];
     let first = (1.0 - width) * random.unit();
     let [least, reach] = shape.values;
     let mut values: Vec<f64> =
@@ -160,7 +162,7 @@ fn classification(random: &mut Random, shape: &Shape) -> String {
     if random.unit() < 0.4 {
         values[1] = values[0];
     }
-    let greatest = [0.05, 0.3, 0.95][random.below(3) as usize];
+    let greatest = [0.05, 0.3, 0.95][index(random.below(3))];
     let points: Vec<Point> = values
         .into_iter()
         .map(|value| {
@@ -168,7 +170,7 @@ fn classification(random: &mut Random, shape: &Shape) -> String {
             (value, [0; 3].map(|_| random.unit()), alpha)
         })
         .collect();
-    transfer_function([0.4, 1.0, 1.0, 3.0][random.below(4) as usize], &points)
+    transfer_function([0.4, 1.0, 1.0, 3.0][index(random.below(4))], &points)
 }
 
 fn camera(random: &mut Random, shape: &Shape) -> String {
@@ -176,7 +178,7 @@ fn camera(random: &mut Random, shape: &Shape) -> String {
     let along_axis = random.unit() < 0.2;
     let mut away = DVec3::from_array(random.direction());
     if along_axis {
-        let axis = [DVec3::X, DVec3::Y, DVec3::Z][random.below(3) as usize];
+        let axis = [DVec3::X, DVec3::Y, DVec3::Z][index(random.below(3))];
         away = axis * if random.unit() < 0.5 { 1.0 } else { -1.0 };
     }
     let target = shape.middle();
@@ -236,7 +238,7 @@ fn shading(random: &mut Random) -> String {
             format!(r#"{{"direction": {direction:?}, "intensity": {:?}}}"#, random.unit())
         })
         .collect();
-    let shininess = [1.0, 4.0, 32.0, 120.0][random.below(4) as usize];
+    let shininess = [1.0, 4.0, 32.0, 120.0][index(random.below(4))];
     let [ambient, diffuse, specular] = [0; 3].map(|_| random.unit());
     format!(
         r#""shading": {{"ambient": {ambient:?}, "diffuse": {diffuse:?}, "specular": {specular:?}, "shininess": {shininess:?}, "lights": [{}]}}"#,

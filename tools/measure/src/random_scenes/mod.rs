@@ -11,6 +11,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use serde::Serialize;
+use supervol_format::cast::{single, whole};
 use supervol_runtime::render::options::{Backend, RenderOptions};
 use supervol_runtime::render::renderer::render;
 use supervol_runtime::render::stats::mode_name;
@@ -198,7 +199,7 @@ impl Differences {
     fn add(&mut self, scene: u64, picture: &Image, exact: &Image, predicted: Option<f64>) {
         let shows = |(a, b): &(&[f32; 4], &[f32; 4])| a[3] != 0.0 || b[3] != 0.0;
         let seen = picture.pixels.iter().zip(&exact.pixels).filter(shows);
-        let sizes = seen.flat_map(|(a, b)| [0, 1, 2, 3].map(|c| GREY_LEVELS as f32 * (a[c] - b[c]).abs()));
+        let sizes = seen.flat_map(|(a, b)| [0, 1, 2, 3].map(|c| single(GREY_LEVELS) * (a[c] - b[c]).abs()));
         self.sizes.extend(sizes);
         let error = picture.distance(exact);
         if error > self.at.largest_grey_levels {
@@ -219,7 +220,7 @@ impl Differences {
 
     fn finish(mut self) -> AtError {
         self.sizes.sort_by(f32::total_cmp);
-        let rank = (self.sizes.len() as f64 * 0.999).ceil() as usize;
+        let rank = whole::<usize>((self.sizes.len() as f64 * 0.999).ceil());
         let p999 = self.sizes.get(rank.max(1) - 1).copied().unwrap_or(0.0);
         self.predicted.sort_by(f64::total_cmp);
         let median = self.predicted.get(self.predicted.len() / 2).copied();

@@ -4,9 +4,12 @@
 
 use std::fmt::Write;
 
+use supervol_format::cast::{narrow, whole};
+
 use super::machine::Circumstances;
 
 /// One section of a page.
+#[derive(Debug)]
 pub struct Section {
     /// Anchor, unique in its page.
     pub id: String,
@@ -116,8 +119,8 @@ pub fn number(value: f64) -> String {
     if !(1e-3..1e6).contains(&size) {
         return format!("{value:.2e}");
     }
-    let decimals = (2 - size.log10().floor() as i32).clamp(0, 6);
-    let text = format!("{value:.0$}", usize::try_from(decimals).expect("clamped to 0 and above"));
+    let decimals = (2 - whole::<i32>(size.log10().floor())).clamp(0, 6);
+    let text = format!("{value:.0$}", narrow::<usize>(decimals));
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').into() } else { text }
 }
 

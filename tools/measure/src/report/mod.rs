@@ -44,6 +44,7 @@ pub enum Extent {
 }
 
 /// Inputs of a report.
+#[derive(Debug)]
 pub struct Report<'a> {
     /// Results of the chart.
     pub chart: &'a Chart,

@@ -2,6 +2,7 @@
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
+use supervol_format::cast::single;
 use supervol_scene::image::Image;
 
 use super::html::escape;
@@ -33,7 +34,7 @@ pub fn difference(picture: &Image, exact: &Image) -> Image {
     assert_eq!((picture.width, picture.height), (exact.width, exact.height), "sizes of two pictures to compare");
     let grey = |(a, b): (&[f32; 4], &[f32; 4])| {
         let most = (0..4).map(|c| f64::from((a[c] - b[c]).abs())).fold(0.0, f64::max);
-        let grey = (AMPLIFICATION * most).min(1.0) as f32;
+        let grey = single((AMPLIFICATION * most).min(1.0));
         [grey, grey, grey, 1.0]
     };
     Image { pixels: picture.pixels.iter().zip(&exact.pixels).map(grey).collect(), ..*picture }

@@ -7,6 +7,7 @@ use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, Value
 use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
+use supervol_format::cast::whole;
 
 use super::compact::compact;
 use super::palette::{self, BLACK as INK, BLUE, GREY, Look, Mark, VERMILLION};
@@ -127,7 +128,8 @@ impl Axis {
             let decades = (high / low).log10();
             let mantissas: &[f64] = if decades <= 2.5 { &[1.0, 2.0, 5.0] } else { &[1.0] };
             let every = if decades > 7.0 { 2 } else { 1 };
-            let exponents = (low.log10().floor() as i32..=high.log10().ceil() as i32).filter(|e| e % every == 0);
+            let exponents =
+                (whole::<i32>(low.log10().floor())..=whole::<i32>(high.log10().ceil())).filter(|e| e % every == 0);
             let values = exponents.flat_map(|e| mantissas.iter().map(move |m| m * 10f64.powi(e)));
             return values.filter(|v| (low..=high).contains(v)).collect();
         }
@@ -321,7 +323,7 @@ fn tick(value: f64) -> String {
     }
     let exponent = (size.log10() + 1e-9).floor();
     let mantissa = value / 10f64.powf(exponent);
-    let power = format!("10{}", superscript(exponent as i32));
+    let power = format!("10{}", superscript(whole::<i32>(exponent)));
     if (mantissa - 1.0).abs() < 1e-6 { power } else { format!("{}·{power}", super::html::number(mantissa)) }
 }
 

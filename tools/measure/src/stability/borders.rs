@@ -245,8 +245,8 @@ fn leaping(context: &Context<'_>) -> Result<Outcome, ChartError> {
                 worst[width] = worst[width].max(grey_levels(&on, &off));
                 differing += bits_differ(&on, &off);
             }
-            for lod in 0..volume.container.pyramid().levels().len() {
-                let [on, off] = both(&all, &scene, Lod(lod as u8))?;
+            for lod in volume.container.pyramid().lods() {
+                let [on, off] = both(&all, &scene, lod)?;
                 worst[width] = worst[width].max(grey_levels(&on, &off));
                 differing += bits_differ(&on, &off);
                 pictures += 1;
@@ -343,7 +343,7 @@ fn ramp_mean(origin: f64, rate: f64, top: f64, [t0, t1]: [f64; 2]) -> f64 {
 
 /// The number `ulps` units in the last place away.
 fn nudged(v: f64, ulps: i64) -> f64 {
-    f64::from_bits((v.to_bits() as i64 + ulps) as u64)
+    f64::from_bits(v.to_bits().wrapping_add_signed(ulps))
 }
 
 fn corner_rays(context: &Context<'_>) -> Result<Outcome, ChartError> {

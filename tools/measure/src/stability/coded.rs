@@ -4,6 +4,7 @@
 //! Each corner of each cell of decoded voxels is checked against the bounds of its brick and of its macro cells.
 
 use supervol_format::brick::{APRON, MACRO_CELL};
+use supervol_format::cast::{index, narrow};
 use supervol_format::codec::{Codec, CodecChoice};
 use supervol_format::container::toc::BrickEntry;
 use supervol_format::random::mix;
@@ -89,7 +90,7 @@ struct Decoded {
 impl Decoded {
     fn read(container: &Container, key: BrickKey) -> Result<Self, ChartError> {
         let entry = container.entry(key)?;
-        let mut record = vec![0; entry.record_bytes() as usize];
+        let mut record = vec![0; index(entry.record_bytes())];
         container.read_at(entry.offset, &mut record)?;
         let shape = container.shape(key);
         let mut voxels = vec![0; shape.bytes()];
@@ -163,8 +164,8 @@ fn coded(context: &Context<'_>, name: &str, field: &Computed, max_error: MaxErro
 fn findings(volume: &Volume) -> Result<Findings, ChartError> {
     let container = &volume.container;
     let mut found = Findings::default();
-    for level in 0..container.pyramid().levels().len() {
-        for key in container.pyramid().keys_of(Lod(level as u8)) {
+    for lod in container.pyramid().lods() {
+        for key in container.pyramid().keys_of(lod) {
             found = found.add(Decoded::read(container, key)?.findings());
         }
     }
@@ -195,7 +196,7 @@ fn overshoot(context: &Context<'_>) -> Result<Outcome, ChartError> {
     for axes in 1..=3 {
         // An edge along several axes is a product, and so is its overshoot.
         let of_a_product = |along_one: f64| (1.0 + along_one).powi(axes) - 1.0;
-        let expected = [Some(0.125), None, Some(0.42)][axes as usize - 1];
+        let expected = [Some(0.125), None, Some(0.42)][narrow::<usize>(axes) - 1];
         let lifted = of_a_product(overshoot_of_lifting());
         curve.push(CurvePoint::new("5/3 without its finest band", f64::from(axes), lifted, expected));
         curve.push(CurvePoint::new("Haar without its finest band", f64::from(axes), of_a_product(0.0), Some(0.0)));

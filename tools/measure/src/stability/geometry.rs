@@ -3,6 +3,7 @@
 //! Effects of rounding, unusual camera positions and unusual grid shapes on pictures that are otherwise easy.
 
 use glam::{DMat3, DVec3};
+use supervol_format::cast::narrow;
 use supervol_format::{Geometry, VoxelType};
 use supervol_runtime::render::options::Backend;
 use supervol_scene::camera::Camera;
@@ -160,7 +161,7 @@ fn pixels_off(
     chord: impl Fn(DVec3, DVec3) -> f64,
 ) -> f64 {
     let off = picture.pixels.iter().enumerate().filter(|(i, pixel)| {
-        let (x, y) = (*i as u32 % picture.width, *i as u32 / picture.width);
+        let (x, y) = (narrow::<u32>(*i) % picture.width, narrow::<u32>(*i) / picture.width);
         let ray = camera.ray(x, y);
         let expected = opacity(chord(ray.origin, ray.direction));
         let grey_levels = 255.0 * (f64::from(pixel[3]) - expected).abs();

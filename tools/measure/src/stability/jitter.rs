@@ -1,6 +1,7 @@
 //! Regime of jittered sampling: S43. Jitter is a method of comparison; the default has no step.
 
 use supervol_format::Lod;
+use supervol_format::cast::single;
 use supervol_runtime::render::options::{Backend, LevelChoice, RenderOptions};
 use supervol_scene::image::Image;
 use supervol_scene::scene::ResolvedScene;
@@ -108,7 +109,7 @@ fn average(volume: &Volume, scene: &ResolvedScene, step_voxels: f64, exact: &Ima
         sum.iter_mut().zip(picture.pixels.as_flattened()).for_each(|(sum, v)| *sum += f64::from(*v));
         let count = frame + 1;
         if count.is_power_of_two() {
-            let mean: Vec<f32> = sum.iter().map(|v| (v / f64::from(count)) as f32).collect();
+            let mean: Vec<f32> = sum.iter().map(|v| single(v / f64::from(count))).collect();
             let d = distance_of(&mean, exact);
             averaged.rmse.push((f64::from(count), d.rmse / GREY_LEVEL));
             averaged.linf = d.linf / GREY_LEVEL;

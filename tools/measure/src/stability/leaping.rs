@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 use supervol_format::brick::APRON;
+use supervol_format::cast::{index, narrow, single, whole};
 use supervol_format::random::Random;
 use supervol_format::{BrickKey, Dims, Lod, VoxelType};
 use supervol_runtime::engines::blocks::BLOCK;
@@ -143,7 +144,7 @@ fn beside_faces(ray: &LocalRay, t: f64) -> f64 {
 
 /// Whether a position lies inside a cell and on none of its faces.
 fn is_inside(position: [f64; 3], cell: [i64; 3], side: usize) -> bool {
-    let low = cell.map(|c| (c * side as i64) as f64);
+    let low = cell.map(|c| (c * narrow::<i64>(side)) as f64);
     (0..3).all(|a| low[a] + ON_FACE < position[a] && position[a] < low[a] + side as f64 - ON_FACE)
 }
 
@@ -157,7 +158,7 @@ fn pieces(ray: &LocalRay, core: [usize; 3], side: usize) -> Vec<([f64; 2], [i64;
         ends.extend(crossings.filter(|&t| 0.0 < t && t < length));
     }
     ends.sort_by(f64::total_cmp);
-    let cell = |[from, to]: [f64; 2]| position(ray, 0.5 * (from + to)).map(|p| (p / side as f64).floor() as i64);
+    let cell = |[from, to]: [f64; 2]| position(ray, 0.5 * (from + to)).map(|p| whole::<i64>((p / side as f64).floor()));
     ends.windows(2).map(|w| [w[0], w[1]]).filter(|w| w[0] < w[1]).map(|w| (w, cell(w))).collect()
 }
 
@@ -211,7 +212,7 @@ enum Counts {
 /// Random rays through bricks with this fraction of visible blocks.
 fn random_bricks(occupancy: f64, bricks: usize, counts: Counts) -> Findings {
     let of_brick = |brick: usize| {
-        let mut random = Random::new((brick as u64) << 16 | (occupancy * 1e4) as u64);
+        let mut random = Random::new((brick as u64) << 16 | whole::<u64>(occupancy * 1e4));
         let core = CORES[brick % CORES.len()];
         let ways = [AxisDirection::Up, AxisDirection::Down, AxisDirection::Both];
         let allowed = [brick, brick / 3, brick / 9].map(|i| ways[i % ways.len()]);
@@ -221,7 +222,7 @@ fn random_bricks(occupancy: f64, bricks: usize, counts: Counts) -> Findings {
         let cloud = ProximityCloud::of_shown(cells, ahead, shown.iter().copied());
         let rays: Vec<LocalRay> = (0..RAYS_PER_BRICK).map(|_| random_ray(&mut random, core, allowed)).collect();
         let place = |cell: [i64; 3]| {
-            let [x, y, z] = std::array::from_fn(|a| (cell[a].max(0) as usize).min(cells[a] - 1));
+            let [x, y, z] = std::array::from_fn(|a| narrow::<usize>(cell[a].max(0)).min(cells[a] - 1));
             x + cells[0] * (y + cells[1] * z)
         };
         let sets: Vec<InstructionSet> = InstructionSet::available().collect();
@@ -248,9 +249,9 @@ fn random_ray(random: &mut Random, core: [usize; 3], allowed: [AxisDirection; 3]
                 AxisDirection::Both => {}
             }
             match random.below(6) {
-                0 => at[a] = (random.below((core[a] / BLOCK) as u64 + 1) as usize * BLOCK) as f64,
+                0 => at[a] = (index(random.below((core[a] / BLOCK) as u64 + 1)) * BLOCK) as f64,
                 1 => at[a] = (random.below(core[a] as u64 / 2) * 2) as f64,
-                2 => at[a] = ends[a][random.below(2) as usize],
+                2 => at[a] = ends[a][index(random.below(2))],
                 _ => {}
             }
             match random.below(6) {
@@ -261,12 +262,12 @@ fn random_ray(random: &mut Random, core: [usize; 3], allowed: [AxisDirection; 3]
             }
             at[a] = at[a].clamp(ends[a][0], ends[a][1]);
         }
-        let ray = LocalRay { origin: at.map(|v| v as f32), direction: direction.map(|v| v as f32), length: 0.0 };
+        let ray = LocalRay { origin: at.map(single), direction: direction.map(single), length: 0.0 };
         let way_out = |a: usize| match f64::from(ray.direction[a]) {
             0.0 => f64::INFINITY,
             d => (ends[a][usize::from(d > 0.0)] - f64::from(ray.origin[a])) / d,
         };
-        let length = (0..3).map(way_out).fold(f64::INFINITY, f64::min) as f32;
+        let length = single((0..3).map(way_out).fold(f64::INFINITY, f64::min));
         if length.is_finite() && length > 0.0 {
             return LocalRay { length, ..ray };
         }
@@ -370,9 +371,9 @@ pub(crate) fn local_ray(
         (from, to) = (from.max(ends[0].min(ends[1])), to.min(ends[0].max(ends[1])));
     }
     (from < to).then(|| LocalRay {
-        origin: std::array::from_fn(|a| (ray.origin[a] + from * ray.direction[a] - start[a]) as f32),
-        direction: ray.direction.map(|d| d as f32),
-        length: (to - from) as f32,
+        origin: std::array::from_fn(|a| single(ray.origin[a] + from * ray.direction[a] - start[a])),
+        direction: ray.direction.map(single),
+        length: single(to - from),
     })
 }
 
@@ -381,7 +382,7 @@ fn range_of(brick: &DecodedBrick, cell: [i64; 3], map: &ValueMap) -> [f32; 2] {
     let extent = brick.extent.map(|n| n as usize);
     let mut range = [f32::INFINITY, f32::NEG_INFINITY];
     for corner in 0..8 {
-        let at = [0, 1, 2].map(|a| (cell[a] + (corner >> a & 1) + APRON as i64) as usize);
+        let at = [0, 1, 2].map(|a| narrow::<usize>(cell[a] + (corner >> a & 1) + narrow::<i64>(APRON)));
         let voxel = at[0] + extent[0] * (at[1] + extent[1] * at[2]);
         let value = match &brick.voxels {
             Voxels::U8(v) => map.from_stored_number(f32::from(v[voxel])),

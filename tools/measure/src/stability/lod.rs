@@ -7,6 +7,7 @@
 use std::collections::BTreeMap;
 
 use glam::DVec3;
+use supervol_format::cast::narrow;
 use supervol_format::{BrickKey, Lod};
 use supervol_preprocess::BuildOptions;
 use supervol_preprocess::lod_axes::LodAxes;
@@ -366,7 +367,7 @@ fn thin_features(context: &Context<'_>) -> Result<Outcome, ChartError> {
         for level in 0..=volume.container.pyramid().coarsest().0 {
             let values = reference::load_level(&volume.container, Lod(level), &scene, HOST_MEMORY_BYTES)?.values;
             let kept = values.iter().copied().fold(0.0, f64::max);
-            let expected = 0.5f64.powi(i32::from(level) * thin.thin_axes() as i32);
+            let expected = 0.5f64.powi(i32::from(level) * narrow::<i32>(thin.thin_axes()));
             curve.push(CurvePoint::new(
                 &format!("{}: greatest value", thin.name()),
                 f64::from(level),

@@ -25,6 +25,7 @@ use serde::Serialize;
 use crate::context::{ChartError, Context};
 
 /// One regime.
+#[derive(Debug)]
 pub struct Regime {
     /// `S01` to `S48`.
     pub id: &'static str,

@@ -6,6 +6,7 @@
 use std::f64::consts::TAU;
 
 use glam::DVec3;
+use supervol_format::cast::{single, whole};
 use supervol_format::random::Random;
 use supervol_runtime::engines::cells::cell::trilinear;
 use supervol_runtime::render::options::Backend;
@@ -88,7 +89,7 @@ impl Grid {
     fn place(&self, p: DVec3) -> ([usize; 3], [f64; 3]) {
         let index = (p + DVec3::ONE) * (0.5 * (self.edge as f64 - 1.0));
         let cell = index.floor();
-        (cell.to_array().map(|v| v as usize), (index - cell).to_array())
+        (cell.to_array().map(whole::<usize>), (index - cell).to_array())
     }
 
     fn read(&self, values: &[f64], [x, y, z]: [usize; 3]) -> f64 {
@@ -98,7 +99,7 @@ impl Grid {
     fn corners(&self, cell: [usize; 3]) -> [f32; 8] {
         std::array::from_fn(|c| {
             let offset = [c & 1, c >> 1 & 1, c >> 2];
-            self.read(&self.voxels, std::array::from_fn(|a| cell[a] + offset[a])) as f32
+            single(self.read(&self.voxels, std::array::from_fn(|a| cell[a] + offset[a])))
         })
     }
 

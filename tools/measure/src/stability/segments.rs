@@ -5,6 +5,7 @@
 
 use glam::DVec3;
 use supervol_format::VoxelType;
+use supervol_format::cast::whole;
 use supervol_runtime::render::options::{Backend, RenderOptions};
 use supervol_scene::image::Image;
 use supervol_sources::computed::Computed;
@@ -135,7 +136,7 @@ const BODY: f64 = 32.0;
 /// The body at spacing `(1 / k, 1 / k, k)` for k = `factor`; voxel centres cover the same domain.
 fn body(context: &Context<'_>, factor: f64) -> Result<Volume, ChartError> {
     let spacing = [1.0 / factor, 1.0 / factor, factor];
-    let dims = spacing.map(|s| (BODY / s) as u64);
+    let dims = spacing.map(|s| whole::<u64>(BODY / s));
     let origin = spacing.map(|s| 0.5 * s);
     let value = move |v: [u64; 3]| {
         let p = DVec3::from_array(std::array::from_fn(|a| origin[a] + spacing[a] * v[a] as f64));

@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 
 use glam::DVec3;
+use supervol_format::cast::{narrow, single, whole};
 use supervol_format::codec::{BrickShape, Codec, CodecChoice, decode_into, encode};
 use supervol_format::random::{Random, mix};
 use supervol_format::{Lod, ValueRange, VoxelType};
@@ -119,7 +120,7 @@ fn window_picture(volume: &Volume) -> Result<Image, ChartError> {
     let camera = orthographic(volume, middle, DVec3::Z, [0.0, 1.0, 0.0], 1.0);
     let low = (RAMP_CODE + WINDOW_VOXEL) as f64;
     let tf = transfer_function(1.0, &[(low, [0.0; 3], 1.0), (low + (WINDOW_CODES - 1) as f64, WHITE, 1.0)]);
-    let scene = volume.scene(&[&camera, &image_size(WINDOW_CODES as u32, 1), r#""mode": "mip""#, &tf])?;
+    let scene = volume.scene(&[&camera, &image_size(narrow::<u32>(WINDOW_CODES), 1), r#""mode": "mip""#, &tf])?;
     volume.finest(&scene, Backend::Cpu)
 }
 
@@ -149,7 +150,7 @@ fn windows_beside_spikes(context: &Context<'_>) -> Result<(Vec<CurvePoint>, f64)
 /// Twice the greater magnitude of the 1st and 99th percentile.
 fn exact_window(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
-    let at = |share: f64| values[(share * (values.len() - 1) as f64).round() as usize];
+    let at = |share: f64| values[whole::<usize>((share * (values.len() - 1) as f64).round())];
     2.0 * at(0.01).abs().max(at(0.99).abs())
 }
 
@@ -201,7 +202,10 @@ fn holes(context: &Context<'_>) -> Result<Outcome, ChartError> {
             not_finite += pixels.filter(|p| p.iter().any(|v| !v.is_finite())).count() as f64;
             at_worst = at_worst.max(grey_levels(&through, &volume.finest(&scene, Backend::Reference)?));
             let untouched = |i: usize| {
-                !footprint(&scene.camera.ray(i as u32 % clean.width, i as u32 / clean.width).origin, is_hole)
+                !footprint(
+                    &scene.camera.ray(narrow::<u32>(i) % clean.width, narrow::<u32>(i) / clean.width).origin,
+                    is_hole,
+                )
             };
             let changed = (0..clean.pixels.len()).filter(|&i| untouched(i) && through.pixels[i] != clean.pixels[i]);
             leaked += changed.count() as f64;
@@ -253,7 +257,7 @@ fn wrong_ranges(volume: &Volume, is_hole: Hole) -> Result<f64, ChartError> {
             if is_hole(v) {
                 has_holes = true;
             } else {
-                range.include(f64::from(fixtures::waves_at(fixtures::point(v)) as f32));
+                range.include(f64::from(single(fixtures::waves_at(fixtures::point(v)))));
             }
         }
         let absent = all_voxels().filter(|&v| core.contains(v)).all(is_hole);
@@ -282,7 +286,7 @@ fn colour_step(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let exact = volume.finest(&scene, Backend::Reference)?;
     let (mut curve, mut bleeding) = (Vec::new(), 0.0f64);
     for (i, pixel) in row.pixels.iter().enumerate() {
-        let from_edge = scene.camera.ray(i as u32, 0).origin.x - 15.5;
+        let from_edge = scene.camera.ray(narrow::<u32>(i), 0).origin.x - 15.5;
         let share = (from_edge + 0.5).clamp(0.0, 1.0);
         if pixel[3] > 0.0 {
             let straight = [0, 1, 2].map(|c| f64::from(pixel[c]) / f64::from(pixel[3]));
@@ -314,7 +318,7 @@ fn colour_step(context: &Context<'_>) -> Result<Outcome, ChartError> {
 fn wrong_side(row: &Image, camera: &supervol_scene::camera::Camera) -> f64 {
     let pixel = camera.pixel_height();
     let wrong = row.pixels.iter().enumerate().filter(|(i, p)| {
-        let from_edge = camera.ray(*i as u32, 0).origin.x - 15.5;
+        let from_edge = camera.ray(narrow::<u32>(*i), 0).origin.x - 15.5;
         from_edge.abs() > 0.5 * pixel && (p[3] > 0.0) != (from_edge > 0.0)
     });
     wrong.count() as f64

@@ -4,6 +4,7 @@ use std::collections::HashMap;
 use std::f64::consts::TAU;
 
 use supervol_format::brick::MACRO_CELL;
+use supervol_format::cast::{narrow, whole};
 use supervol_format::{BrickIndex, BrickKey, Lod, Pyramid, ValueRange, VoxelType};
 
 /// Period along each axis, in bricks. It is odd, so no power of two is a multiple of it.
@@ -39,9 +40,9 @@ pub fn number(key: BrickKey) -> u32 {
 /// Value of a voxel of [`Field::BrickId`]. `voxel` is in voxels of its level; `core` is the core of the bricks, voxels.
 #[must_use]
 pub fn value(core: u64, lod: Lod, voxel: [u64; 3]) -> u8 {
-    let brick = BrickKey::new(lod, BrickIndex(voxel.map(|v| (v / core) as u32)));
+    let brick = BrickKey::new(lod, BrickIndex(voxel.map(|v| narrow::<u32>(v / core))));
     // At most 2 * 124 + 1.
-    (2 * number(brick)) as u8 + cell_parity(voxel)
+    narrow::<u8>(2 * number(brick)) + cell_parity(voxel)
 }
 
 fn cell_parity(voxel: [u64; 3]) -> u8 {
@@ -98,7 +99,7 @@ impl Field {
                     std::array::from_fn(|a| along[a].iter().map(|&v| wave(pyramid, lod, a, v)).collect());
                 let [xs, ys, zs] = &waves;
                 let rows = zs.iter().flat_map(|&z| ys.iter().map(move |&y| (y, z)));
-                rows.flat_map(|(y, z)| xs.iter().map(move |&x| sum(x, y, z) as i16))
+                rows.flat_map(|(y, z)| xs.iter().map(move |&x| whole::<i16>(sum(x, y, z))))
                     .flat_map(i16::to_le_bytes)
                     .collect()
             }

@@ -20,6 +20,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use supervol_format::brick::{APRON, MACRO_CELL};
+use supervol_format::cast::index;
 use supervol_format::codec::{Codec, CodecChoice};
 use supervol_format::container::header::{self, Descriptor, Sections};
 use supervol_format::container::manifest::{AxisName, Manifest, Source};
@@ -38,6 +39,7 @@ use crate::volume::Volume;
 pub use field::{Field, PERIOD, number, value};
 
 /// Sealed brick without its payload, as in the file.
+#[derive(Debug)]
 struct Sealed {
     /// TOC entry with offset 0.
     entry: BrickEntry,
@@ -45,6 +47,7 @@ struct Sealed {
 }
 
 /// Byte source of a virtual container.
+#[derive(Debug)]
 pub struct VirtualVolume {
     field: Field,
     descriptor: Descriptor,
@@ -118,8 +121,8 @@ impl VirtualVolume {
 
     fn describe(&self) -> Manifest {
         let finest = self.places(Lod::FINEST).map(|key| self.range(key)).fold(ValueRange::EMPTY, ValueRange::union);
-        let errors = (0..self.descriptor.pyramid.levels().len())
-            .map(|lod| self.places(Lod(lod as u8)).map(|key| self.error(key)).fold(0.0, f64::max));
+        let lods = self.descriptor.pyramid.lods();
+        let errors = lods.map(|lod| self.places(lod).map(|key| self.error(key)).fold(0.0, f64::max));
         Manifest {
             tool: format!("supervol {}", env!("CARGO_PKG_VERSION")),
             parameters: [("lod_axes".into(), "xyz".into())].into(),
@@ -253,8 +256,8 @@ impl VirtualVolume {
     fn copy(wanted: u64, out: &mut [u8], start: u64, bytes: &[u8]) {
         let (begin, end) = (wanted.max(start), (wanted + out.len() as u64).min(start + bytes.len() as u64));
         if begin < end {
-            out[(begin - wanted) as usize..(end - wanted) as usize]
-                .copy_from_slice(&bytes[(begin - start) as usize..(end - start) as usize]);
+            out[index(begin - wanted)..index(end - wanted)]
+                .copy_from_slice(&bytes[index(begin - start)..index(end - start)]);
         }
     }
 

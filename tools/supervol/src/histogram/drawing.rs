@@ -3,6 +3,7 @@
 use plotters::coord::combinators::IntoLogRange;
 use plotters::coord::ranged1d::{AsRangedCoord, Ranged, ValueFormatter};
 use plotters::prelude::*;
+use supervol_format::cast::whole;
 use supervol_format::readable::Number;
 use supervol_scene::facts::VolumeFacts;
 use supervol_scene::transfer_function::TransferFunction;
@@ -99,7 +100,7 @@ impl Drawing<'_> {
         if opacity <= 0.0 {
             return RGBColor(200, 204, 208);
         }
-        let [r, g, b] = color.map(|c| (c * 255.0).round() as u8);
+        let [r, g, b] = color.map(|c| whole::<u8>((c * 255.0).round()));
         RGBColor(r, g, b)
     }
 }

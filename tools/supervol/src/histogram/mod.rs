@@ -12,6 +12,7 @@ use supervol_arguments::output::{Force, TextFile};
 use supervol_arguments::source::SourceArguments;
 use supervol_files::check_distinct;
 use supervol_format::Container;
+use supervol_format::cast::whole;
 use supervol_preprocess::{BuildOptions, Existing};
 use supervol_scene::facts::{DataKind, VolumeFacts};
 use supervol_scene::preset::Look;
@@ -105,7 +106,7 @@ fn write(arguments: &Arguments, facts: &VolumeFacts, shown: &TransferFunction, u
     for row in 0..arguments.rows {
         let share = first_bin(row) as f64 / bins as f64;
         let value = range.min * (1.0 - share) + range.max * share;
-        let bar = "#".repeat((BAR * length(count(row)) / longest).round() as usize);
+        let bar = "#".repeat(whole::<usize>((BAR * length(count(row)) / longest).round()));
         let opacity = shown.classify(value).1;
         writeln!(out, "{:>14}  {:>14}  {opacity:>7.3}  {bar}", short(value), count(row))?;
     }

@@ -14,7 +14,7 @@ use supervol_arguments::source::{SourceArguments, refuse_for_container};
 use supervol_files::unfinished;
 use supervol_files::unfinished::{Leftover, Writer};
 use supervol_format::container::manifest::{AxisName, Json, Source};
-use supervol_format::{Container, Dims, Geometry, Lod, ValueRange};
+use supervol_format::{Container, Dims, Geometry, ValueRange};
 use supervol_preprocess::kept::{Reading, is_container};
 use supervol_preprocess::manifest::{rms_kept_of, steps_of};
 use supervol_scene::facts::kind;
@@ -216,7 +216,8 @@ fn gather(container: &Container) -> Result<Info<'_>, supervol_format::container:
     let rms_kept = rms_kept_of(manifest).unwrap_or_default();
     let steps = steps_of(manifest, descriptor.voxel_type).unwrap_or_default();
     let mut levels = Vec::new();
-    for (lod, level) in pyramid.levels().iter().enumerate() {
+    for (lod, level) in pyramid.lods().zip(pyramid.levels()) {
+        let place = usize::from(lod.0).checked_sub(1);
         let mut info = LevelInfo {
             factors: level.factors,
             dims: level.dims.0,
@@ -225,13 +226,12 @@ fn gather(container: &Container) -> Result<Info<'_>, supervol_format::container:
             error: 0.0,
             uniform_bricks: 0,
             absent_bricks: 0,
-            rms_kept: lod.checked_sub(1).and_then(|before| rms_kept.get(before).copied()),
-            rounded_to: lod
-                .checked_sub(1)
-                .and_then(|before| steps.get(before).map(|step| step * descriptor.scale.abs()))
+            rms_kept: place.and_then(|place| rms_kept.get(place).copied()),
+            rounded_to: place
+                .and_then(|place| steps.get(place).map(|step| step * descriptor.scale.abs()))
                 .filter(|&step| step > 0.0),
         };
-        for key in pyramid.keys_of(Lod(lod as u8)) {
+        for key in pyramid.keys_of(lod) {
             let entry = container.entry(key)?;
             info.bytes += entry.record_bytes();
             info.error = info.error.max(entry.error * descriptor.scale.abs());
@@ -379,7 +379,7 @@ fn print_orientation(place: &Place<'_>, out: &mut impl Write) -> std::io::Result
     writeln!(out, "direction  x {}, y {}, z {}: {hand}-handed{space}", axes[0], axes[1], axes[2])?;
     let Some(survey) = survey else { return Ok(()) };
     let lines = |name: &str, lines: LineNumbers| {
-        let last = lines.first + lines.step * (lines.count as i64 - 1);
+        let last = i128::from(lines.first) + i128::from(lines.step) * (i128::from(lines.count) - 1);
         format!("{name} {} to {last} in steps of {}", lines.first, lines.step)
     };
     writeln!(out, "survey     {}, {}", lines("inlines", survey.inline), lines("crosslines", survey.crossline))?;

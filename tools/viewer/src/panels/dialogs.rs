@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use eframe::egui::{self, DragValue, TextEdit, Ui};
 use supervol_files::{Existing, OutputError, OutputFile, check_distinct};
+use supervol_format::cast::whole;
 use supervol_runtime::render::options::Backend;
 use supervol_scene::image::{GREY_LEVELS, ImageFormat};
 use supervol_scene::scene::{Mode, RAY_LIMIT, Scene};
@@ -211,7 +212,7 @@ fn export(viewer: &mut Viewer, ctx: &egui::Context) {
                 .accessible_name("Width, pixels")
                 .changed()
             {
-                *height = ((f64::from(*width) / dialog.aspect).round() as u32).clamp(1, SIDE_LIMIT);
+                *height = whole::<u32>((f64::from(*width) / dialog.aspect).round()).clamp(1, SIDE_LIMIT);
             }
             ui.label("x");
             ui.add(DragValue::new(height).range(1..=SIDE_LIMIT).clamp_existing_to_range(false))

@@ -5,6 +5,7 @@
 use std::ops::RangeInclusive;
 
 use eframe::egui::{self, Color32, DragValue, PointerButton, Pos2, Rect, Sense, Shape, Stroke, Ui};
+use supervol_format::cast::{narrow, single, whole};
 use supervol_scene::facts::VolumeFacts;
 use supervol_scene::scene::{PointSpec, Scene};
 
@@ -41,11 +42,11 @@ impl Axes {
 
     fn x(&self, value: f64) -> f32 {
         let (low, high) = (self.values.start(), self.values.end());
-        self.rect.left() + ((value - low) / (high - low)) as f32 * self.rect.width()
+        self.rect.left() + single((value - low) / (high - low)) * self.rect.width()
     }
 
     fn place(&self, value: f64, alpha: f64) -> Pos2 {
-        Pos2::new(self.x(value), self.rect.bottom() - alpha.powf(1.0 / ROOT) as f32 * self.rect.height())
+        Pos2::new(self.x(value), self.rect.bottom() - single(alpha.powf(1.0 / ROOT)) * self.rect.height())
     }
 
     /// The value and the opacity at a point of the window.
@@ -146,7 +147,7 @@ fn histogram(painter: &egui::Painter, axes: &Axes, facts: &VolumeFacts, fill: Co
     // One mesh: separate rectangles would be rounded to pixels individually and leave gaps.
     let mut mesh = egui::Mesh::default();
     for (bin, &count) in counts.iter().enumerate().filter(|(_, count)| **count > 0) {
-        let height = ((count as f64 + 1.0).ln() / (most + 1.0).ln()) as f32 * axes.rect.height();
+        let height = single((count as f64 + 1.0).ln() / (most + 1.0).ln()) * axes.rect.height();
         mesh.add_colored_rect(Rect::from_x_y_ranges(x(bin)..=x(bin + 1), bottom - height..=bottom), fill);
     }
     painter.add(Shape::mesh(mesh));
@@ -165,7 +166,7 @@ fn strip(ui: &mut Ui, axes: &Axes, scene: &Scene) {
     add(axes.rect.left(), first.color);
     spec.points.iter().for_each(|p| add(axes.x(p.value), p.color));
     add(axes.rect.right(), last.color);
-    for i in 0..spec.points.len() as u32 + 1 {
+    for i in 0..narrow::<u32>(spec.points.len()) + 1 {
         mesh.add_triangle(2 * i, 2 * i + 1, 2 * i + 2);
         mesh.add_triangle(2 * i + 1, 2 * i + 2, 2 * i + 3);
     }
@@ -173,7 +174,7 @@ fn strip(ui: &mut Ui, axes: &Axes, scene: &Scene) {
 }
 
 fn color(rgb: [f64; 3]) -> Color32 {
-    let [r, g, b] = rgb.map(|c| (255.0 * c.clamp(0.0, 1.0)).round() as u8);
+    let [r, g, b] = rgb.map(|c| whole::<u8>((255.0 * c.clamp(0.0, 1.0)).round()));
     Color32::from_rgb(r, g, b)
 }
 
@@ -185,7 +186,7 @@ fn numbers(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
         ui.weak(format!("{} points; click one to edit its numbers", spec.points.len()));
         return;
     };
-    let (mut value, mut alpha, mut rgb) = (point.value, point.alpha, point.color.map(|c| c as f32));
+    let (mut value, mut alpha, mut rgb) = (point.value, point.alpha, point.color.map(single));
     let speed = (opened.facts.value_range.width() / 500.0).max(f64::MIN_POSITIVE);
     let mut is_removed = false;
     ui.horizontal(|ui| {
@@ -202,7 +203,7 @@ fn numbers(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
     if (value, alpha) != (point.value, point.alpha) {
         edit::move_point(&mut spec.points, i, value, alpha);
     }
-    if rgb != point.color.map(|c| c as f32) {
+    if rgb != point.color.map(single) {
         spec.points[i].color = rgb.map(f64::from);
     }
     if is_removed {

@@ -1,6 +1,7 @@
 //! The picture and its mouse actions.
 
 use eframe::egui::{self, Align2, Color32, FontId, PointerButton, Pos2, Rect, Response, Sense, Ui, Vec2};
+use supervol_format::cast::whole;
 use supervol_scene::scene::{ImageSpec, Mode, RAY_LIMIT};
 
 use super::{handles, marks, sections};
@@ -51,14 +52,14 @@ pub(crate) fn show(viewer: &mut Viewer, ui: &mut Ui) {
 }
 
 pub(super) fn color(rgb: [f64; 3]) -> Color32 {
-    let [r, g, b] = rgb.map(|c| (255.0 * c.clamp(0.0, 1.0)).round() as u8);
+    let [r, g, b] = rgb.map(|c| whole::<u8>((255.0 * c.clamp(0.0, 1.0)).round()));
     Color32::from_rgb(r, g, b)
 }
 
 /// Number of screen pixels of a rectangle, along x and y.
 pub(super) fn pixels_of(ui: &Ui, rect: Rect) -> [u32; 2] {
     let most = ui.input(|input| u32::try_from(input.max_texture_side).unwrap_or(SIDE_LIMIT)).min(SIDE_LIMIT);
-    [rect.width(), rect.height()].map(|points| ((points * ui.pixels_per_point()).round() as u32).clamp(1, most))
+    [rect.width(), rect.height()].map(|points| whole::<u32>((points * ui.pixels_per_point()).round()).clamp(1, most))
 }
 
 /// Sets the size of the scene's picture to the number of screen pixels.

@@ -1,6 +1,7 @@
 //! The right panel: properties of the volume, look, and render settings.
 
 use eframe::egui::{self, Button, ComboBox, DragValue, Slider, SliderClamping, Ui};
+use supervol_format::cast::{narrow, single};
 use supervol_runtime::engines::rules::MAX_ERROR_LIMITS;
 use supervol_runtime::render::options::Backend;
 use supervol_scene::facts::DataKind;
@@ -129,7 +130,7 @@ fn parts(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
 /// Draws a number field with buttons for next and previous; negative means no choice. It cannot be dragged, because
 /// each value opens a volume.
 fn part_number(part: Option<u64>, (name, words): (&str, &str), ui: &mut Ui) -> Option<u64> {
-    let mut number = part.map_or(-1, |number| number as i64);
+    let mut number = part.map_or(-1, |number| narrow::<i64>(number.min(u64::from(u32::MAX))));
     let pressed = |ui: &mut Ui, label: &str, which: &str, is_possible: bool| {
         let button = ui.add_enabled(is_possible, Button::new(label).small()).on_hover_text(words);
         button.accessible_name(format!("{name}, {which}")).clicked()
@@ -189,7 +190,7 @@ fn look(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
     });
     ui.horizontal(|ui| {
         ui.label("Background");
-        let mut color = viewer.scene.image.background.map(|c| c as f32);
+        let mut color = viewer.scene.image.background.map(single);
         if ui.color_edit_button_rgb(&mut color).accessible_name("Background").changed() {
             viewer.scene.image.background = color.map(f64::from);
         }
@@ -306,7 +307,7 @@ fn list_of_surfaces(surfaces: &mut Vec<IsoSpec>, opened: &OpenVolume, may_go: bo
     for (i, iso) in surfaces.iter_mut().enumerate() {
         ui.push_id(i, |ui| {
             ui.horizontal(|ui| {
-                let mut color = iso.color.map(|c| c as f32);
+                let mut color = iso.color.map(single);
                 if ui.color_edit_button_rgb(&mut color).accessible_name("Colour of the surface").changed() {
                     iso.color = color.map(f64::from);
                 }

@@ -4,6 +4,7 @@ use eframe::egui::{
     Align2, Color32, FontId, PointerButton, Pos2, Rect, Response, Sense, Slider, SliderClamping, Stroke, Ui, Vec2, pos2,
 };
 use supervol_decorations::named_borders;
+use supervol_format::cast::{narrow, single, whole};
 use supervol_scene::scene::{CameraSpec, ImageSpec, RAY_LIMIT, Scene};
 
 use super::picture::{color, pixels_of, place, wheel_steps};
@@ -151,7 +152,8 @@ pub(super) fn probe(viewer: &mut Viewer, opened: &OpenVolume, panel: Option<usiz
     };
     let size = image?;
     let share = [0.5 * (1.0 + at[0]), 0.5 * (1.0 - at[1])];
-    let pixel = [0, 1].map(|a| ((share[a] * size[a] as f64).max(0.0) as u32).min(size[a].saturating_sub(1) as u32));
+    let pixel = [0, 1]
+        .map(|a| whole::<u32>((share[a] * size[a] as f64).max(0.0)).min(narrow::<u32>(size[a].saturating_sub(1))));
     let number = viewer.sections.asked.map_or(0, |asked| asked.number);
     let next = Probe { number, volume: opened.number, panel, pixel };
     if viewer.sections.asked == Some(next) {
@@ -223,7 +225,7 @@ fn name_borders(scene: Option<&Scene>, opened: &OpenVolume, painter: &eframe::eg
 /// Point of the window at a normalised position.
 pub(super) fn point(rect: Rect, [x, y]: [f64; 2]) -> Pos2 {
     let [x, y] = [0.5 * (1.0 + x), 0.5 * (1.0 - y)];
-    rect.min + Vec2::new(x as f32, y as f32) * rect.size()
+    rect.min + Vec2::new(single(x), single(y)) * rect.size()
 }
 
 /// Draws text over a picture on a readable background.

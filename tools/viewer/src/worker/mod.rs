@@ -190,6 +190,7 @@ pub struct OpenVolume {
 }
 
 /// A drawn picture.
+#[derive(Debug)]
 pub struct Frame {
     /// Number of the volume.
     pub volume: u64,
@@ -265,7 +266,7 @@ pub enum Message {
 }
 
 /// Pending messages of the worker. [`Worker::messages`] takes them all and leaves only `busy`.
-#[derive(Default)]
+#[derive(Debug, Default)]
 pub struct Messages {
     /// A volume has been opened.
     pub opened: Option<Arc<OpenVolume>>,
@@ -415,6 +416,12 @@ impl Shared {
 pub struct Worker {
     shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
+}
+
+impl std::fmt::Debug for Worker {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Worker").field("thread", &self.thread).finish_non_exhaustive()
+    }
 }
 
 impl Worker {

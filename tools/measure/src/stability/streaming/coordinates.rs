@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use supervol_format::cast::narrow;
 use supervol_format::{Container, Geometry, Lod};
 use supervol_runtime::engines::error::EngineError;
 use supervol_runtime::engines::gpu::error::GpuError;
@@ -55,7 +56,7 @@ fn borders() -> [Border; 3] {
 
 fn volume_at(origin: f64) -> Result<Volume, ChartError> {
     let geometry = Geometry { origin: [origin, origin, 0.0], ..Geometry::IDENTITY };
-    let source = VirtualVolume::new(Field::BrickId, [LENGTH, CORE, CORE], CORE as u32, geometry)?;
+    let source = VirtualVolume::new(Field::BrickId, [LENGTH, CORE, CORE], narrow::<u32>(CORE), geometry)?;
     Ok(Volume::of("BRICKID", Arc::new(Container::from_source(Arc::new(source))?)))
 }
 

@@ -5,6 +5,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 
 use glam::DVec3;
+use supervol_format::cast::index;
 use supervol_format::container::header;
 use supervol_format::random::Random;
 use supervol_format::{ByteSource, Container, VoxelType};
@@ -197,7 +198,7 @@ fn bit_flips(subject: &Subject, section: usize, cases: u64) -> Result<Tally, Cha
     for _ in 0..cases {
         let (at, bit) = (start + random.below(end - start), random.below(8));
         let rule: Rule = Box::new(move |_, offset, buffer| {
-            if let Some(byte) = at.checked_sub(offset).and_then(|i| buffer.get_mut(i as usize)) {
+            if let Some(byte) = at.checked_sub(offset).and_then(|i| buffer.get_mut(index(i))) {
                 *byte ^= 1 << bit;
             }
             Ok(())

@@ -69,7 +69,8 @@ impl ByteSource for Watched {
             return result;
         }
         // 64 bits of nanoseconds hold centuries.
-        self.nanoseconds.fetch_add(start.elapsed().as_nanos() as u64, Ordering::Relaxed);
+        let nanoseconds = u64::try_from(start.elapsed().as_nanos()).unwrap_or(u64::MAX);
+        self.nanoseconds.fetch_add(nanoseconds, Ordering::Relaxed);
         result
     }
 }
