@@ -11,6 +11,7 @@ use crate::failure::Failure;
 use crate::progress::{Reporter, announce};
 use crate::quantity::{self, show_bytes};
 use crate::source::refuse_for_container;
+use crate::terminal::Format;
 
 /// Options of the cache folder.
 #[derive(Debug, Clone, Args)]
@@ -66,7 +67,7 @@ impl CacheArguments {
                         path.display(),
                         show_bytes(self.limit_bytes())
                     ));
-                    *bar = Some(Reporter::over_bytes(false));
+                    *bar = Some(Reporter::over_bytes(Format::Text));
                 }
                 Told::Preview(_) => {}
                 Told::Progress(progress) => {

@@ -14,6 +14,7 @@ use supervol_runtime::render::options::OnProgress;
 use supervol_scene::scene::Scene;
 
 use crate::quantity::show_bytes;
+use crate::terminal::Format;
 
 /// Least time between two JSON lines.
 const JSON_INTERVAL: Duration = Duration::from_millis(200);
@@ -34,12 +35,11 @@ pub enum Reporter {
 }
 
 impl Reporter {
-    /// A bar over bytes, or JSON lines.
-    pub fn over_bytes(json: bool) -> Self {
-        if json {
-            Self::Json(Mutex::new(None))
-        } else {
-            Self::Bar(bar("{msg} {wide_bar} {bytes}/{total_bytes} {bytes_per_sec} {eta} left"))
+    /// A bar over bytes as text, or JSON lines.
+    pub fn over_bytes(format: Format) -> Self {
+        match format {
+            Format::Text => Self::Bar(bar("{msg} {wide_bar} {bytes}/{total_bytes} {bytes_per_sec} {eta} left")),
+            Format::Json => Self::Json(Mutex::new(None)),
         }
     }
 

@@ -10,6 +10,15 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// True if only results, warnings and errors are printed.
 static QUIET: AtomicBool = AtomicBool::new(false);
 
+/// Form of the results on standard output.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Format {
+    /// Text for people.
+    Text,
+    /// JSON for programs.
+    Json,
+}
+
 /// Stream that escapes control characters.
 #[derive(Debug)]
 pub struct Clean<W>(W);

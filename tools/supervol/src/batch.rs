@@ -9,6 +9,7 @@ use supervol_arguments::input::read_text_up_to;
 use supervol_arguments::progress::announce;
 use supervol_arguments::quantity::show_bytes;
 use supervol_arguments::source::{SourceArguments, open};
+use supervol_arguments::terminal::Format;
 use supervol_files::OutputError;
 use supervol_format::readable::counted;
 use supervol_preprocess::batch::inputs::{Headerless, INPUTS_LIMIT, Inputs, of_folder, of_list};
@@ -189,7 +190,7 @@ impl Batch<'_> {
 
     /// Prints one line of JSON, if requested.
     fn write_line(&self, record: Option<&Record>) -> Result<(), Failure> {
-        if !self.output.is_json() {
+        if self.output.format() == Format::Text {
             return Ok(());
         }
         writeln!(supervol_arguments::terminal::stdout(), "{}", serde_json::json!({ "result": record }))

@@ -11,6 +11,7 @@ use supervol_arguments::input::{Input, is_piped};
 use supervol_arguments::progress::Reporter;
 use supervol_arguments::quantity::{self, ErrorBound, show_bytes};
 use supervol_arguments::source::SourceArguments;
+use supervol_arguments::terminal::Format;
 use supervol_files::{check_distinct, folder_of};
 use supervol_format::BrickLayout;
 use supervol_format::cast::whole;
@@ -170,9 +171,9 @@ impl OutputArguments {
         }
     }
 
-    /// True if the output is JSON.
-    pub fn is_json(&self) -> bool {
-        self.json
+    /// Form of progress and results.
+    pub fn format(&self) -> Format {
+        if self.json { Format::Json } else { Format::Text }
     }
 
     /// Builds a container from an open source, with progress.
@@ -184,7 +185,7 @@ impl OutputArguments {
         origin: Source,
     ) -> Result<BuildReport, BuildError> {
         let options = BuildOptions { existing, ..self.build_options() };
-        let reporter = Reporter::over_bytes(self.json);
+        let reporter = Reporter::over_bytes(self.format());
         let result = supervol_preprocess::build(source, origin, output, &options, &|progress| reporter.show(progress));
         reporter.finish();
         result

@@ -14,7 +14,7 @@ use supervol_scene::facts::VolumeFacts;
 use supervol_scene::image::Image;
 use supervol_scene::scene::Scene;
 
-use crate::render::{check_all_read, check_any_read, warn_of_nothing, with_render};
+use crate::render::{FailedBricks, check_all_read, check_any_read, warn_of_nothing, with_render};
 
 /// Greatest number of panels of a picture.
 pub const PANEL_LIMIT: usize = 64;
@@ -66,7 +66,7 @@ pub struct Panels<'a> {
     pub panels: &'a [(String, Scene)],
     pub grid: Grid,
     pub decorate: bool,
-    pub allow_failed: bool,
+    pub failed_bricks: FailedBricks,
 }
 
 impl Panels<'_> {
@@ -96,7 +96,7 @@ impl Panels<'_> {
         let slices = counted(self.panels.len() as u64, "slice");
         writeln!(supervol_arguments::output::remarks_on(output), "{}: {width} x {height}, {slices}", output.display())
             .map_err(supervol_arguments::failure::with_output)?;
-        check_all_read(container, failed, self.allow_failed)
+        check_all_read(container, failed, self.failed_bricks)
     }
 }
 

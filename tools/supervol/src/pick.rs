@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use serde_json::{Map, Value, json};
 use supervol_arguments::failure::{Failure, with_output};
+use supervol_arguments::terminal::Format;
 use supervol_format::Container;
 use supervol_format::cast::whole;
 use supervol_format::readable::Number;
@@ -17,21 +18,13 @@ use supervol_scene::scene::Scene;
 use crate::look::places;
 use crate::render::with_render;
 
-/// Output format.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Format {
-    /// A line or more for each pixel.
-    Text,
-    /// An array with an object for each pixel.
-    Json,
-}
-
 /// Digits of a value after the first one.
 const SINGLE_DIGITS: f64 = 6.0;
 /// Decimal digits of a position, relative to the voxel size.
 const PLACE_DIGITS: f64 = 3.0;
 
-/// Prints the points under these pixels of a picture of `scene`.
+/// Prints the points under these pixels of a picture of `scene`: a line or more for each pixel, or a JSON array with an
+/// object for each pixel.
 pub fn run(
     (container, facts, scene): (&Arc<Container>, &VolumeFacts, &Scene),
     options: &RenderOptions,

@@ -15,7 +15,7 @@ use supervol_arguments::progress::{RayBar, Reporter, announce_files};
 use supervol_arguments::quantity::{self, show_bytes};
 use supervol_arguments::scene::{name_of_scene, read_scene};
 use supervol_arguments::source::SourceArguments;
-use supervol_arguments::terminal;
+use supervol_arguments::terminal::{self, Format};
 use supervol_format::readable::counted;
 use supervol_format::{Container, Lod};
 use supervol_runtime::engines::cpu::Caster;
@@ -298,6 +298,11 @@ struct Motion {
 }
 
 impl Arguments {
+    /// Bricks that cannot be read: refused or allowed.
+    fn failed_bricks(&self) -> FailedBricks {
+        if self.allow_failed { FailedBricks::Allowed } else { FailedBricks::Refused }
+    }
+
     /// Tests if the single picture is decorated.
     fn decorates(&self, output: &Path) -> bool {
         self.decorate.applies_to(output, terminal::is_at_terminal())
@@ -438,8 +443,8 @@ pub fn run(arguments: &Arguments, start: Instant) -> Result<(), Failure> {
         let file = RenderOutputs::begin(output, [None; 3], &inputs, arguments.force)?.picture;
         // All panels have the same cuts.
         panels.first().iter().for_each(|(_, scene)| announce_files(scene));
-        let (decorate, allow_failed) = (arguments.decorates(output), arguments.allow_failed);
-        let panels = Panels { container: &container, facts: &facts, panels: &panels, grid, decorate, allow_failed };
+        let (decorate, failed_bricks) = (arguments.decorates(output), arguments.failed_bricks());
+        let panels = Panels { container: &container, facts: &facts, panels: &panels, grid, decorate, failed_bricks };
         return panels.run(file, (path, output), &arguments.options(start));
     }
     let (scene, motion) = arguments.shown(scene, volume)?;
@@ -452,7 +457,7 @@ pub fn run(arguments: &Arguments, start: Instant) -> Result<(), Failure> {
         announce_files(&scene);
     }
     if !arguments.pick.is_empty() {
-        let format = if arguments.json { pick::Format::Json } else { pick::Format::Text };
+        let format = if arguments.json { Format::Json } else { Format::Text };
         pick::run((&container, &facts, &scene), &arguments.options(start), &arguments.pick, format)
             .map_err(|failure| failure.named(arguments.scene.as_deref().map(name_of_scene)))?;
     }
@@ -461,10 +466,10 @@ pub fn run(arguments: &Arguments, start: Instant) -> Result<(), Failure> {
     let decorate = if is_one { arguments.decorates(output) } else { arguments.decorate == Decorate::On };
     let subject = Subject { container: &container, facts: &facts, scene: &scene, decorate };
     if let Some(Motion { cameras, asked }) = &motion {
-        let (force, allow_failed) = (arguments.force, arguments.allow_failed);
+        let (force, failed_bricks) = (arguments.force, arguments.failed_bricks());
         let format = arguments.frame_format.unwrap_or(FrameFormat::Png).into();
         let sequence =
-            Sequence { subject, cameras, motion: asked, folder: output, format, inputs: &inputs, force, allow_failed };
+            Sequence { subject, cameras, motion: asked, folder: output, format, inputs: &inputs, force, failed_bricks };
         return sequence.run(&arguments.options(start));
     }
     let beside = [&arguments.error_map, &arguments.work_map, &arguments.stats].map(Option::as_deref);
@@ -488,12 +493,21 @@ pub fn run(arguments: &Arguments, start: Instant) -> Result<(), Failure> {
     {
         supervol_arguments::progress::announce(&why);
     }
-    check_all_read(path, stats.bricks_failed, arguments.allow_failed)
+    check_all_read(path, stats.bricks_failed, arguments.failed_bricks())
 }
 
-/// Fails if bricks could not be read, unless `--allow-failed` is set.
-pub fn check_all_read(container: &Path, failed: u64, allow_failed: bool) -> Result<(), Failure> {
-    if failed == 0 || allow_failed {
+/// Bricks that cannot be read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FailedBricks {
+    /// They are an error.
+    Refused,
+    /// Their coarser parents are drawn in their place (`--allow-failed`).
+    Allowed,
+}
+
+/// Fails if bricks could not be read and that is not allowed.
+pub fn check_all_read(container: &Path, failed: u64, failed_bricks: FailedBricks) -> Result<(), Failure> {
+    if failed == 0 || failed_bricks == FailedBricks::Allowed {
         return Ok(());
     }
     Err(Failure::Data(format!(

@@ -20,7 +20,7 @@ use supervol_runtime::render::volume::PlacedVolume;
 use supervol_scene::image::ImageFormat;
 use supervol_scene::scene::CameraSpec;
 
-use crate::render::{Subject, check_any_read, with_render, write_picture};
+use crate::render::{FailedBricks, Subject, check_any_read, with_render, write_picture};
 
 /// Pictures of an animation.
 pub struct Sequence<'a> {
@@ -39,7 +39,7 @@ pub struct Sequence<'a> {
     /// Whether other pictures are overwritten.
     pub force: Force,
     /// Whether unreadable bricks may be replaced by their parents.
-    pub allow_failed: bool,
+    pub failed_bricks: FailedBricks,
 }
 
 impl Sequence<'_> {
@@ -79,7 +79,7 @@ impl Sequence<'_> {
         let stats = renderer.stats();
         check_any_read(&stats)?;
         let failed = stats.bricks_failed;
-        if failed > 0 && !self.allow_failed {
+        if failed > 0 && self.failed_bricks == FailedBricks::Refused {
             return Err(Failure::Data(format!(
                 "{} is not written: {} could not be read; --allow-failed draws their coarser parents instead",
                 path.display(),

@@ -13,7 +13,7 @@ use supervol_arguments::output::ReportFolder;
 use supervol_arguments::progress::{Reporter, announce};
 use supervol_arguments::sample::CARP;
 use supervol_arguments::source::{open, refuse_for_container, refuse_without_file};
-use supervol_arguments::terminal::stdout;
+use supervol_arguments::terminal::{Format, stdout};
 use supervol_files::unfinished::UnfinishedFolder;
 use supervol_format::Container;
 use supervol_measure::ledger::Ledger;
@@ -236,7 +236,7 @@ fn built(file: &Path, reading: &Reading, folder: &Path) -> Result<PathBuf, Failu
     let path = folder.join(format!("{name}.svol"));
     announce(&format!("building {name}, {}", source.info().dims));
     let options = BuildOptions { existing: Existing::Replace, ..BuildOptions::default() };
-    let reporter = Reporter::over_bytes(false);
+    let reporter = Reporter::over_bytes(Format::Text);
     let built = supervol_preprocess::build(source.as_ref(), origin, &path, &options, &|p| reporter.show(p));
     reporter.finish();
     built?;

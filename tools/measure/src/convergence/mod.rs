@@ -48,14 +48,18 @@ pub struct OrderRow {
     pub curve: Vec<(f64, f64)>,
 }
 
+/// Names of one curve's field, transfer function and rule.
+#[derive(Debug, Clone, Copy)]
+struct Case {
+    field: &'static str,
+    transfer_function: &'static str,
+    rule: &'static str,
+}
+
 impl OrderRow {
     /// The row of a curve.
-    fn new(
-        [field, transfer_function, rule]: [&'static str; 3],
-        curve: Vec<(f64, f64)>,
-        order_spread: f64,
-        (expected_order, expected_samples): (Option<f64>, Option<f64>),
-    ) -> Result<Self, ChartError> {
+    fn new(case: Case, curve: Vec<(f64, f64)>, order_spread: f64, expected: Option<Known>) -> Result<Self, ChartError> {
+        let Case { field, transfer_function, rule } = case;
         let no_order = || ChartError::Broken(format!("no order of {rule} on {field}, {transfer_function}: {curve:?}"));
         let order = order_of(&curve).ok_or_else(no_order)?;
         let first_good = curve.iter().rposition(|p| p.1 >= INVISIBLE).map_or(0, |last_bad| last_bad + 1);
@@ -66,9 +70,9 @@ impl OrderRow {
             rule,
             order,
             order_spread,
-            expected_order,
+            expected_order: expected.map(|known| known.0),
             samples_per_voxel_needed,
-            expected_samples,
+            expected_samples: expected.and_then(|known| known.1),
             curve,
         })
     }

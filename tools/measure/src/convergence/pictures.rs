@@ -3,7 +3,7 @@
 
 use supervol_runtime::render::options::Backend;
 
-use super::{FUNCTIONS, OrderRow, function};
+use super::{Case, FUNCTIONS, OrderRow, function};
 use crate::context::{ChartError, Context};
 use crate::fixtures;
 use crate::measure::distance;
@@ -36,7 +36,8 @@ pub(super) fn rows(context: &Context<'_>) -> Result<Vec<OrderRow>, ChartError> {
             let (image, stats) = volume.render(&scene, &fixed_pairs(pairs))?;
             curve.push((stats.casting.samples as f64 / voxels, distance(&image, &exact).rmse));
         }
-        rows.push(OrderRow::new(["trilinear 40^3", name, RULE], curve, 0.0, (None, None))?);
+        let case = Case { field: "trilinear 40^3", transfer_function: name, rule: RULE };
+        rows.push(OrderRow::new(case, curve, 0.0, None)?);
     }
     Ok(rows)
 }

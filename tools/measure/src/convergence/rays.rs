@@ -9,7 +9,7 @@ use supervol_format::cast::whole;
 use supervol_format::random::Random;
 use supervol_scene::transfer_function::TransferFunction;
 
-use super::{FUNCTIONS, KNOWN, OrderRow, function};
+use super::{Case, FUNCTIONS, KNOWN, OrderRow, function};
 use crate::comparison::preintegration::{Attenuation, PreIntegration};
 use crate::context::{ChartError, Context};
 use crate::fixtures::marschner_lobb_at;
@@ -225,8 +225,8 @@ pub(super) fn rows(context: &Context<'_>) -> Result<Vec<OrderRow>, ChartError> {
                     supervol_scene::image::greatest(set.iter().map(|ray| ray[function][rung][rule]))
                 };
                 let (curve, spread) = over_sets(&errors, of_set);
-                let (order, samples) = known[function][rule];
-                rows.push(OrderRow::new([field.name(), name, rule_name], curve, spread, (Some(order), samples))?);
+                let case = Case { field: field.name(), transfer_function: name, rule: rule_name };
+                rows.push(OrderRow::new(case, curve, spread, Some(known[function][rule]))?);
             }
         }
     }

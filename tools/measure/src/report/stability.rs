@@ -1,6 +1,6 @@
 //! The stability suite as its own page and as a section of the report.
 
-use super::html::{self, Section, escape, grid, number, number_or_dash, paragraph, table, verdict};
+use super::html::{self, Section, escape, grid, number, number_or_dash, paragraph, table};
 use super::machine::Circumstances;
 use super::plots::{Plot, Scaling, Series};
 use super::{Extent, figure, palette};
@@ -38,6 +38,11 @@ pub(super) fn section(records: Option<&[RegimeRecord]>, extent: Extent) -> Strin
 
 /// File name of the suite's own page, beside the report.
 const PAGE: &str = "stability.html";
+
+/// The word for a passed or failed gate.
+fn verdict(pass: bool) -> &'static str {
+    if pass { html::PASS } else { html::FAIL }
+}
 
 /// Table of all regimes. `page`: the page with their curves; empty for the same page.
 fn overview(records: &[RegimeRecord], page: &str) -> String {

@@ -11,6 +11,7 @@ use supervol_arguments::failure::{Failure, with_container, with_output};
 use supervol_arguments::input::{Input, for_each};
 use supervol_arguments::quantity::show_bytes;
 use supervol_arguments::source::{SourceArguments, refuse_for_container};
+use supervol_arguments::terminal::Format;
 use supervol_files::unfinished;
 use supervol_files::unfinished::{Leftover, Writer};
 use supervol_format::container::manifest::{AxisName, Json, Source};
@@ -88,10 +89,17 @@ struct LevelInfo {
     rounded_to: Option<f64>,
 }
 
+impl Arguments {
+    /// Form of the description.
+    fn format(&self) -> Format {
+        if self.json { Format::Json } else { Format::Text }
+    }
+}
+
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     for_each(&arguments.inputs, |path| {
-        if arguments.inputs.len() > 1 && !arguments.json {
+        if arguments.inputs.len() > 1 && arguments.format() == Format::Text {
             writeln!(supervol_arguments::terminal::stdout(), "file       {}", path.display()).map_err(with_output)?;
         }
         describe(path, arguments)
@@ -99,7 +107,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 fn describe(path: &Path, arguments: &Arguments) -> Result<(), Failure> {
-    let Arguments { json, text_header, source, .. } = arguments;
+    let Arguments { text_header, source, .. } = arguments;
     if path.is_dir() {
         return describe_folder(path, arguments);
     }
@@ -109,7 +117,11 @@ fn describe(path: &Path, arguments: &Arguments) -> Result<(), Failure> {
         Err(_) if !is_container(input.path()) => {
             let described =
                 source::Described::of(input.path(), &reading).map_err(|why| unknown_file_error(why, &reading))?;
-            return if *text_header { print_text_header(path, described.survey()) } else { described.print(*json) };
+            return if *text_header {
+                print_text_header(path, described.survey())
+            } else {
+                described.print(arguments.format())
+            };
         }
         opened => opened.map_err(|e| with_container(path, e))?,
     };
@@ -120,10 +132,11 @@ fn describe(path: &Path, arguments: &Arguments) -> Result<(), Failure> {
     }
     let info = gather(&container).map_err(|e| with_container(path, e))?;
     let mut out = supervol_arguments::terminal::stdout();
-    let printed = if *json {
-        serde_json::to_string_pretty(&info).map_err(std::io::Error::other).and_then(|text| writeln!(out, "{text}"))
-    } else {
-        print(&info, &container, survey.as_ref(), &mut out)
+    let printed = match arguments.format() {
+        Format::Text => print(&info, &container, survey.as_ref(), &mut out),
+        Format::Json => {
+            serde_json::to_string_pretty(&info).map_err(std::io::Error::other).and_then(|text| writeln!(out, "{text}"))
+        }
     };
     printed.map_err(with_output)
 }
@@ -140,15 +153,15 @@ fn unknown_file_error(no_volume: Failure, reading: &Reading) -> Failure {
 
 /// Describes the unfinished files of a folder, and the volume in it, if it is one.
 fn describe_folder(folder: &Path, arguments: &Arguments) -> Result<(), Failure> {
-    let Arguments { json, text_header, source, .. } = arguments;
+    let Arguments { text_header, source, .. } = arguments;
     if *text_header {
         return print_text_header(folder, None);
     }
     // Most folders hold no volume, which is no error.
     let described = source::Described::of(folder, &source.reading(source::MEMORY_BYTES)?);
-    list_unfinished(folder, *json, described.as_ref())?;
+    list_unfinished(folder, arguments.format(), described.as_ref())?;
     match described {
-        Ok(described) if !json => described.print(false),
+        Ok(described) if arguments.format() == Format::Text => described.print(Format::Text),
         _ => Ok(()),
     }
 }
@@ -163,11 +176,11 @@ fn print_text_header(path: &Path, survey: Option<&Survey>) -> Result<(), Failure
 }
 
 /// Lists unfinished files of builds and other commands.
-fn list_unfinished(folder: &Path, json: bool, volume: Result<&source::Described, &Failure>) -> Result<(), Failure> {
+fn list_unfinished(folder: &Path, format: Format, volume: Result<&source::Described, &Failure>) -> Result<(), Failure> {
     let found =
         unfinished::list(folder).map_err(|e| Failure::Machine(format!("cannot read {}: {e}", folder.display())))?;
     let mut out = supervol_arguments::terminal::stdout();
-    if json {
+    if format == Format::Json {
         let entry = |partial: &Leftover| {
             let (writer, _) = words_for(partial.writer);
             serde_json::json!({ "path": partial.path, "bytes": partial.bytes, "writer": writer })

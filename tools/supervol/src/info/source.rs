@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use supervol_arguments::failure::{Failure, with_output};
 use supervol_arguments::quantity::show_bytes;
 use supervol_arguments::source::flag;
+use supervol_arguments::terminal::Format;
 use supervol_preprocess::BuildError;
 use supervol_preprocess::kept::Reading;
 use supervol_preprocess::naming::container_beside;
@@ -74,9 +75,12 @@ impl Described {
     }
 
     /// Prints the description on standard output.
-    pub fn print(&self, json: bool) -> Result<(), Failure> {
+    pub fn print(&self, format: Format) -> Result<(), Failure> {
         let mut out = supervol_arguments::terminal::stdout();
-        let printed = if json { writeln!(out, "{:#}", self.to_json()) } else { self.print_text(&mut out) };
+        let printed = match format {
+            Format::Text => self.print_text(&mut out),
+            Format::Json => writeln!(out, "{:#}", self.to_json()),
+        };
         printed.map_err(with_output)
     }
 
