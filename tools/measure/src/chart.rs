@@ -23,7 +23,7 @@ use supervol_scene::image::{GREY_LEVELS, Image};
 use supervol_scene::scene::ResolvedScene;
 
 use crate::context::{ChartError, Context};
-use crate::measure::{Spread, distance, flip};
+use crate::measure::{HALF_A_LEVEL, Spread, distance, flip};
 use crate::methods::{DEFAULT, MethodSpec, methods};
 use crate::points::{CPU, Point, mark_front};
 use crate::scenes::{Grid, Loaded, Look, SceneSpec, Shading, Shape, Storage};
@@ -159,12 +159,12 @@ impl Chart {
     }
 
     fn measure_scene(&mut self, stored: &mut Stored<'_>, methods: &[MethodSpec]) -> Result<(), ChartError> {
-        let mut stated = STATED_LEVELS.map(Pixels::new);
+        let mut stated = STATED_LEVELS.map(|level| Pixels::new(level, HALF_A_LEVEL));
         for (number, &look) in stored.context.pick(&Look::ALL[..], &Look::QUICK[..]).iter().enumerate() {
             let first = self.points.len();
             let started = Instant::now();
             self.measure_look(stored, look, methods, |volume, scene, exact| {
-                stated.iter_mut().try_for_each(|at| at.draw(number as u64, volume, scene, exact, stating()))
+                stated.iter_mut().try_for_each(|at| at.draw(number as u64, volume, scene, exact, stating()).map(|_| ()))
             })?;
             mark_front(&mut self.points[first..]);
             (stored.context.say)(&format!(

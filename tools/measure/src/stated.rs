@@ -4,6 +4,7 @@ use serde::Serialize;
 use supervol_format::Lod;
 use supervol_runtime::render::options::{LevelChoice, RenderOptions};
 use supervol_runtime::render::renderer::render_with_errors;
+use supervol_runtime::render::stats::FrameStats;
 use supervol_scene::image::{GREY_LEVELS, Image, greatest};
 use supervol_scene::scene::ResolvedScene;
 
@@ -15,6 +16,8 @@ use crate::volume::Volume;
 pub struct AtLevel {
     /// Level of detail.
     pub level: u8,
+    /// The requested error (`--max-error`).
+    pub asked_grey_levels: f64,
     /// Pixels with a true error above 0.01 grey levels.
     pub pixels: u64,
     /// Numbers of the scenes in which the true error of a pixel exceeds its stated error.
@@ -27,6 +30,8 @@ pub struct AtLevel {
     pub median_true_grey_levels: f64,
     /// Median stated error.
     pub median_stated_grey_levels: f64,
+    /// Greatest stated error, of all pixels.
+    pub largest_stated_grey_levels: f64,
     /// Fraction of the pixels whose stated error is smaller than the whole range of a channel.
     pub share_with_a_bound: f64,
 }
@@ -35,7 +40,9 @@ pub struct AtLevel {
 #[derive(Debug)]
 pub struct Pixels {
     level: u8,
+    asked: f64,
     errors: Vec<[f64; 2]>,
+    largest_stated: f64,
     scenes_above: Vec<u64>,
 }
 
@@ -45,13 +52,13 @@ const LEAST: f64 = 0.01;
 const NO_BOUND: f64 = 254.0;
 
 impl Pixels {
-    /// Starts with no pixels.
+    /// Starts with no pixels of this level, drawn with this requested error, grey levels.
     #[must_use]
-    pub fn new(level: u8) -> Self {
-        Self { level, errors: Vec::new(), scenes_above: Vec::new() }
+    pub fn new(level: u8, asked: f64) -> Self {
+        Self { level, asked, errors: Vec::new(), largest_stated: 0.0, scenes_above: Vec::new() }
     }
 
-    /// Draws scene `number` from this level (or the coarsest one) and compares it with `exact`.
+    /// Draws scene `number` from this level (or the coarsest one) and compares it with `exact`. Returns the picture.
     ///
     /// # Errors
     /// If the picture or its stated errors cannot be computed.
@@ -62,12 +69,19 @@ impl Pixels {
         scene: &ResolvedScene,
         exact: &Image,
         aimed: RenderOptions,
-    ) -> Result<(), ChartError> {
-        let options = RenderOptions { level: LevelChoice::Fixed(Lod(self.level)), ..aimed };
+    ) -> Result<(Image, FrameStats), ChartError> {
+        let max_error = self.asked / GREY_LEVELS;
+        let options = RenderOptions { level: LevelChoice::Fixed(Lod(self.level)), max_error, ..aimed };
         let (picture, errors, stats) = render_with_errors(&volume.container, scene, &options)?;
+        if !(stats.converged && stats.bricks_failed == 0 && stats.device.anomalies == 0 && picture.is_finite()) {
+            return Err(ChartError::Broken(format!(
+                "a picture of {} did not converge to numbers: {stats:?}",
+                volume.name
+            )));
+        }
         let errors = errors.ok_or_else(|| ChartError::Broken(format!("nothing is stated: {stats:?}")))?;
         self.add(number, &picture, exact, &errors);
-        Ok(())
+        Ok((picture, stats))
     }
 
     fn add(&mut self, number: u64, picture: &Image, exact: &Image, stated: &Image) {
@@ -76,6 +90,7 @@ impl Pixels {
             let off = greatest([0, 1, 2, 3].map(|c| f64::from(found[c] - exact[c]))) * GREY_LEVELS;
             let stated = f64::from(stated[0]) * GREY_LEVELS;
             is_above |= off > stated + LEAST || stated.is_nan();
+            self.largest_stated = self.largest_stated.max(stated);
             if off > LEAST {
                 self.errors.push([off, stated]);
             }
@@ -96,6 +111,8 @@ impl Pixels {
         let bounded = self.errors.iter().filter(|[_, stated]| *stated < NO_BOUND).count();
         AtLevel {
             level: self.level,
+            asked_grey_levels: self.asked,
+            largest_stated_grey_levels: self.largest_stated,
             pixels: self.errors.len() as u64,
             largest_share_of_stated: self.errors.iter().map(|[off, stated]| off / stated).fold(0.0, f64::max),
             median_stated_over_true: median(&|[off, stated]| stated / off),
@@ -115,7 +132,7 @@ mod tests {
     fn pixels_that_are_farther_off_than_is_stated_are_found() {
         let image = |values: [f32; 3]| Image { width: 3, height: 1, pixels: values.map(|v| [v; 4]).to_vec() };
         let (exact, picture) = (image([0.0, 0.5, 1.0]), image([0.0, 0.4, 0.8]));
-        let mut pixels = Pixels::new(1);
+        let mut pixels = Pixels::new(1, 0.5);
         pixels.add(4, &picture, &exact, &image([0.0, 0.2, 0.25]));
         assert!(pixels.scenes_above.is_empty());
         pixels.add(5, &picture, &exact, &image([0.0, 0.05, 1.0]));
@@ -123,7 +140,7 @@ mod tests {
         assert_eq!((found.pixels, found.scenes_above_stated.as_slice()), (4, &[5u64][..]));
         assert!((found.largest_share_of_stated - 2.0).abs() < 1e-5 && found.share_with_a_bound == 0.75, "{found:?}");
         assert!((found.median_stated_over_true - 2.0).abs() < 1e-5, "{found:?}");
-        let mut none = Pixels::new(1);
+        let mut none = Pixels::new(1, 0.5);
         none.add(6, &image([f32::NAN; 3]), &exact, &image([0.5; 3]));
         assert_eq!(none.finish().scenes_above_stated, [6]);
     }

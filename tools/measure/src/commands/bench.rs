@@ -21,6 +21,7 @@ use supervol_measure::paths::CameraPath;
 use supervol_measure::peers::cases::{Looks, Subject};
 use supervol_measure::peers::{Options, PeerOptions, Run, SameSampling, Sizes, report, vtk};
 use supervol_measure::virtual_volume::Field;
+use supervol_measure::volume::Volume;
 use supervol_measure::{ChartError, Context, Scale, leaping, ledger, paths, peers, random_scenes};
 use supervol_preprocess::kept::{Reading, is_container};
 use supervol_preprocess::{BuildOptions, Existing};
@@ -137,21 +138,28 @@ impl Bench<'_> {
             }
         };
         let options = random_scenes::Options { seed, first, scenes, mode: self.0.mode.into(), threads, backend };
-        let found = random_scenes::run(context, options)?;
+        let mut found = Vec::new();
+        if self.0.volume.is_empty() {
+            found.push(random_scenes::run(context, options, None)?);
+        }
+        for file in &self.0.volume {
+            let volume = Volume::open(&name_of(file), &self.container(file, context)?)?;
+            found.push(random_scenes::run(context, options, Some(&volume))?);
+        }
         let text = random_scenes::markdown(&found, &command_line());
         if let Some(output) = &self.0.output {
             self.reports(output, |folder| random_scenes::write(&found, &text, folder))?;
         }
         write!(stdout(), "{text}").map_err(with_output)?;
-        match found.scenes_above().as_slice() {
-            [] => Ok(()),
-            above => Err(Failure::Data(format!(
-                "{} of {scenes} random scenes of seed {seed} exceed their allowed error; repeat the first of them with \
-                 --random-scenes 1 --seed {seed} --first-scene {}",
-                above.len(),
-                above[0]
-            ))),
-        }
+        let above: u64 = found.iter().map(|found| found.scenes_above().len() as u64).sum();
+        let Some(first) = found.iter().find(|found| !found.scenes_above().is_empty()) else { return Ok(()) };
+        let of = first.volume.as_ref().map_or(String::new(), |volume| format!(" --volume {volume}"));
+        Err(Failure::Data(format!(
+            "{above} of {} random scenes of seed {seed} exceed their allowed or their stated error; repeat the first of them \
+             with --random-scenes 1 --seed {seed} --first-scene {}{of}",
+            scenes * found.len() as u64,
+            first.scenes_above()[0]
+        )))
     }
 
     fn leap(&self, context: &Context<'_>) -> Result<(), Failure> {
@@ -170,15 +178,15 @@ impl Bench<'_> {
     /// Lets `write` fill a temporary folder, and moves its files to the output folder.
     fn reports(&self, output: &Path, write: impl FnOnce(&Path) -> Result<(), ChartError>) -> Result<(), Failure> {
         let path = self.0.path.as_ref().map(PathBuf::from);
-        let inputs: Vec<&Path> =
-            [&self.0.volume, &path, &self.0.record].into_iter().flatten().map(PathBuf::as_path).collect();
+        let inputs = self.0.volume.iter().chain([&path, &self.0.record].into_iter().flatten());
+        let inputs: Vec<&Path> = inputs.map(PathBuf::as_path).collect();
         ReportFolder::begin(output, self.0.force)?.write_with(&inputs, write)
     }
 
     /// The record, opened before anything is measured.
     fn ledger(&self) -> Result<Option<Ledger>, ChartError> {
         let path = self.0.path.as_ref().map(PathBuf::from);
-        let inputs: Vec<&Path> = [&self.0.volume, &path].into_iter().flatten().map(PathBuf::as_path).collect();
+        let inputs: Vec<&Path> = self.0.volume.iter().chain(&path).map(PathBuf::as_path).collect();
         self.0.record.as_deref().map(|record| Ledger::open(record, &inputs)).transpose()
     }
 
@@ -192,9 +200,9 @@ impl Bench<'_> {
 
     fn sizes(&self, scale: Scale) -> Sizes {
         let default = Sizes::of(scale);
-        let image = match (self.0.size, &self.0.volume, scale) {
+        let image = match (self.0.size, self.0.volume.is_empty(), scale) {
             (Some(size), _, _) => size,
-            (None, Some(_), Scale::Full) => DEFAULT_PICTURE,
+            (None, false, Scale::Full) => DEFAULT_PICTURE,
             (None, _, _) => default.image,
         };
         Sizes {
@@ -209,30 +217,46 @@ impl Bench<'_> {
     /// Options for reading `--volume`; refused if there is no volume file.
     fn reading(&self) -> Result<Reading, Failure> {
         let reading = self.0.source.reading(BuildOptions::default().memory_bytes)?;
-        match &self.0.volume {
-            Some(file) if is_container(file) => refuse_for_container(&reading, file)?,
-            Some(_) => (),
-            None => refuse_without_file(&reading, "--volume")?,
+        match self.0.volume.as_slice() {
+            [] => refuse_without_file(&reading, "--volume")?,
+            [_, other, ..] if self.0.random_scenes.is_none() => {
+                let message = format!("--volume: expected one file, found also {}", other.display());
+                return Err(Failure::Command(message));
+            }
+            files => files
+                .iter()
+                .filter(|file| is_container(file))
+                .try_for_each(|file| refuse_for_container(&reading, file))?,
         }
         Ok(reading)
+    }
+
+    /// The container itself, or one built of a volume file.
+    fn container(&self, file: &Path, context: &Context<'_>) -> Result<PathBuf, Failure> {
+        if is_container(file) { Ok(file.into()) } else { built(file, &self.reading()?, context.folder) }
     }
 
     fn subject(&self, context: &Context<'_>) -> Result<Subject, Failure> {
         if let Some(edge) = self.0.virtual_edge {
             return Ok(Subject::Virtual(field_of(self.0.field), edge));
         }
-        let Some(file) = &self.0.volume else { return Ok(Subject::Scenes(self.0.scene.clone())) };
-        let path = if is_container(file) { file.clone() } else { built(file, &self.reading()?, context.folder)? };
+        let Some(file) = self.0.volume.first() else { return Ok(Subject::Scenes(self.0.scene.clone())) };
+        let path = self.container(file, context)?;
         let container = Container::open(&path).map_err(|e| with_container(&path, e))?;
         let scene = PlacedVolume::of(Arc::new(container)).complete(&Scene::default()).map_err(Failure::command)?;
         Ok(Subject::Own { container: path, scene: Box::new(scene) })
     }
 }
 
+/// A short name of a volume file, without slashes.
+fn name_of(file: &Path) -> String {
+    file.file_stem().map_or("volume".into(), |stem| stem.to_string_lossy().into_owned())
+}
+
 /// A container of a volume file, in this folder.
 fn built(file: &Path, reading: &Reading, folder: &Path) -> Result<PathBuf, Failure> {
     let (source, origin) = open(reading, file, folder)?;
-    let name = file.file_stem().map_or("volume".into(), |stem| stem.to_string_lossy());
+    let name = name_of(file);
     let path = folder.join(format!("{name}.svol"));
     announce(&format!("building {name}, {}", source.info().dims));
     let options = BuildOptions { existing: Existing::Replace, ..BuildOptions::default() };

@@ -1,9 +1,11 @@
-//! Random scene: a small volume and its scene members, generated from a seed and a number.
+//! Random scene: a small volume and its scene members, generated from a seed and a number; and the same for volumes that
+//! exist.
 //!
 //! Choices:
 //! - fields: waves, white noise, the Marschner-Lobb signal, blobs in empty space;
 //! - voxels: four types, cubes and cuboids, sometimes with holes;
-//! - transfer functions: ramps, steps and spikes, faint to nearly opaque;
+//! - transfer functions: ramps, steps and spikes, faint to nearly opaque; of volumes that exist also much thinner ones,
+//!   with values from the percentiles of the data;
 //! - cameras: perspective from outside and inside, parallel rays, some along an axis;
 //! - half of the scenes are shaded, a third clipped.
 //!
@@ -11,11 +13,12 @@
 
 use std::f64::consts::TAU;
 
-use glam::DVec3;
+use glam::{DAffine3, DVec3};
 use supervol_format::VoxelType;
 use supervol_format::cast::index;
 use supervol_format::random::{Random, mix};
 use supervol_runtime::render::stats::mode_name;
+use supervol_scene::facts::VolumeFacts;
 use supervol_scene::scene::Mode;
 use supervol_sources::computed::Computed;
 
@@ -43,7 +46,7 @@ pub struct RandomScene {
 /// Properties of the volume that the scene depends on.
 struct Shape {
     dims: [u64; 3],
-    spacing: [f64; 3],
+    world_from_index: DAffine3,
     /// Least value, and width of the value range.
     values: [f64; 2],
 }
@@ -56,12 +59,13 @@ impl Shape {
 
     /// World position at these fractions of the domain.
     fn at(&self, shares: [f64; 3]) -> DVec3 {
-        DVec3::from_array(std::array::from_fn(|a| (shares[a] * self.dims[a] as f64 - 0.5) * self.spacing[a]))
+        let index = std::array::from_fn(|a| shares[a] * self.dims[a] as f64 - 0.5);
+        self.world_from_index.transform_point3(DVec3::from_array(index))
     }
 
     /// Half of the world diagonal.
     fn radius(&self) -> f64 {
-        0.5 * DVec3::from_array(std::array::from_fn(|a| self.dims[a] as f64 * self.spacing[a])).length()
+        0.5 * self.world_from_index.transform_vector3(DVec3::from_array(self.dims.map(|n| n as f64))).length()
     }
 }
 
@@ -77,25 +81,46 @@ impl RandomScene {
     pub fn in_mode(mode: Mode, seed: u64, number: u64) -> Self {
         let mut random = Random::new(mix(seed) ^ mix(!number));
         let (source, shape) = volume(&mut random);
-        let mut members = vec![
-            camera(&mut random, &shape),
-            image_size(IMAGE[0], IMAGE[1]),
-            classification(&mut random, &shape),
-            shading(&mut random),
-            clip(&mut random, &shape),
-        ];
-        if !matches!(mode, Mode::Dvr | Mode::Iso) {
-            members.retain(|member| !member.starts_with(SHADING));
-        }
-        if mode != Mode::Dvr {
-            members.push(format!(r#""mode": "{}""#, mode_name(mode)));
-        }
-        if mode == Mode::Iso {
-            members.push(surfaces(&mut random, &shape));
-        }
-        members.retain(|member| !member.is_empty());
-        Self { number, source, members }
+        Self { number, source, members: members(mode, &mut random, &shape, classification) }
     }
+}
+
+/// Members of scene `number` of this seed for a volume that exists.
+#[must_use]
+pub fn members_for(facts: &VolumeFacts, mode: Mode, seed: u64, number: u64) -> Vec<String> {
+    let mut random = Random::new(mix(seed) ^ mix(!number));
+    let shape = Shape {
+        dims: facts.dims.0,
+        world_from_index: facts.geometry.world_from_index(),
+        values: [facts.value_range.min, facts.value_range.width()],
+    };
+    members(mode, &mut random, &shape, |random, _| classification_for(random, facts))
+}
+
+fn members(
+    mode: Mode,
+    random: &mut Random,
+    shape: &Shape,
+    classification: impl Fn(&mut Random, &Shape) -> String,
+) -> Vec<String> {
+    let mut members = vec![
+        camera(random, shape),
+        image_size(IMAGE[0], IMAGE[1]),
+        classification(random, shape),
+        shading(random),
+        clip(random, shape),
+    ];
+    if !matches!(mode, Mode::Dvr | Mode::Iso) {
+        members.retain(|member| !member.starts_with(SHADING));
+    }
+    if mode != Mode::Dvr {
+        members.push(format!(r#""mode": "{}""#, mode_name(mode)));
+    }
+    if mode == Mode::Iso {
+        members.push(surfaces(random, shape));
+    }
+    members.retain(|member| !member.is_empty());
+    members
 }
 
 fn volume(random: &mut Random) -> (Computed, Shape) {
@@ -120,7 +145,7 @@ fn volume(random: &mut Random) -> (Computed, Shape) {
         info.geometry.spacing = spacing;
         info.nodata = (holes > 0 && !absent.is_nan()).then_some(absent);
     });
-    (source, Shape { dims, spacing, values })
+    (source, Shape { dims, world_from_index: DAffine3::from_scale(DVec3::from_array(spacing)), values })
 }
 
 type Field = Box<dyn Fn([u64; 3]) -> f64 + Send + Sync>;
@@ -171,6 +196,43 @@ fn classification(random: &mut Random, shape: &Shape) -> String {
         })
         .collect();
     transfer_function([0.4, 1.0, 1.0, 3.0][index(random.below(4))], &points)
+}
+
+/// Greatest opacities over a smallest spacing: from so thin that a thousand voxels are needed to hide anything to nearly opaque.
+const OPACITIES: [f64; 4] = [0.002, 0.04, 0.3, 0.95];
+/// Shares of the value range within which all control points lie: ramps, and ever narrower spikes.
+const WIDTHS: [f64; 4] = [1.0, 1.0, 0.1, 0.01];
+
+/// A transfer function for a volume that exists. Half of its values are percentiles of the data, so that it shows something
+/// even where few voxels lie far from all others.
+fn classification_for(random: &mut Random, facts: &VolumeFacts) -> String {
+    let width = facts.value_range.width() * WIDTHS[random.below(4) as usize];
+    let by_percentiles = random.unit() < 0.5 && !facts.percentiles.is_empty();
+    let pick = |random: &mut Random| {
+        if by_percentiles {
+            facts.percentiles[random.below(facts.percentiles.len() as u64) as usize].1
+        } else {
+            facts.value_range.min + facts.value_range.width() * random.unit()
+        }
+    };
+    let middle = pick(random);
+    let mut values: Vec<f64> = (0..2 + random.below(5))
+        .map(|_| middle + (pick(random) - middle) * width / facts.value_range.width().max(f64::MIN_POSITIVE))
+        .collect();
+    values.sort_by(f64::total_cmp);
+    if random.unit() < 0.4 {
+        values[1] = values[0];
+    }
+    let greatest = OPACITIES[random.below(4) as usize];
+    let points: Vec<Point> = values
+        .into_iter()
+        .map(|value| {
+            let alpha = if random.unit() < 0.3 { 0.0 } else { greatest * random.unit() };
+            (value, [0; 3].map(|_| random.unit()), alpha)
+        })
+        .collect();
+    let distance = [0.4, 1.0, 1.0, 3.0][random.below(4) as usize];
+    transfer_function(distance * facts.geometry.smallest_spacing(), &points)
 }
 
 fn camera(random: &mut Random, shape: &Shape) -> String {

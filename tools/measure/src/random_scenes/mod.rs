@@ -3,6 +3,8 @@
 //! Each scene ([`RandomScene`]) is built into a container and drawn by the default method in one mode, at every error
 //! of [`ERRORS`]. Each pixel is compared with the reference integrator. Tests draw a few scenes, and
 //! `supervol bench --random-scenes N` draws any number. Scene K of seed S is the same in both.
+//!
+//! Scenes of a volume that exists have random cameras, transfer functions, lights and cuts ([`members_for`]).
 
 mod generate;
 
@@ -20,13 +22,13 @@ use supervol_scene::scene::{Mode, ResolvedScene};
 
 use crate::context::{ChartError, Context, Pace};
 use crate::stated::{AtLevel, Pixels};
-use crate::volume::{Volume, build_options, finest};
-pub use generate::{IMAGE, RandomScene};
+use crate::volume::{self, Volume, build_options};
+pub use generate::{IMAGE, RandomScene, members_for};
 
 /// Requested errors, grey levels of 255.
 pub const ERRORS: [f64; 4] = [0.1, 0.5, 2.0, 8.0];
-/// Requested levels of detail.
-const LEVELS: [u8; 2] = [0, 1];
+/// Requested error of pictures of level 1, grey levels.
+const ERROR_OF_COARSE: f64 = 0.5;
 /// Core of the bricks, voxels along an edge: the smallest one, so that rays cross several bricks.
 const CORE: u32 = 16;
 
@@ -50,6 +52,8 @@ pub struct Options {
 /// Results of a run.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Found {
+    /// Name of the volume; `None` if each scene has a random one.
+    pub volume: Option<String>,
     /// Seed of all scenes.
     pub seed: u64,
     /// Rendering mode.
@@ -68,7 +72,7 @@ pub struct Found {
     pub seconds: f64,
     /// Results by requested error.
     pub errors: Vec<AtError>,
-    /// Stated errors of pixels against level 0, by requested level.
+    /// Stated errors of pixels against level 0: of level 0 at every requested error, then of level 1.
     pub stated: Vec<AtLevel>,
 }
 
@@ -126,43 +130,54 @@ impl RandomScene {
 #[must_use]
 pub fn aimed_at(grey_levels: f64, threads: usize) -> RenderOptions {
     let max_error = grey_levels / GREY_LEVELS;
-    RenderOptions { max_error, predict_error: true, threads: Some(threads), ..finest(Backend::Cpu) }
+    RenderOptions { max_error, predict_error: true, threads: Some(threads), ..volume::finest(Backend::Cpu) }
 }
 
-/// Draws the scenes and compares them with the reference.
+/// Draws the scenes and compares them with the reference: of random volumes, or of one that exists.
 ///
 /// # Errors
 /// If a picture cannot be drawn.
-pub fn run(context: &Context<'_>, options: Options) -> Result<Found, ChartError> {
+pub fn run(context: &Context<'_>, options: Options, volume: Option<&Volume>) -> Result<Found, ChartError> {
     let (start, pace) = (Instant::now(), Pace::new(context.say));
     let mut differences = ERRORS.map(Differences::new);
-    let mut stated = LEVELS.map(Pixels::new);
+    let mut finest = ERRORS.map(|asked| Pixels::new(0, asked));
+    let mut coarse = Pixels::new(1, ERROR_OF_COARSE);
     let (mut not_judged, mut shown) = (Vec::new(), 0);
     let aimed = |grey_levels| RenderOptions { backend: options.backend, ..aimed_at(grey_levels, options.threads) };
     for number in options.first..options.first + options.scenes {
-        let (volume, scene) = RandomScene::in_mode(options.mode, options.seed, number).build(context)?;
-        let by_reference = RenderOptions { threads: Some(options.threads), ..finest(Backend::Reference) };
+        let mut built = None;
+        let (volume, scene) = match volume {
+            Some(volume) => {
+                let members = members_for(&volume.facts, options.mode, options.seed, number);
+                (volume, volume.scene(&members.iter().map(String::as_str).collect::<Vec<_>>())?)
+            }
+            None => {
+                let (volume, scene) = RandomScene::in_mode(options.mode, options.seed, number).build(context)?;
+                (&*built.insert(volume), scene)
+            }
+        };
+        let by_reference = RenderOptions { threads: Some(options.threads), ..volume::finest(Backend::Reference) };
         let (exact, stats) = render(&volume.container, &scene, &by_reference)?;
         if stats.reference_capped_pieces > 0 {
             not_judged.push(number);
             continue;
         }
         shown += u64::from(exact.pixels.iter().any(|pixel| pixel[3] > 0.0));
-        for differences in &mut differences {
-            let (picture, stats) = volume.render(&scene, &aimed(differences.at.asked_grey_levels))?;
+        for (differences, pixels) in differences.iter_mut().zip(&mut finest) {
+            let asked = differences.at.asked_grey_levels;
+            let (picture, stats) = pixels.draw(number, volume, &scene, &exact, aimed(asked))?;
             let predicted = stats.error_predicted.as_ref().and_then(|predicted| predicted.total.grey_levels);
             if predicted.is_none() && options.backend == Backend::Cpu && options.mode == Mode::Dvr {
                 return Err(ChartError::Broken(format!("no prediction: {stats:?}")));
             }
             differences.add(number, &picture, &exact, predicted);
         }
-        for pixels in &mut stated {
-            pixels.draw(number, &volume, &scene, &exact, aimed(0.5))?;
-        }
+        coarse.draw(number, volume, &scene, &exact, aimed(ERROR_OF_COARSE))?;
         let done = number - options.first + 1;
         pace.tell(|| progress(done, options.scenes, start.elapsed().as_secs_f64(), &differences));
     }
     Ok(Found {
+        volume: volume.map(|volume| volume.name.clone()),
         seed: options.seed,
         mode: options.mode,
         first_scene: options.first,
@@ -172,7 +187,7 @@ pub fn run(context: &Context<'_>, options: Options) -> Result<Found, ChartError>
         scenes_not_judged: not_judged,
         seconds: start.elapsed().as_secs_f64(),
         errors: differences.into_iter().map(Differences::finish).collect(),
-        stated: stated.into_iter().map(Pixels::finish).collect(),
+        stated: finest.into_iter().chain([coarse]).map(Pixels::finish).collect(),
     })
 }
 
@@ -230,10 +245,12 @@ impl Differences {
 }
 
 impl Found {
-    /// Scenes with an error above any requested one, each listed once.
+    /// Scenes with an error above any requested one, or above what a picture states, each listed once.
     #[must_use]
     pub fn scenes_above(&self) -> Vec<u64> {
-        let mut scenes: Vec<u64> = self.errors.iter().flat_map(|at| at.scenes_above.iter().copied()).collect();
+        let asked = self.errors.iter().flat_map(|at| &at.scenes_above);
+        let mut scenes: Vec<u64> =
+            asked.chain(self.stated.iter().flat_map(|at| &at.scenes_above_stated)).copied().collect();
         scenes.sort_unstable();
         scenes.dedup();
         scenes
@@ -250,7 +267,7 @@ impl Found {
 ///
 /// # Errors
 /// If a file cannot be written.
-pub fn write(found: &Found, page: &str, folder: &Path) -> Result<(), ChartError> {
+pub fn write(found: &[Found], page: &str, folder: &Path) -> Result<(), ChartError> {
     let cannot = |path: &Path, source| ChartError::Write { path: path.into(), source };
     std::fs::create_dir_all(folder).map_err(|e| cannot(folder, e))?;
     let numbers =
@@ -265,21 +282,28 @@ pub fn write(found: &Found, page: &str, folder: &Path) -> Result<(), ChartError>
 /// Reason why writing into a string cannot fail.
 const WRITES: &str = "strings take everything";
 
-/// The results as a Markdown table.
+/// The results as Markdown tables, those of each volume under its name.
 ///
 /// # Panics
 /// Never: writing into a string does not fail.
 #[must_use]
-pub fn markdown(found: &Found, command: &str) -> String {
+pub fn markdown(found: &[Found], command: &str) -> String {
+    let mut text =
+        format!("Errors are distances from the reference integrator, in grey levels of 255.\n\n    {command}\n");
+    found.iter().for_each(|found| text.push_str(&tables(found)));
+    text
+}
+
+fn tables(found: &Found) -> String {
     let [width, height] = found.image;
     let last = found.first_scene + found.scenes.saturating_sub(1);
     let mut text = format!(
-        "Random scenes {} to {last} of seed {}, mode {}, {width} x {height} pixels, {} of {} show something; {:.0} s. Errors are \
-         distances from the reference integrator, in grey levels of 255.\n\n    {command}\n\n\
+        "\nRandom scenes {} to {last} of seed {}{}, mode {}, {width} x {height} pixels, {} of {} show something; {:.0} s.\n\n\
          | error asked for | largest error | in scene | 99.9th percentile | scenes above | predicted, median | largest of \
          predicted | scenes above predicted |\n|---|---|---|---|---|---|---|---|\n",
         found.first_scene,
         found.seed,
+        found.volume.as_ref().map_or(String::new(), |volume| format!(" of {volume}")),
         mode_name(found.mode),
         found.scenes_that_show_something,
         found.scenes,
@@ -316,18 +340,21 @@ fn stated_table(stated: &[AtLevel]) -> String {
     }
     let mut text = String::from(
         "\nWhat is stated of each pixel (`error_stated`) against the exact picture of level 0, over the pixels that are more \
-         than 0.01 off:\n\n| level drawn | pixels | true, median | stated, median | stated / true, median | largest true / \
-         stated | pixels with a bound below 254 | scenes above stated |\n|---|---|---|---|---|---|---|---|\n",
+         than 0.01 off:\n\n| level drawn | error asked for | pixels | true, median | stated, median | stated / true, median | \
+         largest stated | largest true / stated | pixels with a bound below 254 | scenes above stated |\n\
+         |---|---|---|---|---|---|---|---|---|---|\n",
     );
     for at in stated {
         writeln!(
             text,
-            "| {} | {} | {:.3} | {:.3} | {:.1} | {:.2} | {:.0} % | {} |",
+            "| {} | {} | {} | {:.3} | {:.3} | {:.1} | {:.3} | {:.2} | {:.0} % | {} |",
             at.level,
+            at.asked_grey_levels,
             at.pixels,
             at.median_true_grey_levels,
             at.median_stated_grey_levels,
             at.median_stated_over_true,
+            at.largest_stated_grey_levels,
             at.largest_share_of_stated,
             100.0 * at.share_with_a_bound,
             counted(&at.scenes_above_stated)
@@ -376,6 +403,7 @@ mod tests {
         let predicted = at.predicted.as_ref().expect("predictions");
         assert_eq!((predicted.scenes_above.as_slice(), predicted.median_grey_levels), (&[12u64][..], 0.6));
         let found = Found {
+            volume: None,
             seed: 1,
             mode: Mode::Dvr,
             first_scene: 11,
@@ -385,10 +413,10 @@ mod tests {
             scenes_not_judged: vec![],
             seconds: 1.0,
             errors: vec![at],
-            stated: vec![Pixels::new(1).finish()],
+            stated: vec![Pixels::new(1, 0.5).finish()],
         };
         assert_eq!(found.scenes_above(), [12]);
-        let text = markdown(&found, "supervol bench");
+        let text = markdown(&[found], "supervol bench");
         assert!(text.contains("| 0.5 | 0.7500 | 12 |") && text.contains("| 1: 12 |"), "{text}");
     }
 }

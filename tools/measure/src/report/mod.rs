@@ -273,7 +273,7 @@ mod tests {
                 exact: image.clone(),
                 pictures: vec![("midpoint samples".into(), "step 1 voxel".into(), image)],
             }],
-            stated: vec![("thin".into(), vec![Pixels::new(1).finish()])],
+            stated: vec![("thin".into(), vec![Pixels::new(1, 0.5).finish()])],
             notes: vec!["scene f3 is <left out>".into()],
             image_size: [4, 3],
             edge: 8,
