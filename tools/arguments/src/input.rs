@@ -94,7 +94,8 @@ impl Input {
 /// Runs a command on every input, also after failures. Failures are printed; the exit code is the greatest.
 ///
 /// # Errors
-/// For one input its failure. For several, [`Failure::Reported`] if one failed, and [`Failure::OutputClosed`] at once.
+/// If an input fails: its own failure if it is the only one, otherwise [`Failure::Reported`] after the last input. A
+/// closed output ends the loop at once.
 pub fn for_each(paths: &[PathBuf], run: impl Fn(&Path) -> Result<(), Failure>) -> Result<(), Failure> {
     if let [path] = paths {
         return run(path);

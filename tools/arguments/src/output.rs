@@ -210,8 +210,8 @@ impl<'a> ReportFolder<'a> {
     /// inside this one. So the results of a long measurement are not lost.
     ///
     /// # Errors
-    /// If a report would overwrite an input or a file of another kind, also where all are written elsewhere. If a file
-    /// cannot be written.
+    /// If a report would overwrite an input or a file of another kind: the error names the new folder. If a file cannot
+    /// be written.
     pub fn write(&self, reports: &[(String, Vec<u8>)], inputs: &[&Path]) -> Result<(), Failure> {
         let check = |(name, bytes): &(String, Vec<u8>)| {
             let path = self.folder.join(name);
@@ -228,7 +228,7 @@ impl<'a> ReportFolder<'a> {
     /// Lets `write` fill a temporary folder, and writes the files of that folder as reports.
     ///
     /// # Errors
-    /// The failure of `write`; that of a folder that cannot be written or read; those of [`Self::write`].
+    /// If `write` fails, if the folder cannot be written or read, or if [`Self::write`] fails.
     pub fn write_with<E: Into<Failure>>(
         &self,
         inputs: &[&Path],

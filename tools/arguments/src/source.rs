@@ -180,7 +180,7 @@ impl SourceArguments {
     /// The source itself uses at most `memory_bytes`.
     ///
     /// # Errors
-    /// If the options contradict each other, or the file cannot be opened with them.
+    /// If `--offset` of a headerless file is no number of bytes, or the file cannot be opened with these options.
     pub fn open(
         &self,
         input: &Path,

@@ -206,11 +206,11 @@ const WIDTHS: [f64; 4] = [1.0, 1.0, 0.1, 0.01];
 /// A transfer function for a volume that exists. Half of its values are percentiles of the data, so that it shows something
 /// even where few voxels lie far from all others.
 fn classification_for(random: &mut Random, facts: &VolumeFacts) -> String {
-    let width = facts.value_range.width() * WIDTHS[random.below(4) as usize];
+    let width = facts.value_range.width() * WIDTHS[index(random.below(4))];
     let by_percentiles = random.unit() < 0.5 && !facts.percentiles.is_empty();
     let pick = |random: &mut Random| {
         if by_percentiles {
-            facts.percentiles[random.below(facts.percentiles.len() as u64) as usize].1
+            facts.percentiles[index(random.below(facts.percentiles.len() as u64))].1
         } else {
             facts.value_range.min + facts.value_range.width() * random.unit()
         }
@@ -223,7 +223,7 @@ fn classification_for(random: &mut Random, facts: &VolumeFacts) -> String {
     if random.unit() < 0.4 {
         values[1] = values[0];
     }
-    let greatest = OPACITIES[random.below(4) as usize];
+    let greatest = OPACITIES[index(random.below(4))];
     let points: Vec<Point> = values
         .into_iter()
         .map(|value| {
@@ -231,7 +231,7 @@ fn classification_for(random: &mut Random, facts: &VolumeFacts) -> String {
             (value, [0; 3].map(|_| random.unit()), alpha)
         })
         .collect();
-    let distance = [0.4, 1.0, 1.0, 3.0][random.below(4) as usize];
+    let distance = [0.4, 1.0, 1.0, 3.0][index(random.below(4))];
     transfer_function(distance * facts.geometry.smallest_spacing(), &points)
 }
 
