@@ -25,6 +25,16 @@ pub mod zarr;
 
 use self::format::Format;
 
+/// Names of the formats for lists in help texts and messages, in the order of the table.
+pub fn titles() -> impl Iterator<Item = &'static str> {
+    FORMATS.iter().map(|format| format.title).filter(|title| !title.is_empty())
+}
+
+/// Ends of file names of all formats, in the order of the table.
+pub fn endings() -> impl Iterator<Item = &'static str> {
+    FORMATS.iter().flat_map(|format| format.endings.iter().copied())
+}
+
 /// Table of all formats, in order of priority: the first row that recognizes a file or a folder opens it.
 pub const FORMATS: &[Format] = &[
     raw::FORMAT,
