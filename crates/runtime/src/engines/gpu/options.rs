@@ -3,7 +3,7 @@
 use crate::engines::packets::PacketRule;
 use crate::stream::classify::Skipping;
 
-/// What a renderer may use, and how.
+/// Limits and precision of a renderer on a device.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GpuOptions {
     /// Bytes of GPU memory in all: cache, tables, rays, staging.

@@ -25,7 +25,7 @@ pub(super) fn begin_next_part(frame: &PacketFrame, corner: [u32; 2], rays: &mut 
             continue;
         }
         if let Some((index_ray, segment)) = part_of_ray(frame, corner, rays, ray) {
-            // What lies in front of a gap has no side behind it.
+            // The gap separates the parts: the side before it is not the side behind it.
             rays.gathered.iso[ray].known = 0;
             rays.set(ray, &index_ray, segment);
         }

@@ -45,7 +45,7 @@ impl<S: Simd> AlongRay<S> {
     }
 }
 
-/// Where rays cross cells.
+/// Crossings of rays with cells.
 #[derive(Clone, Copy)]
 pub struct Crossing<S: Simd> {
     /// Voxel offsets of the cells' first corners; in every lane of a cell of the core.
@@ -95,8 +95,8 @@ impl CellShader<'_> {
         }
     }
 
-    /// Colours of parts after shading, and their errors. The error is NaN beside a hole for rays in a plane of voxels:
-    /// the hole may have no weight for them, and a gradient exists after all.
+    /// Colours of parts after shading, and their errors. The error is NaN beside a hole for rays in a plane of voxels.
+    /// There the hole may have no weight, so that a gradient exists after all.
     #[inline(always)]
     pub fn shade<S: Simd>(
         &self,
