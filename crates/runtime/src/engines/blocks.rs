@@ -16,7 +16,7 @@ pub const HALVES: usize = MACRO_CELL / BLOCK;
 /// Voxels that are read at once along x: those of a macro cell's cells, and some.
 const ROW: usize = 16;
 
-/// Ranges of render values of the eight blocks of a macro cell, x fastest; `low > high`: nothing is there.
+/// Ranges of render values of the eight blocks of a macro cell, x fastest; `low > high`: no voxel is present.
 #[must_use]
 pub fn ranges_of_blocks(brick: &DecodedBrick, apron: usize, cell: [usize; 3], map: &ValueMap) -> [[f32; 2]; 8] {
     let extent = brick.extent.map(|n| n as usize);

@@ -2,8 +2,8 @@
 //!
 //! A reader turns files of one format into a [`VolumeSource`](crate::VolumeSource). Its module exports `FORMAT`, a row
 //! of [`FORMATS`]: the name of the format, a function that recognizes files, and a function that opens them.
-//! [`mod@crate::open`] takes the first row that recognizes a file. A new reader needs its module and one line of the
-//! table.
+//! [`mod@crate::open`] takes the first row that recognizes a file. A new reader needs its module and a
+//! row in its place; the checklist in CONTRIBUTING.md names all other places.
 
 pub mod bigdataviewer;
 pub mod dicom;

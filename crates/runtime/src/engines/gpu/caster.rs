@@ -70,7 +70,7 @@ pub enum PageEntry {
     Missing,
     /// It contributes nothing (absent, or in mode dvr invisible).
     Nothing,
-    /// It would change the picture too much: from now on rays go on in its children. A later answer or insertion for
+    /// It would change the picture too much: rays continue in its children. A later answer or insertion for
     /// the same brick applies where it stands in for a failed child.
     TooCoarse,
     /// All voxels, apron included, have this render value.

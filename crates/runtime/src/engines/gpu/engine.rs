@@ -35,7 +35,7 @@ pub(crate) struct GpuEngine {
     renderer: GpuRenderer,
     counters: RayCounters,
     stops: WhenToStop,
-    /// Rows whose rays have begun; those of a picture that goes on.
+    /// Rows with rays in progress; kept when a picture is continued.
     rows: Range<u32>,
     /// Counters of the device before this picture.
     before: DeviceCounters,
@@ -121,7 +121,7 @@ impl GpuEngine {
         }
     }
 
-    /// The same, and remembers that it was asked for.
+    /// The same, and remembers the brick.
     pub(crate) fn note_answer(&mut self, view: &HostView<'_>, key: FieldBrick) {
         if self.answered.len() >= ANSWERED_LIMIT {
             self.answered.clear();
@@ -130,7 +130,7 @@ impl GpuEngine {
         self.answer(view, key.brick);
     }
 
-    /// Nothing is waited for any more: what is not resident is drawn from its parent, and the coarsest brick is there.
+    /// Ends all waiting: missing bricks are drawn from their parents. The coarsest bricks are resident.
     fn stop_waiting(&mut self, view: &HostView<'_>) -> Result<(), EngineError> {
         let coarsest = self.renderer.pyramid.coarsest();
         let keys: Vec<BrickKey> = self.renderer.pyramid.keys_of(coarsest).collect();

@@ -10,10 +10,10 @@ pub struct GpuOptions {
     pub memory_bytes: u64,
     /// Whether macro cells that cannot change the picture are skipped.
     pub skipping: Skipping,
-    /// Largest error of any channel of any pixel that is aimed at in mode `dvr`, 1 being white; brought to
+    /// Requested error of a pixel channel in mode `dvr`, 1 is white; clamped to
     /// [`MAX_ERROR_LIMITS`](crate::engines::rules::MAX_ERROR_LIMITS).
     pub max_error: f64,
-    /// Whether there is room to sum up what rays may be off by.
+    /// Whether there is room to sum up errors of rays.
     pub sums_errors: bool,
     /// Rays along x and y of the largest picture for which there is room; `None`: the first one's.
     pub room: Option<[u32; 2]>,

@@ -1,4 +1,4 @@
-//! Buffers by which what rays have gathered is read back, piece by piece: see [`super::read_back`].
+//! Buffers for the read-back of finished rays, piece by piece: see [`super::read_back`].
 
 use crate::engines::gpu::device::GpuDevice;
 use crate::engines::gpu::error::GpuError;

@@ -24,7 +24,7 @@ struct Way {
 }
 
 impl CastTile<'_> {
-    /// The rays that meet a brick gather what is in it, and meet the surfaces of a frame.
+    /// Casts the rays that meet a brick through its volume and through the surfaces of a frame.
     pub(super) fn cast_around_surfaces(&mut self, key: BrickKey, resident: Resident<'_>, surfaces: &PacketFrame) {
         let hits = self.rays.hits().to_vec();
         self.find_crossings(key, resident, surfaces);

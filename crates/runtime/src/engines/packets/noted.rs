@@ -1,4 +1,4 @@
-//! Notes on the rays of a tile beside what they gather: how far they may be off, and what they cost.
+//! Notes on the rays of a tile beside their results: errors and work.
 
 use super::places::TILE_RAYS;
 use crate::engines::totals::ErrorsByReason;

@@ -53,7 +53,7 @@ pub(super) fn is_in_picture(frame: &PacketFrame, corner: [u32; 2], ray: usize) -
     (0..2).all(|a| corner[a] + place_of(ray)[a] < size[a])
 }
 
-/// Whether nothing behind what a ray has gathered can be seen.
+/// Whether a ray is opaque already, so that nothing behind is visible.
 pub(super) fn has_ended(frame: &PacketFrame, gathered: &Gathered, ray: usize) -> bool {
     match frame.scene.mode {
         Mode::Dvr => gathered.transmittance[ray] <= frame.tables.end_error(),

@@ -26,7 +26,7 @@ impl PacketRays {
         Self { frame, tiles: vec![Tile::Fresh; columns as usize * rows as usize] }
     }
 
-    /// Packets stop when this is due: rays wait where they are, and go on from there in the next pass.
+    /// Sets the stop condition. At the stop, rays wait at their place and continue there in the next pass.
     pub(crate) fn set_stop(&mut self, stop: Stop) {
         self.frame.set_stop(stop);
     }

@@ -234,7 +234,7 @@ impl ShadeCells<'_> {
         unsafe { self.shader.gradients(&cell, along) };
     }
 
-    /// Shades the cells from number `first` on; cells that three positions do not settle go on to refinement.
+    /// Shades the cells from number `first` on; cells that three positions do not settle are refined.
     #[inline(always)]
     fn shade<S: Simd>(&mut self, first: usize, along: &AlongRay<S>) {
         let mut cell = self.cells.cells::<S>(first);

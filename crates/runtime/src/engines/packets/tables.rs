@@ -1,4 +1,4 @@
-//! Tables of a picture that all its packets look up, and what is kept of bricks.
+//! Tables of a picture for all its packets, and kept data derived from bricks.
 
 use std::sync::Arc;
 
@@ -62,9 +62,9 @@ pub struct PacketTables {
     pub(super) counts_work: bool,
 }
 
-/// Part of what is kept of bricks, as a divisor, that is for what coarser levels do.
+/// Part of the memory for kept data that errors of coarser levels get, as a divisor.
 const LEVELS_SHARE: u64 = 8;
-/// The same for where they lie in the picture.
+/// The same for silhouettes.
 const SILHOUETTES_SHARE: u64 = 4;
 
 /// Lanes up to which look-ups in registers are not compiled: arrays have none.

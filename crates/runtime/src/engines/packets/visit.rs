@@ -194,7 +194,7 @@ impl CastTile<'_> {
             return;
         }
         let (packet_brick, grid) = tables.packet_brick(&frame.scene, key, brick);
-        // Between surfaces rays go piece by piece: what they meet would be looked up for each.
+        // Between surfaces rays are cast piece by piece: the silhouette would be looked up for each piece.
         if plan.leaps && frame.inner.is_none() {
             self.leave_out_unseen(key, &plan.cloud, &grid);
             if self.rays.hits().is_empty() {
