@@ -5,7 +5,7 @@
 #
 # Faults: processes killed (KILL, INT, TERM, HUP) while they build or render; disks that fill, in a small tmpfs where
 # mounting is permitted; containers that are cut or overwritten; sources that are written to while they are read; four
-# processes at once on one output. Reads that fail cannot be had without a broken disk: tests/tests/failures.rs has them.
+# processes at once on one output. Reads that fail cannot be had without a broken disk: tests/tests/contracts/failures.rs has them.
 # Whatever happens, a file that was whole stays whole, nothing half written keeps lying about, no exit code but those that
 # are documented, and nothing hangs. Environment:
 #   SOAK_SEED (1)      seed of the faults

@@ -325,7 +325,7 @@ struct PlaneLine {
     stride: Affine,
 }
 
-// Rays of a picture, in the index space of level 0: `origin + n * stride`, n a number of strides.
+// Rays of a picture, in the index space of level 0: `origin + n * stride`, where n counts strides.
 //
 // The parameter t of a ray is a world length for orthographic cameras, and a depth for perspective ones;
 // `length_at` gives the length of one unit of it.
@@ -420,11 +420,11 @@ struct RayErrors {
     // Mode dvr: sum over its cells.
     cells: f32,
     // Modes dvr and iso: sum of the deviations of coarser bricks. Mode mean: that of values, times world lengths.
-    // Modes mip and minip: how
-    // far below the drawn value the exact one may lie.
+    // Modes mip and minip: largest possible
+    // excess of the drawn value over the exact one.
     levels: f32,
-    // Modes dvr and iso: least of sum plus transmittance over all places so far; modes mip and minip: how far
-    // above the exact value may lie.
+    // Modes dvr and iso: least sum plus transmittance over all places so far. Modes mip and minip: largest
+    // possible excess of the exact value over the drawn one.
     bound: f32,
     // Mode dvr: largest possible excess of drawn optical depth in front.
     thinner: f32,

@@ -1,4 +1,5 @@
-//! Library of the tests and fuzz targets. The tests themselves are in `tests/tests`, one file per contract.
+//! Library of the tests and fuzz targets. The tests themselves are in `tests/tests`: `contracts` and `drawn` (pictures),
+//! one file per contract, and the single files `dependencies.rs` and `memory_budget.rs`.
 //!
 //! - [`fields`]: volumes computed from coordinates, and containers built from them;
 //! - [`counting`]: an allocator that counts;

@@ -12,6 +12,8 @@ use supervol_format::container::header::MAGIC;
 const HEAD_BYTES: u64 = 4096;
 /// Longest text that is examined, in bytes.
 const TEXT_LIMIT_BYTES: u64 = 64 << 20;
+/// Characters of a report's kind that messages show.
+const SHOWN_CHARACTERS: usize = 60;
 /// Keys that only statistics of a picture have.
 const STATISTICS_KEYS: [&str; 3] = ["render_ms", "page_ins", "peak_rss_bytes"];
 
@@ -39,9 +41,19 @@ impl std::fmt::Display for FileKind {
             Self::Container => "a container",
             Self::Picture => "a picture",
             Self::Statistics => "statistics of a picture",
-            Self::Report(_) => "a text or table of another kind",
+            Self::Report(text) => return write!(f, "a text or table of the kind `{}`", shortened(text)),
             Self::Other => "neither a picture nor statistics",
         })
+    }
+}
+
+/// The first characters of a text, for messages. A shortened text ends with its length, so that two texts that begin
+/// alike usually look different.
+fn shortened(text: &str) -> String {
+    let start: String = text.chars().take(SHOWN_CHARACTERS).flat_map(char::escape_debug).collect();
+    match text.chars().count() {
+        0..=SHOWN_CHARACTERS => start,
+        count => format!("{start}... ({count} characters)"),
     }
 }
 
@@ -141,5 +153,15 @@ mod tests {
         assert!(!same("a,b1,c\n1,2,3", "a,b1,d\n"));
         assert!(!same("# Frames along the path orbit", "# My notes"));
         assert!(!same(r#"{"a": 1}"#, r#"{"b": 1}"#));
+    }
+
+    #[test]
+    fn messages_tell_reports_apart() {
+        let shown = |text: &str| FileKind::of_bytes(text.as_bytes()).to_string();
+        assert_eq!(shown("# My notes\n"), "a text or table of the kind `# My notes`");
+        assert_eq!(shown("# A \u{1b}[31m"), "a text or table of the kind `# A \\u{1b}[31m`");
+        let columns = |n: usize| (0..n).map(|i| format!("column_{i}")).collect::<Vec<_>>().join(",");
+        assert!(shown(&columns(20)).ends_with("... (189 characters)`"), "{}", shown(&columns(20)));
+        assert_ne!(shown(&columns(20)), shown(&columns(21)));
     }
 }

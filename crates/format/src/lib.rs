@@ -1,7 +1,7 @@
 //! The contract that Supervol's preprocessor and runtime share.
 //!
 //! Axis order: x runs fastest in memory, then y, then z. Every array of three is `[x, y, z]`.
-//! Voxel (i, j, k) is a sample at the index point (i, j, k) and owns the cell `[i-1/2, i+1/2] x ...`.
+//! Voxel (i, j, k) is a sample at the index point (i, j, k) and owns the box `[i-1/2, i+1/2] x ...`.
 //! LOD 0 is the source grid. Each coarser level halves some axes: coarse voxel c covers fine voxels 2c and 2c+1. On a
 //! halved axis the index point p of the coarse grid is therefore the fine point `2p + 1/2` ([`space`]).
 //!
@@ -10,6 +10,7 @@
 //! - [`space`]: boxes, dims, and the transform between index and world space;
 //! - [`brick`], [`brick_key`], [`pyramid`]: which brick holds which voxels at which level;
 //! - [`value_range`]: least and greatest present value;
+//! - [`macro_cells`]: value ranges of cubes of 8^3 voxels in a brick;
 //! - [`codec`]: encoding of brick voxels to bytes, and decoding;
 //! - [`container`]: the `.svol` file, byte by byte;
 //! - [`level_reader`]: boxes of voxels of one level, assembled from its bricks;

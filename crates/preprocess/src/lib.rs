@@ -26,6 +26,7 @@
 //! | [`kept`] | containers built for a picture and kept for the next one |
 //! | [`batch`], [`naming`] | many inputs, one folder of containers |
 //! | [`verify`], [`compare`] | a container checked rule by rule; a container compared with its source or another one |
+//! | [`level_reader`] | boxes of a level, decoded by all threads |
 //! | [`provenance`], [`statistics`], [`report`], [`error`] | types and functions that the modules above share |
 //!
 //! # Promises

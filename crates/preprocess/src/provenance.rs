@@ -1,4 +1,5 @@
-//! Identity of a source: name, size and checksum of its files, and checks that they have not changed.
+//! Identity of a source for the manifest: name, format, size and checksum of its files, and checks that they have not
+//! changed.
 
 use std::fs::File;
 use std::io::Read;

@@ -138,12 +138,6 @@ impl SourceError {
         matches!(self, Self::Options(_) | Self::NoSuchPart { .. } | Self::Memory { .. })
     }
 
-    /// Options that solve the problem or cause it, in the order of the message.
-    #[must_use]
-    pub fn remedies(&self) -> Vec<ReadOption> {
-        self.message().options().collect()
-    }
-
     /// The message with the names that a program gives to the options.
     #[must_use]
     pub fn named(&self, name: OptionName) -> String {

@@ -7,7 +7,14 @@
 //!
 //! Several threads may call `read_box` at once, for boxes in any order. [`AccessOrder`] tells the cheapest order.
 //!
-//! Errors and notes name options of this crate, never those of a program; [`mod@open`] opens any file or folder.
+//! Errors and notes name options of this crate, never those of a program.
+//!
+//! - [`mod@open`]: opens any file or folder with the reader that recognizes it;
+//! - [`formats`]: the readers, one module per file format, and the table of all formats;
+//! - [`input`]: access to input files, shared by the readers: selection, spool file, folders, start of a file;
+//! - [`grid`]: dense and chunked grids of voxels, on which readers are built;
+//! - [`synthetic`], [`computed`]: volumes computed from coordinates;
+//! - [`message`]: messages that name options; [`stop`]: the end of long reads.
 
 #![warn(
     clippy::cast_possible_truncation,

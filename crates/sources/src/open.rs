@@ -4,9 +4,9 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::formats::FORMATS;
 use crate::formats::format::{Certainty, Folder, FolderFiles, Format};
 use crate::formats::unsupported::{refusal_of_file, refusal_of_folder};
+use crate::formats::{FORMATS, titles};
 use crate::input::file::SourceFile;
 use crate::input::folder::{FolderDepth, Listing};
 use crate::input::start::FileStart;
@@ -101,7 +101,7 @@ fn open_folder(path: &Path, options: &OpenOptions) -> Result<Box<dyn VolumeSourc
 
 /// Error for a file that no row recognizes.
 fn unknown_file(path: &Path) -> SourceError {
-    let titles: Vec<&str> = FORMATS.iter().map(|format| format.title).filter(|title| !title.is_empty()).collect();
+    let titles: Vec<&str> = titles().collect();
     SourceError::unsupported(
         path,
         "neither its first bytes nor its name are those of a format we read",

@@ -20,7 +20,10 @@ fn the_table_of_formats_is_true() {
     let expected = std::fs::read_to_string(root.join("docs/formats.md")).expect("docs/formats.md is there");
     let found = document(&outcomes);
     for (expected, found) in expected.lines().zip(found.lines()) {
-        assert_eq!(expected, found, "docs/formats.md is out of date; its head says how to make it");
+        assert_eq!(
+            expected, found,
+            "docs/formats.md is out of date; CONTRIBUTING.md says how to make it (Generated files)"
+        );
     }
     assert_eq!(expected.lines().count(), found.lines().count());
 }

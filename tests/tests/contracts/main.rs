@@ -9,6 +9,7 @@ mod corruption;
 mod failures;
 #[cfg(feature = "pictures")]
 mod formats;
+mod fuzz_targets;
 mod huge_files;
 mod reductions;
 mod reproducible;

@@ -24,17 +24,14 @@ use supervol_preprocess::naming::container_beside;
 use supervol_preprocess::report::BuildReport;
 use supervol_preprocess::{BuildError, BuildOptions, Existing, MaxError};
 use supervol_sources::VolumeSource;
+use supervol_sources::formats;
 use supervol_sources::open::split_array;
 
 /// Input, output and options of a build.
 #[derive(Debug, Args)]
 pub struct Arguments {
     /// Volume file, folder of slices, or - for standard input
-    ///
-    /// Files: SEG-Y, DICOM, NRRD, NIfTI, MetaImage, VTK, TIFF, npy, npz, OME-Zarr, Zarr, N5, and raw with --dims and
-    /// --dtype. FOLDER:/NAME is an array inside a Zarr or N5 folder. Folders: a DICOM series, or pictures (PNG, JPEG,
-    /// TIFF) in natural order. Standard input is first copied to a temporary file beside the output.
-    #[arg(required_unless_present = "batch", conflicts_with = "batch")]
+    #[arg(required_unless_present = "batch", conflicts_with = "batch", long_help = input_help())]
     input: Option<PathBuf>,
     /// Build many volumes into the folder -o: those in a text file (one path a line, - for standard input), or those
     /// in a folder
@@ -89,6 +86,7 @@ pub struct OutputArguments {
     json: bool,
 }
 
+/// Codecs to choose from. `trimmed` is none of these: rle and zstd use it by themselves if layers of apron repeat.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum CodecName {
     Auto,
@@ -111,6 +109,17 @@ enum LodAxesName {
     Auto,
     Xyz,
     Xy,
+}
+
+/// Long help of the input, with the formats of the table.
+fn input_help() -> String {
+    format!(
+        "Volume file, folder of slices, or - for standard input\n\n\
+         Formats: {}; raw with --dims and --dtype. FILE:/NAME is one of several arrays in a file, FOLDER:/NAME one in \
+         a Zarr or N5 folder. Folders: a DICOM series, SEG-Y with one file per line, or pictures (PNG, JPEG, TIFF) in \
+         natural order. Standard input is first copied to a temporary file beside the output.",
+        formats::titles().collect::<Vec<_>>().join(", ")
+    )
 }
 
 fn brick_layout(text: &str) -> Result<BrickLayout, String> {

@@ -1,4 +1,7 @@
-//! `supervol`: the command line. A file per command; no algorithm lives here.
+//! `supervol`: the command line. It parses arguments, calls the other crates, and reports; no algorithm lives here.
+//!
+//! Each command has one file; `man` and `schema` are in `completions`. Parts of `render`: `look`, `panels`, `pick`,
+//! `sequence`. Part of `build`: `batch`.
 //!
 //! Exit codes: 0 done, 1 the data is wrong, 2 the command is wrong, 3 the machine failed us (disk full, no memory, I/O
 //! error), 128 + n ended by signal n ([`supervol_arguments::signals`]). Results go to standard output, messages and

@@ -83,7 +83,7 @@ impl PartialEq for Json {
 pub struct Source {
     /// File name without its folder, or the name of a synthetic volume.
     pub name: String,
-    /// Name of the file format: `raw`, `nrrd`, `segy`, `nifti`, `npy`, `synth`.
+    /// Name of the file format, such as `raw`, `nrrd` or `segy`; `synth` for a computed volume.
     pub format: String,
     /// Size of the file in bytes.
     pub bytes: u64,

@@ -91,8 +91,10 @@ impl BrickEntry {
         let invalid = |at: u64, field: &str, expected: &str, found: String| {
             ContainerError::invalid(format!("TOC entry of {key}: {field}"), offset + at, expected, found)
         };
-        let codec = Codec::from_tag(bytes[16])
-            .ok_or_else(|| invalid(16, "codec", "0 to 5 (others need a newer supervol)", bytes[16].to_string()))?;
+        let codec = Codec::from_tag(bytes[16]).ok_or_else(|| {
+            let expected = format!("0 to {} (others need a newer supervol)", Codec::ALL.len() - 1);
+            invalid(16, "codec", &expected, bytes[16].to_string())
+        })?;
         let flags = bytes[17];
         if flags & !(FLAG_ABSENT | FLAG_UNIFORM | FLAG_HOLES) != 0 {
             return Err(invalid(17, "flags", "bits 0 to 2", format!("{flags:#010b}")));

@@ -1,8 +1,8 @@
 //! Ranges of blocks: cubes of [`BLOCK`] cells of a brick, eight in a macro cell.
 //!
-//! Containers keep ranges of macro cells. Where thin things run through nothing, most of a macro cell that shows something
-//! shows nothing: ranges of its blocks, found from the voxels, let rays leap over that, too. The first cell of a brick, -1,
-//! belongs to its first block.
+//! Containers keep ranges of macro cells. Around thin structures, most of a visible macro cell shows nothing. Ranges of
+//! its blocks, computed from the voxels, let rays leap over these parts. The first cell of a brick, -1, belongs to its
+//! first block.
 
 use supervol_format::brick::MACRO_CELL;
 use supervol_scene::value_map::ValueMap;
@@ -16,7 +16,7 @@ pub const HALVES: usize = MACRO_CELL / BLOCK;
 /// Voxels that are read at once along x: those of a macro cell's cells, and some.
 const ROW: usize = 16;
 
-/// Ranges of render values of the eight blocks of a macro cell, x fastest; `low > high`: nothing is there.
+/// Ranges of render values of the eight blocks of a macro cell, x fastest; `low > high`: no voxel is present.
 #[must_use]
 pub fn ranges_of_blocks(brick: &DecodedBrick, apron: usize, cell: [usize; 3], map: &ValueMap) -> [[f32; 2]; 8] {
     let extent = brick.extent.map(|n| n as usize);
@@ -34,8 +34,8 @@ pub fn ranges_of_blocks(brick: &DecodedBrick, apron: usize, cell: [usize; 3], ma
     }
 }
 
-/// Least and greatest number of the voxels that interpolation in each of the eight blocks of a macro cell reaches; the ends
-/// of the type where there are none. NaN is passed over.
+/// Least and greatest number of each of the eight blocks of a macro cell, over the voxels that interpolation in the
+/// block reaches. Without such voxels: the ends of the type. NaN is ignored.
 fn extremes<T: Copy + PartialOrd>(
     voxels: &[T],
     ends: [T; 2],

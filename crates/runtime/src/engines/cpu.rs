@@ -1,7 +1,7 @@
-//! Pictures on the CPU: the choice between packets of rays and rays one by one.
+//! Pictures on the CPU: the choice between packets of rays and single rays.
 //!
-//! [`CpuFrame`] is a picture that is to be cast, [`CpuRays`] its rays between passes. Rays know their picture, so that none are
-//! cast for another. The choice is made here, once a pass: no loop over rays, packets or cells knows of it.
+//! [`CpuFrame`] is the picture to cast, [`CpuRays`] its rays between passes. Rays own their picture, so they cannot be
+//! cast for another one. The choice is made here, once per pass; no loop over rays, packets or cells repeats it.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -28,32 +28,31 @@ use crate::stream::budget::{EngineBytes, MADE_LIMIT};
 use crate::stream::classify::Skipping;
 use crate::stream::residency::BrickView;
 
-/// Who casts the rays of a frame, and how finely.
+/// Caster of a frame, with its precision.
 ///
-/// Every caster walks the same bricks and macro cells, skips the same ones, reads through the same streamer and cache,
-/// and ends at the same scene: only what happens inside a visible macro cell differs.
+/// Every caster visits the same bricks and macro cells, skips the same ones, reads through the same streamer and cache,
+/// and draws the same scene. Casters differ only inside a visible macro cell.
 #[derive(Debug, Clone)]
 pub enum Caster {
-    /// Cell by cell, in packets of rays: what users get (docs/decisions/001-cells-not-steps.md, 006-packets.md).
+    /// Cell by cell, in packets of rays: the default (docs/decisions/001-cells-not-steps.md, 006-packets.md).
     Packets(PacketRule),
-    /// Cell by cell, ray by ray, in `f64`: what packets are compared with.
+    /// Cell by cell, ray by ray, in `f64`: the comparison for packets.
     Cells(CellRule),
-    /// By something else that is plugged into the scalar caster, for comparison; mode `dvr` only: all others go cell by
-    /// cell.
+    /// By another integration in the scalar caster, for comparison. Modes other than `dvr` are cast cell by cell.
     Custom(Arc<dyn Integration>),
 }
 
 impl Caster {
-    /// What users get.
+    /// Caster of normal pictures.
     pub const DEFAULT: Self = Self::Packets(PacketRule::DEFAULT);
 
-    /// Whether this is what users get, with whatever instructions and error.
+    /// Whether this is the default caster, with any instructions and error.
     #[must_use]
     pub fn is_default(&self) -> bool {
         matches!(self, Self::Packets(_))
     }
 
-    /// The same caster, aimed at this error if it can be aimed: the largest of any channel of any pixel, 1 being white.
+    /// The same caster with this requested error, if it has one: largest error of a pixel channel, 1 is white.
     #[must_use]
     pub fn with_max_error(self, max_error: f64) -> Self {
         match self {
@@ -62,7 +61,7 @@ impl Caster {
         }
     }
 
-    /// The same caster, which sums up what its rays may be off by if it can.
+    /// The same caster, which sums up the errors of its rays if it can.
     #[must_use]
     pub fn summing_errors(self) -> Self {
         match self {
@@ -71,7 +70,7 @@ impl Caster {
         }
     }
 
-    /// The same caster, which counts what each of its rays costs if it can.
+    /// The same caster, which counts the work of each ray if it can.
     #[must_use]
     pub fn counting_work(self) -> Self {
         match self {
@@ -80,7 +79,7 @@ impl Caster {
         }
     }
 
-    /// What it holds in host memory beside its tables; `core`: voxels along an edge of a full brick's core.
+    /// Bytes of host memory beside its tables; `core`: voxels along an edge of a full brick's core.
     #[must_use]
     pub fn bytes(&self, core: usize) -> EngineBytes {
         match self {
@@ -96,18 +95,18 @@ impl Default for Caster {
     }
 }
 
-/// How much work a frame may save, and how.
+/// Precision and memory of a picture on the CPU.
 #[derive(Debug, Clone)]
 pub struct CpuQuality {
-    /// Which level bricks are taken from.
+    /// Rule for the level of each brick.
     pub lod: LodChoice,
     /// Whether macro cells are skipped.
     pub skipping: Skipping,
-    /// Who casts the rays.
+    /// Caster of the rays.
     pub caster: Caster,
-    /// Most bytes of what is made once of each brick, and kept: with less it is made more often.
+    /// Most bytes of kept data derived from bricks. With less, the data is derived more often.
     pub made_bytes: u64,
-    /// What packets of another picture found out of the same volume's bricks: taken over where it is still true.
+    /// Plans for the same volume's bricks from an earlier picture; reused as far as they are valid.
     pub plans: Option<Arc<BrickPlans>>,
 }
 
@@ -127,7 +126,7 @@ pub enum CpuFrame {
     Cells(Box<CellFrame>),
 }
 
-/// The rays of a picture between passes, and the picture that they are cast for.
+/// The rays of a picture between passes, and the picture.
 #[derive(Debug, Clone)]
 pub enum CpuRays {
     /// In tiles.
@@ -156,7 +155,7 @@ impl CpuFrame {
         }
     }
 
-    /// Where packets sum up errors, what these coarser levels do counts, too.
+    /// Adds these errors of coarser levels, if packets sum up errors.
     #[must_use]
     pub fn with_deviations(self, deviations: Deviations) -> Self {
         match self {
@@ -165,7 +164,7 @@ impl CpuFrame {
         }
     }
 
-    /// Packets count the rays that they finish here.
+    /// Packets add the number of finished rays here.
     #[must_use]
     pub fn counting(self, finished: Option<Arc<AtomicU64>>) -> Self {
         match self {
@@ -174,14 +173,14 @@ impl CpuFrame {
         }
     }
 
-    /// Packets stop when this is due: rays wait where they are, and go on from there in the next pass.
+    /// Sets the stop condition of packets. At the stop, rays wait at their place and continue there in the next pass.
     pub(crate) fn set_stop(&mut self, stop: Stop) {
         if let Self::Packets(frame) = self {
             frame.set_stop(stop);
         }
     }
 
-    /// What packets have found out of bricks, for a picture of another camera; `None` where they cast none in mode `dvr`.
+    /// Plans of packets for bricks, for a picture of another camera; `None` without packets in mode `dvr`.
     #[must_use]
     pub fn plans(&self) -> Option<Arc<BrickPlans>> {
         match self {
@@ -208,7 +207,7 @@ impl CpuFrame {
         self.clone().into_rays()
     }
 
-    /// The same of a picture that nobody else needs.
+    /// The same, without a copy of the picture.
     #[must_use]
     pub fn into_rays(self) -> CpuRays {
         match self {
@@ -217,7 +216,7 @@ impl CpuFrame {
         }
     }
 
-    /// The instructions that packets are cast with; `None` where rays are cast one by one.
+    /// Instruction set of packets; `None` if rays are cast one by one.
     #[must_use]
     pub fn instructions(&self) -> Option<InstructionSet> {
         match self {
@@ -226,7 +225,7 @@ impl CpuFrame {
         }
     }
 
-    /// What a picture may be off by whose rays are off by so much: where packets sum that up, in mode `dvr`.
+    /// Error of a picture whose rays have these errors; `None` without packets that sum up errors in mode `dvr`.
     #[must_use]
     pub fn errors(&self, rays: ErrorsByReason) -> Option<EngineErrors> {
         match self {
@@ -248,14 +247,14 @@ impl CpuRays {
         }
     }
 
-    /// Packets stop when this is due: rays wait where they are, and go on from there in the next pass.
+    /// Sets the stop condition of packets. At the stop, rays wait at their place and continue there in the next pass.
     pub(crate) fn set_stop(&mut self, stop: Stop) {
         if let Self::Packets(rays) = self {
             rays.set_stop(stop);
         }
     }
 
-    /// The picture of what the rays have gathered, sub-grid averaged.
+    /// The picture of all rays so far, sub-grid averaged.
     #[must_use]
     pub fn image(&self) -> Image {
         match self {
@@ -264,7 +263,7 @@ impl CpuRays {
         }
     }
 
-    /// The picture of what is finished, sub-grid averaged: NaN elsewhere.
+    /// The finished pixels, sub-grid averaged; NaN elsewhere.
     #[must_use]
     pub fn finished_pixels(&self) -> Image {
         match self {
@@ -273,7 +272,7 @@ impl CpuRays {
         }
     }
 
-    /// What each finished pixel may be off by: see [`PacketRays::error_pixels`].
+    /// Error of each finished pixel: see [`PacketRays::error_pixels`].
     #[must_use]
     pub fn error_pixels(&self) -> Option<Image> {
         match self {
@@ -282,7 +281,7 @@ impl CpuRays {
         }
     }
 
-    /// What the rays of each finished pixel cost: see [`PacketRays::work_pixels`].
+    /// Work of the rays of each finished pixel: see [`PacketRays::work_pixels`].
     #[must_use]
     pub fn work_pixels(&self) -> Option<Image> {
         match self {
@@ -291,7 +290,7 @@ impl CpuRays {
         }
     }
 
-    /// What rays in packets may be off by at most, where that is summed up.
+    /// Largest errors of rays; zero unless packets sum them up.
     #[must_use]
     pub fn errors(&self) -> ErrorsByReason {
         match self {
@@ -300,7 +299,7 @@ impl CpuRays {
         }
     }
 
-    /// The rays, row by row from the top, where they are cast one by one; else none.
+    /// The rays, row by row from the top, if they are cast one by one; otherwise none.
     #[must_use]
     pub fn states(&self) -> &[RayState] {
         match self {

@@ -10,7 +10,7 @@ pub enum EngineError {
     /// The GPU engine failed.
     #[error(transparent)]
     Gpu(#[from] GpuError),
-    /// It is time to stop, and the engine goes on where it is when the picture does.
+    /// The stop condition is due. The engine keeps its state and continues when the picture does.
     #[error("the engine stopped before its picture was whole")]
     Stopped,
     /// An engine from outside this crate failed.

@@ -17,7 +17,7 @@ pub struct Miss {
     pub nearest: f64,
 }
 
-/// What a pass tells its caller.
+/// Result of a pass.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct PassFeedback {
     /// Bricks that rays wait for, nearest first.
@@ -26,7 +26,7 @@ pub struct PassFeedback {
     pub uses: Vec<BrickKey>,
     /// Sums over the pass.
     pub counters: RayCounters,
-    /// Whether it ended before some tile was finished, or waits, because it was time to stop.
+    /// Whether the stop condition ended it before every tile was finished or waited.
     pub is_stopped: bool,
 }
 
@@ -38,7 +38,7 @@ impl PassFeedback {
     }
 }
 
-/// What one block of rays reports.
+/// Result of a pass for one block of rays.
 #[derive(Default)]
 pub(crate) struct BlockFeedback {
     pub(crate) misses: BTreeMap<BrickKey, (u64, f64)>,

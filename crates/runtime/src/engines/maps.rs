@@ -1,27 +1,27 @@
-//! What is known of each pixel beside its colour, where somebody asks: how far it may be off, and what its rays cost.
+//! Maps of a picture: the error of each pixel, and the work of its rays. They are made on request.
 
 use supervol_scene::image::Image;
 
-/// Pictures of as many pixels as the one they belong to.
+/// Maps of a picture, of its size.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Maps {
-    /// How far each pixel may be off, 1 being white.
+    /// Error of each pixel; 1 is white.
     pub errors: Option<Image>,
-    /// What the rays of each pixel cost: see [`of_work`].
+    /// Work of each pixel's rays: see [`of_work`].
     pub work: Option<Image>,
 }
 
-/// Maps that somebody asks for.
+/// Requested maps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct AskedMaps {
-    /// How far each pixel may be off.
+    /// Error of each pixel.
     pub errors: bool,
-    /// What the rays of each pixel cost.
+    /// Work of each pixel's rays.
     pub work: bool,
 }
 
 impl Maps {
-    /// Begins the maps that are asked for and not there yet: nothing is known of any pixel.
+    /// Begins the requested maps that do not exist yet; all pixels are unknown.
     pub fn begin(&mut self, asked: AskedMaps, size: [u32; 2]) {
         let begin = |map: &mut Option<Image>, is_asked: bool| {
             if is_asked && map.is_none() {
@@ -32,7 +32,7 @@ impl Maps {
         begin(&mut self.work, asked.work);
     }
 
-    /// Writes what is known of the finished pixels of a band over what was known.
+    /// Copies the maps of a band.
     pub fn write_over(&mut self, first_row: u32, band: Self) {
         let write = |map: &mut Option<Image>, band: Option<Image>| {
             if let (Some(map), Some(band)) = (map, band) {
@@ -44,8 +44,8 @@ impl Maps {
     }
 }
 
-/// A work map as it is handed out: of each pixel, the mean over its rays of the trilinear cells that a ray crosses (red) and of the
-/// leaps that it takes (green); blue is 0, alpha 1, and all is 0 of pixels that are not finished.
+/// The work map in its public form. Red is the number of trilinear cells that a ray crosses, green the number of its
+/// leaps, both as the mean over the rays of a pixel. Blue is 0 and alpha 1. Unfinished pixels are 0 in all channels.
 #[must_use]
 pub fn of_work(mut known: Image) -> Image {
     for pixel in &mut known.pixels {
@@ -56,14 +56,14 @@ pub fn of_work(mut known: Image) -> Image {
     known
 }
 
-/// Cells or leaps of a ray from which colours do not grow any more.
+/// Cells or leaps of a ray at full colour.
 const FULL: f32 = 1000.0;
-/// Colours of that many cells, and of that many leaps.
+/// Full colours of cells and of leaps.
 const OF_CELLS: [f32; 3] = [1.0, 0.55, 0.1];
 const OF_LEAPS: [f32; 3] = [0.05, 0.35, 1.0];
 
-/// A work map for people to look at: orange for cells, blue for leaps, both by the square of the logarithm, which tells a hundred cells from
-/// three hundred, from black (none) to full colour (1,000 or more), added up.
+/// A work map in colours: orange for cells, blue for leaps, added up. Both go from black (none) to full colour (1,000
+/// or more). Brightness is the square of the logarithm, which tells a hundred cells from three hundred.
 #[must_use]
 pub fn work_in_colors(mut map: Image) -> Image {
     for pixel in &mut map.pixels {

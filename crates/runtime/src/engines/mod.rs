@@ -1,15 +1,15 @@
 //! Engines: from resident bricks to an image.
 //!
 //! - [`rules`]: every tolerance of the integral, with its reason;
-//! - [`totals`], [`maps`]: sums and errors that an engine states of its picture; values per pixel beside the colour;
+//! - [`totals`], [`maps`]: counters and errors of a picture; maps of its errors and its work;
 //! - [`engine`], [`error`]: the interface of an engine, with its protocol; its errors;
 //! - [`reference`](mod@reference): the brute-force `f64` integrator that defines the right picture;
-//! - [`ray`], [`ray_scene`], [`feedback`]: a ray between passes, the description of its picture, what a pass tells;
+//! - [`ray`], [`ray_scene`], [`feedback`]: a ray between passes, the description of its picture, the result of a pass;
 //! - [`blocks`]: value ranges of blocks of 4^3 cells, by which casters leap;
 //! - [`cells`]: the scalar cell caster, one ray at a time in `f64`; twin of the shader;
 //! - [`packets`]: the CPU caster, packets of rays in `f32`;
 //! - [`cpu`]: the choice between the two;
-//! - [`gpu`]: the same ray caster in WGSL, and everything else that knows a graphics device.
+//! - [`gpu`]: the same ray caster in WGSL, and all other code for graphics devices.
 
 pub mod blocks;
 pub mod cells;

@@ -1,4 +1,4 @@
-//! One ray between passes: its way, and what it has gathered.
+//! One ray between passes: its position and its result so far.
 
 use supervol_format::BrickKey;
 use supervol_format::cast::single;
@@ -7,13 +7,13 @@ use supervol_scene::clip::Segment;
 /// One ray between passes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RayState {
-    /// Where the ray goes on, world length; always at a brick's entry.
+    /// World length at which the ray continues; always at a brick's entry.
     pub t: f64,
-    /// Where its segment ends.
+    /// World length at the end of its segment.
     pub t_end: f64,
     /// Premultiplied colour gathered so far (`dvr`, `iso`).
     pub color: [f64; 3],
-    /// Share of light from behind that still gets through, from 1 to 0.
+    /// Share of the light from behind that passes, from 1 to 0.
     pub transmittance: f64,
     /// `mip`, `minip`: the extreme so far; `mean`: the integral so far; NaN before the first present value.
     pub value: f64,
@@ -21,11 +21,11 @@ pub struct RayState {
     pub length: f64,
     /// `iso`: sides and hits.
     pub iso: IsoSides,
-    /// Where it has met surfaces, in order, of frames that list them; with `t` as the begin of the present cell.
+    /// Crossings with surfaces in order, in frames that list them. There, `t` is the begin of the present cell.
     pub crossings: Vec<SurfaceCrossing>,
     /// The brick that the ray waits for.
     pub waiting: Option<BrickKey>,
-    /// Nothing is left to do.
+    /// The ray is finished.
     pub finished: bool,
 }
 
@@ -48,7 +48,7 @@ impl RayState {
     }
 }
 
-/// Where a ray meets a surface, and what that looks like.
+/// Crossing of a ray with a surface, with the colour there.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SurfaceCrossing {
     /// World length along the ray.
@@ -71,8 +71,8 @@ pub struct IsoSides {
 }
 
 impl IsoSides {
-    /// Notes that the ray passes values from `low` to `high`, or none where these are empty; false, and nothing is noted,
-    /// where it meets one of the surfaces' values there that it has not met yet, or has jumped across one.
+    /// Moves the ray past values from `low` to `high`; an empty range means that no value is present. Returns false and
+    /// changes nothing if the ray meets a new surface there, or has jumped across one.
     #[inline]
     pub(crate) fn pass(&mut self, [low, high]: [f32; 2], surfaces: impl Iterator<Item = f32>) -> bool {
         if low > high {

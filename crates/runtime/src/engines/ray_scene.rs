@@ -47,14 +47,14 @@ pub struct DrawnVolume<'a> {
 pub struct BrickChoice {
     /// Level of each brick.
     pub lod: LodChoice,
-    /// Whether what shows nothing is skipped.
+    /// Whether invisible bricks and macro cells are skipped.
     pub skipping: Skipping,
 }
 
-/// Everything about a picture that is the same for all its rays, whoever casts them.
+/// Data of a picture that is the same for all its rays and all casters.
 #[derive(Debug, Clone)]
 pub struct RayScene {
-    /// The field that is drawn: what is kept of its bricks is not another's.
+    /// The drawn field; it is part of the keys of data derived from bricks.
     pub(crate) field: Field,
     pub(crate) pyramid: Pyramid,
     pub(crate) geometry: Geometry,
@@ -102,7 +102,7 @@ impl RayScene {
             rows: 0..scene.camera.height,
             clip: scene.clip.clone(),
             mode: scene.mode,
-            // Surfaces are met apart from what is gathered around them.
+            // Surfaces are drawn apart from the volume around them.
             transfer_function: RenderTransferFunction::new(&scene.transfer_function.without_surfaces(), map.shift),
             lighting: scene.shading.as_ref().map(|s| Lighting::new(s, geometry, value_range.width())),
             iso: scene.iso.iter().map(surface).collect(),
@@ -137,7 +137,7 @@ impl RayScene {
         Image { width: self.camera.width, height: narrow::<u32>(self.rows.len()), pixels }.downsampled(self.subgrid)
     }
 
-    /// The pixel of a ray that has gathered so much.
+    /// The pixel of a ray with this state.
     pub(crate) fn pixel(&self, state: &RayState) -> [f32; 4] {
         let value = match self.mode {
             Mode::Dvr | Mode::Iso | Mode::Slice => {
@@ -153,7 +153,7 @@ impl RayScene {
         [r * alpha, g * alpha, b * alpha, alpha]
     }
 
-    /// Whether nothing behind can change the picture by more than the picture allows.
+    /// Whether the rest of the ray can change the picture by less than its allowed error.
     #[inline]
     pub(crate) fn is_done(&self, state: &RayState) -> bool {
         match self.mode {

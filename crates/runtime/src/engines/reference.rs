@@ -440,9 +440,9 @@ impl<'a> Frame<'a> {
         found
     }
 
-    /// Crossings of a present piece with a surface, in order. The piece's ends belong to it: a ray that reaches the
-    /// surface exactly at the end of a cell, beside an absent one, has crossed it. Values on the two sides of a clipped
-    /// or absent part are never compared.
+    /// Crossings of a present piece with a surface, in order. The ends of a piece belong to it. So a ray that reaches
+    /// the surface exactly at the end of a cell, beside an absent one, has crossed it. Values on the two sides of a
+    /// clipped or absent part are never compared.
     fn crossings_in(&self, pieces: &Pieces, ends: [f64; 2], surface: f64) -> Vec<f64> {
         let mut places = Vec::new();
         if self.volume.sample(pieces.ray.at(0.5 * (ends[0] + ends[1]))).is_some() {

@@ -2,20 +2,20 @@
 
 use crate::stream::counters::{DeviceCounters, RayCounters};
 
-/// What an engine has done and knows, over all passes and bands.
+/// Counters and errors of an engine, over all passes and bands.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct EngineTotals {
-    /// What was counted; an engine without rays counts none, and samples and cells all the same.
+    /// Counters of rays. An engine without rays counts no rays, but samples and cells.
     pub rays: RayCounters,
     /// Instructions of packets.
     pub instructions: Option<&'static str>,
-    /// What the picture may be off by, where the engine was asked to sum it up and can.
+    /// Errors of the picture; `None` unless they were requested and the engine can sum them up.
     pub errors: Option<EngineErrors>,
-    /// What its graphics device did for this picture, if it has one.
+    /// Work of its graphics device for this picture; `None` without a device.
     pub device: Option<GpuStats>,
 }
 
-/// What the device holds, and what it did since the renderer was made.
+/// Memory of a device, and its work since the renderer was made.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct GpuStats {
     /// Name and kind of the adapter.
@@ -28,33 +28,33 @@ pub struct GpuStats {
     pub slots_used: u64,
     /// The slowest dispatch of the picture.
     pub dispatch_ms_max: f64,
-    /// What it did.
+    /// Counters of its work.
     pub counters: DeviceCounters,
 }
 
-/// What an engine says of its own errors; 1 is white.
+/// Errors that an engine states of its picture; 1 is white.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EngineErrors {
-    /// The greatest sum, over all rays, of what cells may be off by.
+    /// Greatest sum of the errors of cells along a ray.
     pub cells: f64,
-    /// Most that coarser levels may do to a ray, against the finest.
+    /// Largest error of a ray from coarser levels, compared with the finest.
     pub levels: f64,
-    /// Most that is left out behind the end of a ray that ends early.
+    /// Largest light that is left out behind the end of a ray.
     pub ray_ends: f64,
-    /// What the fit of the transfer function may do to a ray.
+    /// Error of a ray from the fit of the transfer function.
     pub transfer_function: f64,
-    /// What sums of `f32` over the cells of a brick may do to a ray.
+    /// Error of a ray from sums of `f32` over the cells of a brick.
     pub rounding: f64,
 }
 
-/// What rays may be off by at most, reason by reason; 1 is white.
+/// Largest errors of rays by reason; 1 is white.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ErrorsByReason {
     /// Integration of cells.
     pub cells: f64,
     /// Coarser levels.
     pub levels: f64,
-    /// Whether a voxel may be there in one level and not in the other.
+    /// Whether a voxel may be present in one level and absent in the other.
     pub presence_may_change: bool,
 }
 

@@ -43,20 +43,20 @@ pub enum RenderError {
         "sections (mode slice) are drawn by the backends cpu and reference (and auto, which takes cpu then); found gpu"
     )]
     SlicesOnGpu,
-    #[error("mode mean shows no place that could be picked: all points of a ray count alike")]
+    #[error("cannot pick in mode mean: a mean has no depth; use another mode")]
     NoPlace,
     #[error("pixel {},{}: the picture has {} x {} pixels, the first is 0,0", pixel[0], pixel[1], size[0], size[1])]
     NoSuchPixel { pixel: [u32; 2], size: [u32; 2] },
     #[error("{threads} threads cannot be started: {message}")]
     Threads { threads: usize, message: String },
     #[error(
-        "a mistake of supervol: after pass {pass}, {remaining} rays wait for {wanted} bricks, the first of which is \
-         {first}, but nothing could be done for them"
+        "bug in Supervol, please report it: after pass {pass}, {remaining} rays wait for {wanted} bricks, and none of \
+         these can be fetched; the first is {first}"
     )]
     NoProgress { pass: u64, remaining: u64, wanted: usize, first: String },
     #[error("the picture was cancelled before it was whole")]
     Cancelled,
-    #[error("a mistake of supervol: {remaining} rays are still unfinished after {limit} passes")]
+    #[error("bug in Supervol, please report it: {remaining} rays are unfinished after the limit of {limit} passes")]
     TooManyPasses { remaining: u64, limit: u64 },
 }
 

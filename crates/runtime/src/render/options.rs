@@ -1,4 +1,4 @@
-//! Options of a picture: engine, level, memory, time and accuracy.
+//! Options of a picture: backend, level, memory, time and accuracy.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
@@ -13,7 +13,7 @@ use crate::render::error::RenderError;
 use crate::render::process::bytes_beside_pictures;
 use crate::stream::classify::Skipping;
 
-/// The engine that casts the rays.
+/// Choice of the device or integrator that draws.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Backend {
     /// A hardware GPU if one can draw this picture, else the CPU.

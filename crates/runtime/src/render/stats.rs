@@ -19,6 +19,9 @@ use crate::stream::counters::{DeviceCounters, RayCounters, StreamCounters};
 use crate::stream::state::{Failure, StateKind};
 use crate::stream::streamer::Streamer;
 
+/// [`FrameStats::backend`] of pictures by an engine of the caller.
+pub(crate) const OUTSIDE_ENGINE: &str = "engine";
+
 /// Statistics of one frame.
 #[derive(Debug, Clone, PartialEq, Serialize, Default)]
 pub struct FrameStats {
@@ -26,7 +29,7 @@ pub struct FrameStats {
     pub image_width: u32,
     /// Pixels along y.
     pub image_height: u32,
-    /// `cpu`, `gpu` or `reference`.
+    /// `cpu`, `gpu` or `reference`; `engine` for an engine of the caller.
     pub backend: &'static str,
     /// Reason why backend `auto` took no graphics device; null if it did, or for other backends.
     pub no_gpu_because: Option<String>,

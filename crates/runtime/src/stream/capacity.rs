@@ -1,4 +1,4 @@
-//! Admission: how many of the wanted bricks are fetched in one tick, and which bricks they may evict.
+//! Capacity: how many of the wanted bricks are fetched in one tick, and which bricks they may evict.
 //!
 //! The *frontier* is the least rank that any ray waits for (see [`super::priority`]). Ranks below it are passed: no ray
 //! of this frame returns to them. Wanted bricks at the frontier are fetched *now*, whatever they evict.

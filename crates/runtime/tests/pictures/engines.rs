@@ -159,6 +159,7 @@ fn a_renderer_keeps_bricks_from_picture_to_picture_of_engines_from_outside() {
         assert!(picture.pixels.iter().zip(&expected).all(|(pixel, value)| pixel[0] == *value), "picture {number}");
         let bricks = if number == 0 { container.pyramid().level_at(Lod(0)).brick_count() } else { 0 };
         assert_eq!(renderer.stats().streaming.page_ins, bricks, "picture {number}");
+        assert_eq!(renderer.stats().backend, "engine");
         // Another backend in the options does not replace the engines.
         renderer.set_options(RenderOptions { backend: Backend::Reference, ..options.clone() }).unwrap();
     }

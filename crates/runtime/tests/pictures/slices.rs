@@ -225,7 +225,7 @@ fn slices_that_cannot_be_drawn_are_refused_by_name() {
         (plane([1.0, 0.0, 0.0], 1.0, r#", "filter": {"kind": "sobel", "size": 2}"#), "", "has no size"),
         (plane([1.0, 0.0, 0.0], 1.0, r#", "filter": {"kind": "median", "size": 99}"#), "", "1 to 8"),
         (vec![plane([1.0, 0.0, 0.0], 1.0, ""); 9].join(","), "", "at most 8"),
-        (three(""), r#", "mode": "mip""#, "knows no depth"),
+        (three(""), r#", "mode": "mip""#, "without depth"),
         (String::new(), r#", "mode": "slice""#, "at least one"),
     ] {
         let message = json(&slices, more).unwrap_err();

@@ -25,7 +25,7 @@ const GLOW: [[f64; 3]; 3] = [[0.45; 3], [0.75; 3], [1.0; 3]];
 /// Default colour of a surface.
 const SURFACE: [f64; 3] = [0.86, 0.80, 0.70];
 
-/// The choices of a preset; they fill in what a scene leaves open.
+/// Default picture of a kind of data; it fills in what a scene leaves open.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Look {
     /// Quantity that a ray computes.

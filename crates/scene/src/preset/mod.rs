@@ -1,4 +1,7 @@
-//! Presets: default pictures by kind of data, used for everything that a scene leaves open.
+//! Presets: named default transfer functions ([`NAMES`]): those of the kinds of data, and `grey`.
+//!
+//! The default picture of a kind is its *look* ([`Look`]): transfer function, mode, light and surfaces. It fills in
+//! everything that a scene leaves open. On the command line, `--preset` is another name of `--kind` and selects the look.
 //!
 //! A preset gives its opacities over 1/256 of the volume's mean edge, not over a voxel. A volume of 2048^3 voxels
 //! therefore looks like the same volume sampled at 256^3. The result is written into the scene as an explicit unit

@@ -82,7 +82,7 @@ impl Scene {
             Mode::Slice => check(!self.slices.is_empty(), "slices", || "at least one in mode `slice`".into(), "none")?,
             Mode::Dvr | Mode::Iso => {}
             Mode::Mip | Mode::Minip | Mode::Mean => {
-                let expected = || "none in this mode, which knows no depth (`dvr`, `iso` or `slice` do)".into();
+                let expected = || "none in a mode without depth (modes with depth: `dvr`, `iso`, `slice`)".into();
                 check(self.slices.is_empty(), "slices", expected, self.slices.len())?;
             }
         }

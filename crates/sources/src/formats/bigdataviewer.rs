@@ -41,6 +41,7 @@ const DEPTH_LIMIT: usize = 64;
 pub const FORMAT: Format = Format {
     name: "bdv",
     title: "BigDataViewer",
+    endings: &[".xml"],
     choices: &[Choice::Level, Choice::Series, Choice::Array],
     sniff: |start, _| start.begins_with(START) || start.text_begins_with(b"<?xml") && start.holds(START),
     certainty: Certainty::Certain,

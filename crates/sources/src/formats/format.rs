@@ -17,6 +17,9 @@ pub struct Format {
     pub name: &'static str,
     /// Name in messages that list all formats; empty if the title of another row covers it.
     pub title: &'static str,
+    /// Ends of file names of this format, in lower case, for file dialogs; [`Format::sniff`] decides. Empty if files
+    /// have no usual names.
+    pub endings: &'static [&'static str],
     /// Parts of a file that the user may select. The readers themselves check frames and channels.
     pub choices: &'static [Choice],
     /// Whether a file has this format.

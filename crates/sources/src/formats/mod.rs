@@ -2,8 +2,8 @@
 //!
 //! A reader turns files of one format into a [`VolumeSource`](crate::VolumeSource). Its module exports `FORMAT`, a row
 //! of [`FORMATS`]: the name of the format, a function that recognizes files, and a function that opens them.
-//! [`mod@crate::open`] takes the first row that recognizes a file. A new reader needs its module and one line of the
-//! table.
+//! [`mod@crate::open`] takes the first row that recognizes a file. A new reader needs its module and a
+//! row in its place; the checklist in CONTRIBUTING.md names all other places.
 
 pub mod bigdataviewer;
 pub mod dicom;
@@ -24,6 +24,16 @@ pub mod vtk;
 pub mod zarr;
 
 use self::format::Format;
+
+/// Names of the formats for lists in help texts and messages, in the order of the table.
+pub fn titles() -> impl Iterator<Item = &'static str> {
+    FORMATS.iter().map(|format| format.title).filter(|title| !title.is_empty())
+}
+
+/// Ends of file names of all formats, in the order of the table.
+pub fn endings() -> impl Iterator<Item = &'static str> {
+    FORMATS.iter().flat_map(|format| format.endings.iter().copied())
+}
 
 /// Table of all formats, in order of priority: the first row that recognizes a file or a folder opens it.
 pub const FORMATS: &[Format] = &[

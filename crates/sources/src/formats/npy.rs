@@ -28,12 +28,16 @@ const AXES_LIMIT: usize = 64;
 
 const MAGIC: &[u8; 6] = b"\x93NUMPY";
 
+/// Ends of file names.
+const ENDINGS: &[&str] = &[".npy"];
+
 /// Row of the table of formats.
 pub const FORMAT: Format = Format {
     name: "npy",
     title: "npy",
+    endings: ENDINGS,
     choices: &[],
-    sniff: |start, _| start.begins_with(b"\x93NUM") || start.is_named(&[".npy"]),
+    sniff: |start, _| start.begins_with(b"\x93NUM") || start.is_named(ENDINGS),
     certainty: Certainty::Certain,
     folder: Folder::Never,
     open: |path, options| Ok(Box::new(NpySource::open_with(path, &options.selection)?)),

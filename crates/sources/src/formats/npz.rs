@@ -28,12 +28,16 @@ const LISTED_LIMIT: usize = 20;
 /// Buffer size for inflating in bytes.
 const BUFFER_BYTES: usize = 1 << 18;
 
+/// Ends of file names.
+const ENDINGS: &[&str] = &[".npz"];
+
 /// Row of the table of formats.
 pub const FORMAT: Format = Format {
     name: "npz",
     title: "npz",
+    endings: ENDINGS,
     choices: &[Choice::Array],
-    sniff: |start, _| start.is_named(&[".npz"]),
+    sniff: |start, _| start.is_named(ENDINGS),
     certainty: Certainty::Certain,
     folder: Folder::Never,
     open: |path, options| Ok(Box::new(NpzSource::open(path, &options.spool, &options.selection)?)),

@@ -60,6 +60,7 @@ impl Kind {
 pub const FORMAT: Format = Format {
     name: "pictures",
     title: "PNG, JPEG",
+    endings: &[".png", ".jpg", ".jpeg"],
     choices: &[],
     sniff: |start, _| Kind::of(&start.bytes).is_some(),
     certainty: Certainty::Certain,

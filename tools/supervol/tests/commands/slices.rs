@@ -112,7 +112,7 @@ fn slices_within_the_volume_are_in_the_scene_that_is_printed() {
         (&["--slice", "k=3", "--slice-opacity", "0.5"], "--slices volume"),
         (&["--slice", "normal=1,1,0", "--slab", "3"], "--slab needs a slice across an axis"),
         (&["--slice", "k=3", "--camera", "top"], "--camera changes nothing"),
-        (&["--slice", "k=3", "--slices", "volume", "--mode", "mip"], "knows no depth"),
+        (&["--slice", "k=3", "--slices", "volume", "--mode", "mip"], "without depth"),
         (&["--slices", "volume"], "--slice"),
     ] {
         let message = folder.expect(2, &[&["render", "v.svol", "-o", "q.png"], options].concat());

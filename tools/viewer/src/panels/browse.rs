@@ -5,6 +5,8 @@ use std::path::{Path, PathBuf};
 use eframe::egui::{self, Ui};
 use supervol_scene::clip::solids::Keep;
 use supervol_scene::scene::SolidSpec;
+use supervol_sources::formats;
+use supervol_sources::input::start::is_named;
 
 use super::dialogs::{path_field, window};
 use crate::background_task::BackgroundTask;
@@ -16,15 +18,10 @@ use crate::worker::{Message, OpenVolume};
 const LIST_LIMIT: usize = 2000;
 /// Most names examined in a folder.
 const NAME_LIMIT: usize = 200_000;
-/// File name extensions of volumes. Other files are listed only if all files are requested.
-const VOLUMES: [&str; 16] = [
-    "svol", "sgy", "segy", "seg", "seg-y", "nrrd", "nhdr", "nii", "gz", "hdr", "img", "mha", "mhd", "tif", "tiff",
-    "npy",
-];
-/// File name extensions of transfer functions.
-const TRANSFER_FUNCTIONS: [&str; 2] = ["json", "1dt"];
-/// File name extensions of meshes.
-const MESHES: [&str; 3] = ["ply", "stl", "obj"];
+/// Ends of file names of transfer functions.
+const TRANSFER_FUNCTIONS: [&str; 2] = [".json", ".1dt"];
+/// Ends of file names of meshes.
+const MESHES: [&str; 3] = [".ply", ".stl", ".obj"];
 
 /// Kind of file to choose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -38,11 +35,12 @@ pub(crate) enum FileKind {
 }
 
 impl FileKind {
-    fn endings(self) -> &'static [&'static str] {
+    /// Ends of file names of this kind. Other files are listed only if all files are requested.
+    fn endings(self) -> Vec<&'static str> {
         match self {
-            Self::Volume => &VOLUMES,
-            Self::TransferFunction => &TRANSFER_FUNCTIONS,
-            Self::Mesh => &MESHES,
+            Self::Volume => [".svol"].into_iter().chain(formats::endings()).collect(),
+            Self::TransferFunction => TRANSFER_FUNCTIONS.to_vec(),
+            Self::Mesh => MESHES.to_vec(),
         }
     }
 
@@ -89,8 +87,7 @@ fn list(folder: &Path, endings: Option<&[&str]>) -> Listing {
         let name = entry.file_name().to_string_lossy().into_owned();
         // Symbolic links are followed.
         let is_folder = entry.path().is_dir();
-        let ending = Path::new(&name).extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
-        let is_shown = is_folder || endings.is_none_or(|endings| endings.contains(&ending.as_str()));
+        let is_shown = is_folder || endings.is_none_or(|endings| is_named(&name.to_lowercase(), endings));
         if is_shown && !name.starts_with('.') {
             listing.entries.push((name, is_folder));
         }
@@ -115,7 +112,7 @@ impl Browser {
 
     fn begin_list(&mut self, ctx: &egui::Context) {
         let (folder, endings) = (self.folder.clone(), (!self.all_files).then(|| self.wanted.endings()));
-        self.task = Some(BackgroundTask::start(ctx, move || list(&folder, endings)));
+        self.task = Some(BackgroundTask::start(ctx, move || list(&folder, endings.as_deref())));
     }
 
     fn go(&mut self, ctx: &egui::Context, folder: PathBuf) {
@@ -213,16 +210,16 @@ mod tests {
     #[test]
     fn folders_come_first_and_other_files_only_when_they_are_asked_for() {
         let folder = tempfile::tempdir().unwrap();
-        for name in ["b.svol", "A.NII", "notes.txt", ".hidden.svol", "look.1dt"] {
+        for name in ["b.svol", "A.NII", "c.h5", "notes.txt", ".hidden.svol", "look.1dt"] {
             std::fs::write(folder.path().join(name), "").unwrap();
         }
         std::fs::create_dir(folder.path().join("z")).unwrap();
         let names = |endings: Option<&[&str]>| -> Vec<String> {
             list(folder.path(), endings).entries.into_iter().map(|(name, _)| name).collect()
         };
-        assert_eq!(names(Some(FileKind::Volume.endings())), ["z", "A.NII", "b.svol"]);
-        assert_eq!(names(Some(FileKind::TransferFunction.endings())), ["z", "look.1dt"]);
-        assert_eq!(names(None), ["z", "A.NII", "b.svol", "look.1dt", "notes.txt"]);
+        assert_eq!(names(Some(&FileKind::Volume.endings())), ["z", "A.NII", "b.svol", "c.h5"]);
+        assert_eq!(names(Some(&FileKind::TransferFunction.endings())), ["z", "look.1dt"]);
+        assert_eq!(names(None), ["z", "A.NII", "b.svol", "c.h5", "look.1dt", "notes.txt"]);
         assert!(list(&folder.path().join("none"), None).trouble.is_some_and(|trouble| trouble.contains("none")));
     }
 }

@@ -1,8 +1,10 @@
 //! The picture and its mouse actions.
 
-use eframe::egui::{self, Align2, Color32, FontId, PointerButton, Pos2, Rect, Response, Sense, Ui, Vec2};
+use eframe::egui::text::LayoutJob;
+use eframe::egui::{self, Align, Color32, FontId, PointerButton, Pos2, Rect, Response, Sense, Ui, Vec2};
 use supervol_format::cast::whole;
 use supervol_scene::scene::{ImageSpec, Mode, RAY_LIMIT};
+use supervol_sources::formats;
 
 use super::{handles, marks, sections};
 use crate::sections::Layout;
@@ -20,6 +22,9 @@ const SLICE_POINTS: f64 = 40.0;
 const DOUBLE_CLICK: f64 = 0.5;
 /// Most pixels of the picture along a side, whatever the screen supports.
 const SIDE_LIMIT: u32 = 16_384;
+
+/// Width of the instructions, as a share of the picture.
+const INSTRUCTIONS_WIDTH: f32 = 0.8;
 
 /// Draws the picture in the remaining room.
 pub(crate) fn show(viewer: &mut Viewer, ui: &mut Ui) {
@@ -174,8 +179,16 @@ fn paint(viewer: &Viewer, ui: &Ui, rect: Rect) {
 /// Draws instructions if no volume is open.
 fn draw_instructions(viewer: &Viewer, ui: &Ui, rect: Rect) {
     let words = match &viewer.busy {
-        Some(Busy::Opening(_) | Busy::Building(..)) => "Opening ...",
-        _ => "Drop a volume here, or press Ctrl+O to open one\n.svol, SEG-Y, NRRD, NIfTI, MetaImage, TIFF, npy",
+        Some(Busy::Opening(_) | Busy::Building(..)) => "Opening ...".to_owned(),
+        _ => {
+            let formats: Vec<&str> = formats::titles().collect();
+            format!("Drop a volume here, or press Ctrl+O to open one\n.svol, {}", formats.join(", "))
+        }
     };
-    ui.painter().text(rect.center(), Align2::CENTER_CENTER, words, FontId::proportional(16.0), Color32::GRAY);
+    let width = INSTRUCTIONS_WIDTH * rect.width();
+    let mut job = LayoutJob::simple(words, FontId::proportional(16.0), Color32::GRAY, width);
+    job.halign = Align::Center;
+    let galley = ui.painter().layout_job(job);
+    let top = rect.center() - Vec2::new(0.0, 0.5 * galley.size().y);
+    ui.painter().galley(top, galley, Color32::GRAY);
 }

@@ -39,7 +39,7 @@ impl Default for CellRule {
 /// Number of Gauss pairs between two splits of a chord.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Pairs {
-    /// As many as the transfer function's variation and the shading require, times `density`.
+    /// The count that the transfer function's variation and the shading require, times `density`.
     Adaptive {
         /// 1 is the default.
         density: f32,

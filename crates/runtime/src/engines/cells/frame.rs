@@ -15,7 +15,7 @@ use crate::stream::budget::{BandMode, EngineBytes};
 #[derive(Debug, Clone)]
 pub struct CellFrame {
     pub(crate) scene: RayScene,
-    /// What rays do where something may show.
+    /// Integrator of the macro cells that may show something.
     pub(crate) integrator: Arc<dyn Integrator>,
 }
 

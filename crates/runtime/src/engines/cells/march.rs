@@ -109,7 +109,8 @@ fn resident_at<'v, V: BrickView + ?Sized>(
     }
 }
 
-/// The brick that t lies in at the level that is fine enough there, from `lod` on, and the t at which the ray leaves it.
+/// The brick at t on the first level that is fine enough there, searched from `lod` on, and the t at which the ray
+/// leaves it.
 fn brick_at(frame: &CellFrame, ray: &AxisRay, t: f64, mut lod: Lod) -> (BrickKey, f64) {
     let core = frame.scene.pyramid.layout().core();
     loop {

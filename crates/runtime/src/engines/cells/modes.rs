@@ -214,7 +214,7 @@ pub fn gather_mean(chord: &CellChord, state: &mut RayState) {
 
 /// First crossings of the iso values on the chord, composited in order.
 ///
-/// The side is carried from chord to chord, so that a crossing exactly on a face is found although the cubics of its
+/// The ray carries its side from chord to chord. So a crossing exactly on a face is found, although the cubics of its
 /// two cells round differently there.
 pub fn gather_iso(scene: &RayScene, setup: &ShadeSetup<'_>, chord: &CellChord, state: &mut RayState) {
     let mut hits = [(0.0, 0usize); ISO_LIMIT];

@@ -99,7 +99,7 @@ mod tests {
 
     #[test]
     fn shares_hold_their_blocks() {
-        // As in classify_cells.wgsl.
+        // The same formula as in classify_cells.wgsl.
         let end = |[low, high]: [f32; 2], part: u8| match part {
             u8::MAX => high,
             part => low + (high - low) * (f32::from(part) / f32::from(u8::MAX)),

@@ -1,8 +1,8 @@
 //! Resident bricks on the GPU: cache textures, macro ranges, page table, and the visibility of bricks under a look.
 //!
-//! Voxels are stored as unsigned integers, or as the bits of floats, and read by `textureLoad`: exact, without optional
-//! features, and filtered by the shader in `f32` rather than with 8-bit fractions. Texels are packed as [`super::texels`] says.
-//! Everything is written through the queue; what is on its way is bounded by the plan's staging bytes.
+//! Voxels are stored as unsigned integers, or as the bits of floats. `textureLoad` reads them exactly and needs no
+//! optional features; the shader filters in `f32`, not with 8-bit fractions. [`super::texels`] packs the texels.
+//! Everything is written through the queue; the plan's staging bytes limit the amount that is on its way.
 
 use supervol_format::cast::narrow;
 

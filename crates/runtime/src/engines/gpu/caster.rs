@@ -63,14 +63,14 @@ pub enum KnownAnswers {
     Forget,
 }
 
-/// What a brick is, where it is not resident voxels.
+/// State of a brick without resident voxels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum PageEntry {
     /// Not resident: rays wait for it.
     Missing,
     /// It contributes nothing (absent, or in mode dvr invisible).
     Nothing,
-    /// It would change the picture too much: from now on rays go on in its children. A later answer or insertion for
+    /// It would change the picture too much: rays continue in its children. A later answer or insertion for
     /// the same brick applies where it stands in for a failed child.
     TooCoarse,
     /// All voxels, apron included, have this render value.
@@ -117,7 +117,7 @@ pub struct GpuRenderer {
     traffic_before: DeviceCounters,
 }
 
-/// How far the rays of a band have come, of which solids leave several parts.
+/// Progress of a band whose rays solids cut into parts.
 #[derive(Default)]
 struct PartsInProgress {
     first_row: u32,
@@ -140,8 +140,10 @@ impl GpuRenderer {
     /// `deviation_of` is given and there is memory for it ([`GpuOptions::sums_errors`]).
     ///
     /// # Errors
-    /// [`GpuError::Budget`] if the memory does not suffice, [`GpuError::TableLimit`] if the volume has too many bricks
-    /// for the adapter, [`GpuError::Scene`] for unsupported scenes, and errors of the driver.
+    /// - [`GpuError::Budget`]: the memory does not suffice.
+    /// - [`GpuError::TableLimit`]: the volume has too many bricks for the adapter.
+    /// - [`GpuError::Scene`]: the scene is not supported.
+    /// - Errors of the driver.
     pub fn new(
         device: &GpuDevice,
         volume: &GpuVolume<'_>,

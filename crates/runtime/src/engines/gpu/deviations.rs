@@ -17,7 +17,7 @@ pub const DEVIATION_LIMIT: usize = 1 << 14;
 /// Factor against rounding: `f32` may round a bound down by this share.
 const ROUNDING: f64 = 1.0 + 2.0 * f32::EPSILON as f64;
 
-/// What a brick may be off by under a look, for pictures that say it.
+/// Error of a brick under a look, for pictures that state their error.
 pub type DeviationOf = Box<dyn Fn(BrickKey) -> Deviation + Send + Sync>;
 
 /// See the module.

@@ -34,7 +34,7 @@ const VARIANT_LIMIT: usize = 10;
 #[expect(clippy::cast_possible_truncation, reason = "a small constant")]
 const STORAGE_TEXTURES: u32 = TEXTURE_LIMIT as u32 + 1;
 
-/// Pipelines, and what they were compiled for.
+/// Pipelines, and the parameters that they were compiled for.
 type KeptPipelines = (Variant, Arc<Pipelines>);
 
 /// One opened GPU: device, queue and limits. A clone is the same device.

@@ -1,7 +1,7 @@
-//! The GPU ray caster as an engine: bricks go from the host cache to its slots.
+//! The GPU ray caster as an engine: it copies bricks from the host cache to its slots.
 //!
-//! Its page table is its own memory of what bricks are: a brick that the host cache dropped may still be resident there,
-//! and one that is in the host cache may have to be copied again.
+//! Its page table holds the state of bricks on the device. A brick that left the host cache may still be resident
+//! there; a brick in the host cache may have to be copied again.
 
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -35,23 +35,25 @@ pub(crate) struct GpuEngine {
     renderer: GpuRenderer,
     counters: RayCounters,
     stops: WhenToStop,
-    /// Rows whose rays have begun; those of a picture that goes on.
+    /// Rows with rays in progress; kept when a picture is continued.
     rows: Range<u32>,
-    /// What the device had done before this picture.
+    /// Counters of the device before this picture.
     before: DeviceCounters,
-    /// What levels do to rays, where that is summed up; of the picture so far; of the pixels of the last band.
+    /// Errors of coarser levels, if they are summed up.
     deviations: Option<Arc<Deviations>>,
+    /// Errors of the picture so far.
     errors: ErrorsByReason,
+    /// Errors of the pixels of the last band.
     error_pixels: Option<Image>,
-    /// Bricks that it was told have no voxels to draw, of this picture and those before it: the next camera asks for most of them again.
+    /// Bricks without voxels to draw, of this picture and earlier ones. The next camera requests most of them again.
     answered: BTreeSet<FieldBrick>,
 }
 
-/// Most bricks of which is remembered that they were asked for, with some 40 bytes each.
+/// Most remembered bricks without voxels to draw, with some 40 bytes each.
 const ANSWERED_LIMIT: usize = 1 << 15;
 
 impl GpuEngine {
-    /// An engine of so many rays, whose device had done so much before.
+    /// An engine of so many rays; `before`: counters of its device before this picture.
     pub(crate) fn new(
         renderer: GpuRenderer,
         rays: u64,
@@ -72,22 +74,22 @@ impl GpuEngine {
         }
     }
 
-    /// The same picture goes on, with more time.
+    /// Continues the same picture, with another stop condition.
     pub(crate) fn resumed(self, stops: WhenToStop) -> Self {
         Self { stops, ..self }
     }
 
-    /// The renderer, and the bricks of which it was told that they have no voxels to draw.
+    /// The renderer, and the bricks without voxels to draw.
     pub(crate) fn into_parts(self) -> (GpuRenderer, BTreeSet<FieldBrick>) {
         (self.renderer, self.answered)
     }
 
-    /// Takes over the bricks of which the renderer was told that they have no voxels to draw.
+    /// Takes over the bricks without voxels to draw.
     pub(crate) fn set_answered(&mut self, answered: BTreeSet<FieldBrick>) {
         self.answered = answered;
     }
 
-    /// What its rays may be off by at most so far, where that is asked for.
+    /// Largest errors of its rays so far; zero unless they are summed up.
     pub(crate) fn errors(&self) -> ErrorsByReason {
         self.errors
     }
@@ -106,7 +108,7 @@ impl GpuEngine {
         Ok(self.renderer.insert_all(&bricks)?)
     }
 
-    /// Says what a brick is that has no voxels to copy.
+    /// Tells the renderer the state of a brick that has no voxels to copy.
     fn answer(&mut self, view: &HostView<'_>, key: BrickKey) {
         if matches!(view.lookup(key), Resident::TooCoarse) {
             self.renderer.set_state(key, PageEntry::TooCoarse);
@@ -119,7 +121,7 @@ impl GpuEngine {
         }
     }
 
-    /// The same, and remembers that it was asked for.
+    /// The same, and remembers the brick.
     pub(crate) fn note_answer(&mut self, view: &HostView<'_>, key: FieldBrick) {
         if self.answered.len() >= ANSWERED_LIMIT {
             self.answered.clear();
@@ -128,7 +130,7 @@ impl GpuEngine {
         self.answer(view, key.brick);
     }
 
-    /// Nothing is waited for any more: what is not resident is drawn from its parent, and the coarsest brick is there.
+    /// Ends all waiting: missing bricks are drawn from their parents. The coarsest bricks are resident.
     fn stop_waiting(&mut self, view: &HostView<'_>) -> Result<(), EngineError> {
         let coarsest = self.renderer.pyramid.coarsest();
         let keys: Vec<BrickKey> = self.renderer.pyramid.keys_of(coarsest).collect();
@@ -174,7 +176,7 @@ impl Engine for GpuEngine {
         if is_late {
             self.stop_waiting(view)?;
         }
-        // Who completes a picture stops only when somebody says so.
+        // A picture that is completed has no deadline: only a cancel request stops it.
         let stop = match self.stops.when_due {
             WhenDue::Pause => self.stops.stop.clone(),
             WhenDue::Complete => self.stops.stop.instead_at(None),

@@ -1,10 +1,15 @@
 //! Feedback of the rays of a pass: missing bricks, used bricks, unfinished tiles, and counters.
 //!
-//! Layout of the buffer, in words: [`GpuCounters`]; the number of misses; three zeros; one bit for each slot;
-//! [`MISS_LIMIT`] pairs (entry, waiting rays); for each entry of the page table the rays that wait for it; the tiles of
-//! a run. The used part up to the pairs is read back after every pass, and its size is bounded. At most [`MISS_LIMIT`]
-//! misses are listed; the rest is counted and requested again in the next pass. Tiles are written before every run, and
-//! their unfinished rays are read after it.
+//! Layout of the buffer, in words:
+//! - [`GpuCounters`]; the number of misses; three zeros;
+//! - one bit for each slot;
+//! - [`MISS_LIMIT`] pairs (entry, waiting rays);
+//! - for each entry of the page table, the number of rays that wait for it;
+//! - the tiles of a run.
+//!
+//! The used part up to the pairs is read back after every pass, and its size is bounded. At most [`MISS_LIMIT`] misses
+//! are listed; the rest is counted and requested again in the next pass. Tiles are written before every run, and their
+//! unfinished rays are read after it.
 
 use supervol_format::BrickKey;
 use supervol_format::cast::index;

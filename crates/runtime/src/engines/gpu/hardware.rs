@@ -1,7 +1,7 @@
 //! Whether it is worth asking for a device.
 
-/// Whether a hardware GPU can be there at all. On Linux its driver shows as a device file; asking first spares machines
-/// without one the start of every Vulkan driver, and that driver's complaints on standard error.
+/// Whether the machine may have a hardware GPU. On Linux its driver has a device file. Without one, no Vulkan driver is
+/// started, which takes time and may print complaints on standard error.
 #[must_use]
 pub fn may_have_hardware() -> bool {
     const DEVICE_FILES: [&str; 4] = ["/dev/dri", "/dev/nvidiactl", "/dev/dxg", "/dev/kgsl-3d0"];

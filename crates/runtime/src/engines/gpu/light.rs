@@ -261,7 +261,7 @@ fn error_of(table: &LightTable, line: &LightLine, disorder: f32, kappa: f32) -> 
     [of_mean.clamp(0.0, 1.0) + of_order, fit, UNEVEN_MISPLACED * uneven + fall, colors.min(1.0)]
 }
 
-/// The value at a position in a cell, both in [0, 1]^3; corner c has the offsets (c & 1, c >> 1 & 1, c >> 2).
+/// The value at a position in a cell. The cell is [0, 1]^3; corner c has the offsets (c & 1, c >> 1 & 1, c >> 2).
 #[must_use]
 pub fn value_in(corners: &[f32; 8], [x, y, z]: [f32; 3]) -> f32 {
     let row = |c: usize| corners[c] + x * (corners[c + 1] - corners[c]);

@@ -13,8 +13,8 @@ pub const GREATEST_ROOT: u32 = 65_535;
 
 /// Beyond everything, in world lengths.
 pub const FAR: f32 = 1e30;
-/// How far beyond a face a leap ends, voxels: a few roundings.
+/// Distance by which a leap ends beyond a face, in voxels: a few roundings.
 pub const LEAP_MARGIN: f32 = 2e-5;
 
-/// Bytes of graphics memory that are used where nobody says how many, of all adapters but cards.
+/// Default bytes of graphics memory for all adapters except graphics cards.
 pub const SHARED_MEMORY: u64 = 256 << 20;

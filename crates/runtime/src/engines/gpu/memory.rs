@@ -1,8 +1,8 @@
 //! Memory plan of the GPU backend: bytes of everything, computed before anything is allocated.
 //!
-//! The budget covers the cache textures, the macro ranges beside them, the page table, the miss counters, rays and
-//! their states, feedback, and staging for uploads and read-back. The parts that the scene fixes come first; slots take
-//! the rest.
+//! The budget covers the cache textures with their macro ranges, the page table, and the miss counters. It also covers
+//! rays and their states, feedback, and staging for uploads and read-back. The parts that the scene fixes come first;
+//! slots take the rest.
 
 use crate::engines::gpu::error::GpuError;
 use crate::engines::gpu::limits::TEXTURE_LIMIT;

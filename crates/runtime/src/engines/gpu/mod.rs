@@ -1,24 +1,26 @@
 //! The GPU backend; [`caster`] puts its parts together.
 //!
-//! Builds without the feature `gpu` have no device (`no_device.rs`), errors and limits, and nothing else of this.
+//! Builds without the feature `gpu` have only errors, limits and a device type without values (`no_device.rs`).
 //!
-//! - [`error`], [`hardware`]: errors of the GPU backend; whether it is worth asking for a device;
-//! - [`limits`], `texels`: sizes that several files share; how voxels are packed into texels;
+//! - [`error`], [`hardware`]: errors of the GPU backend; whether the machine may have a hardware GPU;
+//! - [`limits`], `texels`: sizes that several files share; the packing of voxels into texels;
 //! - `layout`: every struct and constant that Rust and WGSL share, defined once;
 //! - `shaders`: the WGSL files, in the order in which they are joined;
-//! - `pipelines`, [`device`]: the compute pipelines and what they bind; which adapter, which limits, and wgpu's errors as ours;
-//! - `light_table`, `light`: the transfer function as rays integrate it, and the twins of the shader that does so;
+//! - `pipelines`, [`device`]: the compute pipelines and their bindings; choice of the adapter, its limits, wgpu's errors
+//!   as ours;
+//! - `light_table`, `light`: the transfer function in the form that rays integrate, and twins of its shader functions;
 //! - `memory`: bytes of everything, computed before anything is allocated;
-//! - `rays`, `ray_parts`: pixels to rays that hold no large number in an `f32`; what solids leave of rays, found by the host;
-//! - `table`, `scene_tables`: what shaders look up at any place; a scene as the shaders read it;
-//! - `slots`, `page_table`: which brick sits in which slot, and who must leave; which entry is whose;
-//! - `deviations`: what bricks may be off by;
-//! - `cache`: the cache textures, the page table and the macro ranges on the GPU;
-//! - `feedback`: what the rays say: misses, uses, counters;
-//! - `pixels`, `pass`, `read_back`: buffers of pixels, the dispatches of a pass, what rays have gathered;
-//! - `options`, `picture`, `caster`, `errors`: one picture, the renderer that makes it, and what it may be off by;
+//! - `rays`, `ray_parts`: pixels to rays without large numbers in an `f32`; parts of rays that solids leave, computed by
+//!   the host;
+//! - `table`, `scene_tables`: look-up tables of shaders; a scene in the form that shaders read;
+//! - `slots`, `page_table`: bricks in slots and the order of eviction; the entry of each brick;
+//! - `deviations`: errors of bricks from coarser levels;
+//! - `bricks`, `cache`: contents of a slot; the cache textures, the page table and the macro ranges on the GPU;
+//! - `feedback`: misses, uses and counters of a pass;
+//! - `pixels`, `pass`, `read_back`: buffers of pixels, the dispatches of a pass, read-back of the finished rays;
+//! - `options`, `picture`, `caster`, `errors`: one picture, the renderer that makes it, and its errors;
 //! - `engine`: the renderer as an engine of frames;
-//! - `twins`: shader functions in Rust that nothing but tests calls.
+//! - `twins`: shader functions in Rust that only tests call.
 //!
 //! Only core WebGPU is required: no optional feature, eight storage buffers, 3D textures of unsigned integers.
 

@@ -415,7 +415,7 @@ impl DeviceCaster {
     /// Marks all rays of the band as unfinished. Scouts run ahead: all other rays would stop with them at the missing
     /// bricks.
     ///
-    /// On hardware there are no scouts: a pass costs little more than its rays, and one of an eighth of the rays leaves
+    /// On hardware there are no scouts. A pass there costs little more than its rays, and an eighth of the rays leaves
     /// most of the device idle.
     fn look_at_all(&mut self) {
         [self.unfinished, self.held_back] = match self.gpu.deals_as_software() {

@@ -17,26 +17,26 @@ use crate::engines::gpu::light_table::LightTable;
 use crate::engines::rules::{FIT_SHARE, MAX_ERROR_LIMITS};
 use crate::lod::{LodChoice, LodRule};
 
-/// What belongs to one picture.
+/// Data of one picture.
 #[derive(Debug)]
 pub struct Picture {
     pub(crate) mode: Mode,
     pub(crate) subgrid: u32,
     pub(super) size: [u32; 2],
-    /// What the next two are made of, with `shift` and the error that is aimed at: another picture may have the same.
+    /// Source of the next two, together with `shift` and the requested error; another picture may have the same.
     transfer_function: TransferFunction,
     pub(crate) tf: RenderTransferFunction,
     pub(crate) light: LightTable,
     pub(crate) exactness: Exactness,
-    /// How far a brick is, and how fine it must be.
+    /// Required level of a brick by its distance.
     pub(super) lod: LodRule,
     /// For each entry from level 1 on, in order: whether the brick is too coarse.
     pub(super) refine: Vec<bool>,
     /// Entries that are drawn from their parents.
     pub(super) failed: Vec<u32>,
-    /// What solids leave of its rays, where there are any.
+    /// Parts of rays that solids leave; `None` without solids.
     pub(super) parts: Option<RayParts>,
-    /// What is taken off every data value.
+    /// Number that is subtracted from every data value.
     pub(crate) shift: f64,
     /// Whether there are surfaces inside the volume.
     pub(crate) has_surfaces: bool,
@@ -87,7 +87,7 @@ impl Picture {
         }
     }
 
-    /// What it needs, whether errors are summed up or not.
+    /// Required capacity, with or without summed errors.
     pub(super) fn capacity(&self, entries: u64, sums_errors: bool) -> Capacity {
         let [width, height] = self.size;
         Capacity::new((RayGrid { width, height }, self.subgrid), &self.tf, entries, sums_errors)

@@ -1,4 +1,4 @@
-//! Buffers by which what rays have gathered is read back, piece by piece: see [`super::read_back`].
+//! Buffers for the read-back of finished rays, piece by piece: see [`super::read_back`].
 
 use crate::engines::gpu::device::GpuDevice;
 use crate::engines::gpu::error::GpuError;
@@ -51,7 +51,7 @@ impl PixelBuffers {
         (gathered + errors) * (1 + PIECES_IN_FLIGHT as u64)
     }
 
-    /// Rays of a piece, and bytes of either part; one place for errors where nobody asks for them.
+    /// Rays of a piece, and bytes of either part. Without errors, their part has room for one.
     fn sizes((places, sums_errors): (u64, bool)) -> (u64, [u64; 2]) {
         let of_a_ray = GATHERED_BYTES + if sums_errors { ERROR_BYTES } else { 0 };
         let rays = places.min(PIECE_LIMIT / of_a_ray).max(1);

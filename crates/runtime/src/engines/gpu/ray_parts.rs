@@ -1,9 +1,9 @@
 //! Rays in several parts, for the GPU: solids cut them ([`supervol_scene::clip::clip_parts`]).
 //!
 //! The parts are computed here, in `f64` and by the same functions as for the CPU's rays, meshes included. The shader
-//! receives begin and end of each part. All rays of a band cast their first part, then those that have a second part
-//! cast that, and so on, like tiles on the CPU (docs/decisions/022-solids-and-picking.md). Parts are computed when
-//! their turn comes; only the list of rays with another part is kept.
+//! receives begin and end of each part. All rays of a band cast their first part, then those with a second part cast
+//! that, and so on, like tiles on the CPU (docs/decisions/022-solids-and-picking.md). Parts are computed when their
+//! turn comes; only the list of rays with another part is kept.
 
 use rayon::prelude::*;
 use supervol_format::cast::narrow;

@@ -1,12 +1,13 @@
 //! Rays for the GPU: the shader makes them, from numbers that change linearly from pixel to pixel.
 //!
-//! With depth as parameter, a ray of either projection is a line; its origin and its direction in index space change
+//! With depth as parameter, a ray of either projection is a line. Its origin and its direction in index space change
 //! linearly from pixel to pixel. Both are passed in fixed point with 64 bits of fraction ([`Fixed`]). So the shader
-//! computes any position on any ray by integers alone, for any size of volume and any number of strides. No coordinate
-//! is ever stored in a single `f32`, and no compiler can round differently. `f32` holds only offsets of some voxels.
+//! computes any position on any ray with integers alone, for any size of volume and any number of strides. No
+//! coordinate is ever stored in a single `f32`, and no compiler can round differently. `f32` holds only offsets of some
+//! voxels.
 //!
-//! Rays are stored tile by tile (8 x 8 rays, x fastest, rows of tiles from the top), so that the lanes of a workgroup
-//! stay together in the volume. Places beyond the picture's edge hold finished rays.
+//! Rays are stored tile by tile (8 x 8 rays, x fastest, rows of tiles from the top). So the lanes of a workgroup stay
+//! together in the volume. Places beyond the picture's edge hold finished rays.
 
 use bytemuck::Zeroable;
 use glam::{DMat3, DVec3};

@@ -1,5 +1,5 @@
-//! What the rays of a band have gathered, read back: the device puts it in the order of the pixels, piece by piece, and while the
-//! host makes pixels of one piece the next one is on its way.
+//! Read-back of the finished rays of a band. The device sorts them into the order of the pixels, piece by piece. While
+//! the host makes pixels of one piece, the next one is on its way.
 
 use std::collections::VecDeque;
 
@@ -20,8 +20,8 @@ struct Piece {
 }
 
 impl DeviceCaster {
-    /// Hands what the rays of the band have gathered to `visit`, row by row: the number of the first pixel, what is behind it, and what
-    /// that may be off by where it is summed up.
+    /// Passes the rays of the band to `visit`, row by row: the number of the first pixel, the states of the rays, and
+    /// their errors if these are summed up.
     pub(super) fn read_pixels(
         &mut self,
         sums_errors: bool,

@@ -1,6 +1,6 @@
-//! Twins of shader functions that the CPU has no use for: places in textures, marks of surfaces, rays in a brick. The same
-//! functions in Rust, under the same names, by which a test holds the shaders to account (`tests/gpu_walk_twins.rs`); which
-//! functions have none, and why, is listed in `tests/gpu_twin_list.rs`.
+//! Twins of shader functions that the CPU does not use: places in textures, marks of surfaces, rays in a brick. They
+//! have the names of the shader functions. `tests/pictures/gpu_walk_twins.rs` compares both. `tests/pictures/gpu_twin_list.rs` lists the
+//! functions without a twin, with the reason.
 
 use glam::{Mat3, Vec3};
 use supervol_format::brick::MACRO_CELL;
@@ -62,8 +62,8 @@ pub fn bins_of(config: &Config, numbers: [u32; 4]) -> [f32; 4] {
     numbers.map(|n| (n as f32 - config.light_centre) * config.light_scale + config.light_offset)
 }
 
-/// A ray in a brick: for each axis the parameter per voxel and that of plane 0; and the distance of a leap's end behind
-/// a face.
+/// A ray in a brick: the parameter per voxel and the parameter of plane 0 for each axis, and the distance by which a
+/// leap ends behind a face.
 #[must_use]
 pub fn light_ray(origin: [f32; 3], direction: [f32; 3]) -> ([f32; 3], [f32; 3], f32) {
     let inverse = direction.map(|d| if d == 0.0 { 0.0 } else { 1.0 / d });

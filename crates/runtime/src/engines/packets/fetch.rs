@@ -174,10 +174,10 @@ impl<'a> BrickVoxels<'a> {
         unsafe { self.gather_before::<S>(base, 0) }
     }
 
-    /// The same, so many voxels earlier.
+    /// The same, `before` voxels earlier.
     ///
     /// # Safety
-    /// As for [`Self::gather`], and so many voxels before each row's first.
+    /// The same as for [`Self::gather`], which also holds `before` voxels before each row's first.
     #[inline(always)]
     unsafe fn gather_before<S: Simd>(&self, base: &Places, before: i32) -> Raw<S> {
         let [dy, dz] = self.strides;

@@ -1,7 +1,7 @@
 //! Surfaces inside the semi-transparent volume: mode `dvr` with iso values (docs/decisions/025-surfaces-in-volumes.md).
 //!
-//! In each brick, the rays of a tile first look for surfaces: by the packets, cells and sides of mode `iso`, but
-//! listing all crossings in order. Then they gather light up to the first crossing, are dimmed by the surface, gather
+//! In each brick, the rays of a tile first look for surfaces. They use the packets, cells and sides of mode `iso`, but
+//! list all crossings in order. Then they gather light up to the first crossing, are dimmed by the surface, gather
 //! light up to the next one, and so on. The two kernels are independent. Rays without a crossing in the brick gather in
 //! one go. A surface costs the search, and one more walk for the rays that meet it.
 
@@ -24,7 +24,7 @@ struct Way {
 }
 
 impl CastTile<'_> {
-    /// The rays that meet a brick gather what is in it, and meet the surfaces of a frame.
+    /// Casts the rays that meet a brick through its volume and through the surfaces of a frame.
     pub(super) fn cast_around_surfaces(&mut self, key: BrickKey, resident: Resident<'_>, surfaces: &PacketFrame) {
         let hits = self.rays.hits().to_vec();
         self.find_crossings(key, resident, surfaces);
@@ -74,7 +74,7 @@ impl CastTile<'_> {
     /// Lists the surfaces that the rays meet in a brick, and keeps the sides on which they come out.
     fn find_crossings(&mut self, key: BrickKey, resident: Resident<'_>, surfaces: &PacketFrame) {
         let tables = &*surfaces.tables;
-        // What the search costs is not what a ray gathers.
+        // The search has its own counters: it is not part of the work of a ray.
         let mut feedback = BlockFeedback::default();
         let Self { view, corner, ref mut rays, ref mut queues, .. } = *self;
         CastTile { view, frame: surfaces, tables, corner, rays, queues, feedback: &mut feedback }

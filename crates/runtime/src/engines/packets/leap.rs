@@ -55,7 +55,7 @@ pub struct ProximityCloud<const SIDE: usize> {
 }
 
 impl ProximityCloud<MACRO_CELL> {
-    /// The cloud of a brick's macro cells; `shows` is asked for each range of render values.
+    /// The cloud of a brick's macro cells; `shows`: whether a range of render values is visible.
     #[must_use]
     pub fn new(
         brick: &DecodedBrick,

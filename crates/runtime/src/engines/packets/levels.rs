@@ -35,7 +35,7 @@ impl CastTile<'_> {
         if deviation.is_none() {
             return None;
         }
-        // What surfaces let through says nothing of those that are elsewhere.
+        // The light behind a surface in one level says nothing if the surface lies elsewhere in the other level.
         let has_surface = self.frame.scene.mode == Mode::Iso || deviation.is_unbounded();
         let is_drawn = matches!(resident, Resident::Brick(_) | Resident::Uniform(_)) && !has_surface;
         let gathered = &self.rays.gathered;
@@ -80,7 +80,7 @@ impl CastTile<'_> {
     }
 }
 
-/// What the rays of a finished tile may be off by, where that was summed up; `pixels` are theirs.
+/// Errors of the rays of a finished tile with these pixels; `None` if they were not summed up.
 pub(super) fn errors_of(frame: &PacketFrame, gathered: &Gathered, pixels: &[[f32; 4]]) -> Option<Box<TileErrors>> {
     let (levels, deviations) = (gathered.levels.as_ref()?, frame.deviations.as_ref()?);
     let mut greatest = ErrorsByReason { presence_may_change: levels.presence_may_change, ..ErrorsByReason::default() };

@@ -14,11 +14,11 @@ use super::tile::{Gathered, TileRays};
 use crate::engines::feedback::BlockFeedback;
 use crate::stream::budget::{BandMode, EngineBytes};
 
-/// What is made of a brick, what it is made from, and what a thread still uses of what is no longer kept: so many times its
-/// bytes.
+/// Copies of a brick's derived data in memory at once: the data itself, its input, and data that a thread still uses
+/// after it left the cache.
 const MAKING: u64 = 4;
 
-/// What packets hold in host memory beside their tables; `core`: voxels along an edge of a full brick's core.
+/// Bytes of packets in host memory beside their tables; `core`: voxels along an edge of a full brick's core.
 #[must_use]
 pub fn bytes_held(core: usize, rule: PacketRule) -> EngineBytes {
     let made = (BrickPlan::most_bytes(core) + Silhouette::most_bytes(core)).max(BrickSummary::most_bytes(core));
@@ -32,7 +32,7 @@ pub fn bytes_held(core: usize, rule: PacketRule) -> EngineBytes {
         bands: BandMode::Allowed,
         group_side: TILE_SIDE,
         group: (size_of::<Tile>() + gathered + size_of::<BlockFeedback>()) as u64,
-        // A tile that goes on to wait is there twice for a moment.
+        // A tile that is about to wait exists twice for a moment.
         thread: (size_of::<TileRays>() + PartsAhead::MOST_BYTES + size_of::<Queues>() + gathered) as u64
             + MAKING * made_of_brick,
         made_of_brick,

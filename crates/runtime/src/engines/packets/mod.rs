@@ -1,24 +1,25 @@
-//! The packet caster: tiles of rays, in packets of as many as the processor's vectors hold, in `f32`.
+//! The packet caster: tiles of rays, in packets of as many rays as the processor's vectors have lanes, in `f32`.
 //!
-//! Trilinear cells are integrated, not steps (docs/ARCHITECTURE.md, "How a ray is integrated"), in passes:
+//! Trilinear cells are integrated, not steps (docs/how-pictures-are-made.md), in passes:
 //! 1. [`PacketRays::new`] makes the rays of a [`PacketFrame`], in tiles.
-//! 2. [`PacketRays::cast_pass`] takes every unfinished ray as far as resident bricks allow. A ray that needs a brick that is
-//!    not resident keeps its place and the brick's key; the pass returns all such keys.
+//! 2. [`PacketRays::cast_pass`] takes every unfinished ray as far as resident bricks allow. A ray that needs a brick
+//!    that is not resident keeps its place and the brick's key; the pass returns all such keys.
 //! 3. The caller makes some of them resident and casts the next pass, until no ray waits.
 //! 4. [`PacketRays::image`] makes the picture of the rays, at any time.
 //!
-//! The picture depends neither on the number of threads, nor on which bricks came when, nor on skipping: to the last bit. On
-//! the size of bricks it depends by less than shows (docs/decisions/006-packets.md).
+//! The picture is the same, to the last bit, for any number of threads, any order of bricks, and with or without
+//! skipping. The size of bricks changes it by less than is visible (docs/decisions/006-packets.md).
 //!
 //! In the order of the data:
-//! - `frame`, `tables`, `rule`: a picture, and what its packets look up; `plans`, `summaries`, `silhouette`, `per_brick`:
-//!   what is kept of bricks; `memory`: how many bytes all that is;
+//! - `frame`, `tables`, `rule`: a picture, and the tables that its packets look up;
+//! - `plans`, `summaries`, `silhouette`, `per_brick`: data derived from bricks; `memory`: the bytes of all these;
 //! - `rays` and `cast` (the tiles of a pass), `begin` (rays of a tile), `visit` and `order` (its bricks);
 //! - `tile`, `places`, `noted`, `parts_ahead`, `parts`: rays of a tile; `levels`, `work`: notes on them; `pixels`;
-//! - `blocks` and `leap` (what shows nothing), `walk` (`trace`: for who checks it), `fetch`;
-//! - in `dvr` `packet`, `lookup` and `integrate` (one cell), `shade`, `queue` and `refine` (cells that are not settled by that),
-//!   `inner_surfaces`;
-//! - in the other modes `value_tiles` (bricks), `values` (`mip`, `minip`, `mean`), `surfaces` (`iso`).
+//! - `blocks` and `leap` (invisible parts), `walk` (`trace` records its path for tests), `fetch`;
+//! - in `dvr` `packet`, `lookup` and `integrate` (one cell), `span` (several cells by one line); `shade`, `shaded_cells`
+//!   and `turning` (light); `queue`, `pending` and `refine` (cells that need more than one part); `inner_surfaces`;
+//! - in the other modes `value_tiles` (bricks), `values` (`mip`, `minip`, `mean`), `surfaces` (`iso`);
+//! - `simd`: vectors of the instruction sets.
 
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 mod begin;

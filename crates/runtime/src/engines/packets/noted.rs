@@ -1,18 +1,18 @@
-//! Notes on the rays of a tile beside what they gather: how far they may be off, and what they cost.
+//! Notes on the rays of a tile beside their results: errors and work.
 
 use super::places::TILE_RAYS;
 use crate::engines::totals::ErrorsByReason;
 use crate::lod::deviation::RayDeviation;
 
-/// What coarser levels may do to the rays of a tile.
+/// Errors of the rays of a tile from coarser levels.
 #[derive(Debug, Clone)]
 pub struct LevelErrors {
     pub(super) rays: [RayDeviation; TILE_RAYS],
-    /// Whether a voxel may be there in one level and not in the other.
+    /// Whether a voxel may be present in one level and absent in the other.
     pub(super) presence_may_change: bool,
 }
 
-/// What the rays of a finished tile may be off by; 1 is white.
+/// Errors of the rays of a finished tile; 1 is white.
 #[derive(Debug, Clone)]
 pub struct TileErrors {
     /// Each ray, for all reasons.
@@ -26,7 +26,7 @@ impl LevelErrors {
     pub const NONE: Self = Self { rays: [RayDeviation::NONE; TILE_RAYS], presence_may_change: false };
 }
 
-/// Of each ray of a tile: cells crossed, and leaps, a brick without anything to show being one.
+/// Cells crossed and leaps of each ray of a tile. An invisible brick counts as one leap.
 pub type TileWork = [[u32; 2]; TILE_RAYS];
 
 /// The same of no work at all.

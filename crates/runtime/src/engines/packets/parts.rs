@@ -25,7 +25,7 @@ pub(super) fn begin_next_part(frame: &PacketFrame, corner: [u32; 2], rays: &mut 
             continue;
         }
         if let Some((index_ray, segment)) = part_of_ray(frame, corner, rays, ray) {
-            // What lies in front of a gap has no side behind it.
+            // The gap separates the parts: the side before it is not the side behind it.
             rays.gathered.iso[ray].known = 0;
             rays.set(ray, &index_ray, segment);
         }
@@ -53,7 +53,7 @@ pub(super) fn is_in_picture(frame: &PacketFrame, corner: [u32; 2], ray: usize) -
     (0..2).all(|a| corner[a] + place_of(ray)[a] < size[a])
 }
 
-/// Whether nothing behind what a ray has gathered can be seen.
+/// Whether a ray is opaque already, so that nothing behind is visible.
 pub(super) fn has_ended(frame: &PacketFrame, gathered: &Gathered, ray: usize) -> bool {
     match frame.scene.mode {
         Mode::Dvr => gathered.transmittance[ray] <= frame.tables.end_error(),

@@ -123,7 +123,7 @@ pub fn work_pixels_of(scene: &RayScene, tiles: &[Tile]) -> Vec<[f32; 4]> {
     })
 }
 
-/// What `pixel` says of each ray, row by row from the top.
+/// Results of `pixel` for all rays, row by row from the top.
 fn row_by_row(scene: &RayScene, tiles: &[Tile], pixel: impl Fn(&Tile, usize) -> [f32; 4]) -> Vec<[f32; 4]> {
     let (width, height) = (scene.camera.width as usize, scene.rows.len());
     let columns = tiles_of(scene)[0] as usize;

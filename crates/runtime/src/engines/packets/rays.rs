@@ -26,7 +26,7 @@ impl PacketRays {
         Self { frame, tiles: vec![Tile::Fresh; columns as usize * rows as usize] }
     }
 
-    /// Packets stop when this is due: rays wait where they are, and go on from there in the next pass.
+    /// Sets the stop condition. At the stop, rays wait at their place and continue there in the next pass.
     pub(crate) fn set_stop(&mut self, stop: Stop) {
         self.frame.set_stop(stop);
     }
@@ -53,8 +53,8 @@ impl PacketRays {
         scene.image_of(pixels_of(scene, &self.tiles, |_| [f32::NAN; 4]))
     }
 
-    /// What each pixel of finished tiles may be off by, grey, 1 being white, sub-grid averaged: NaN elsewhere; `None` where
-    /// that is not summed up.
+    /// Error of each pixel of finished tiles, sub-grid averaged: grey, 1 is white, NaN elsewhere. `None` if errors are
+    /// not summed up.
     #[must_use]
     pub fn error_pixels(&self) -> Option<Image> {
         self.frame.deviations.as_ref()?;
@@ -62,15 +62,15 @@ impl PacketRays {
         Some(scene.image_of(error_pixels_of(scene, &self.tiles)))
     }
 
-    /// What the rays of each pixel of finished tiles cost, sub-grid averaged: cells, leaps, 0, 1; NaN elsewhere; `None` where that is
-    /// not counted.
+    /// Work of each pixel's rays in finished tiles, sub-grid averaged: cells, leaps, 0, 1; NaN elsewhere. `None` if
+    /// work is not counted.
     #[must_use]
     pub fn work_pixels(&self) -> Option<Image> {
         let scene = &self.frame.scene;
         self.frame.tables.counts_work().then(|| scene.image_of(work_pixels_of(scene, &self.tiles)))
     }
 
-    /// What rays may be off by at most, where that is summed up.
+    /// Largest errors of rays; zero unless they are summed up.
     #[must_use]
     pub fn errors(&self) -> ErrorsByReason {
         let errors = self.tiles.iter().filter_map(Tile::errors);

@@ -45,7 +45,7 @@ impl<S: Simd> AlongRay<S> {
     }
 }
 
-/// Where rays cross cells.
+/// Crossings of rays with cells.
 #[derive(Clone, Copy)]
 pub struct Crossing<S: Simd> {
     /// Voxel offsets of the cells' first corners; in every lane of a cell of the core.
@@ -95,8 +95,8 @@ impl CellShader<'_> {
         }
     }
 
-    /// Colours of parts after shading, and their errors. The error is NaN beside a hole for rays in a plane of voxels:
-    /// the hole may have no weight for them, and a gradient exists after all.
+    /// Colours of parts after shading, and their errors. The error is NaN beside a hole for rays in a plane of voxels.
+    /// There the hole may have no weight, so that a gradient exists after all.
     #[inline(always)]
     pub fn shade<S: Simd>(
         &self,
@@ -234,7 +234,7 @@ impl ShadeCells<'_> {
         unsafe { self.shader.gradients(&cell, along) };
     }
 
-    /// Shades the cells from number `first` on; cells that three positions do not settle go on to refinement.
+    /// Shades the cells from number `first` on; cells that three positions do not settle are refined.
     #[inline(always)]
     fn shade<S: Simd>(&mut self, first: usize, along: &AlongRay<S>) {
         let mut cell = self.cells.cells::<S>(first);

@@ -1,12 +1,12 @@
 //! Choice of the number of cells of a brick that are integrated together.
 //!
-//! If the field is smooth and the transfer function even, one line replaces several cells as well as one
+//! If the field is smooth and the transfer function even, one line replaces several cells without loss
 //! ([`super::integrate::Line::over`]), and classification is that much cheaper. Its error is bounded in the same way.
 //! An unsettled span is split into cells again, which costs more than cells from the start. So spans are first tried on
 //! a sample of a brick's cells, along the direction of rays through it.
 //!
-//! The choice depends on the brick, the transfer function, the requested error and the view, not on the order of
-//! casting.
+//! The choice depends on the brick, the transfer function, the requested error and the view. It does not depend on the
+//! order of casting.
 
 use supervol_format::cast::single;
 

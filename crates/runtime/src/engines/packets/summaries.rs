@@ -1,8 +1,8 @@
-//! Bricks in the modes that gather values (`mip`, `minip`, `mean`) and in `iso`, as packets see them: numbers, ranges, leaps.
+//! Summaries of bricks for packets in the modes `mip`, `minip`, `mean` and `iso`: numbers, ranges, leaps.
 //!
-//! Rays keep what they have in render values and `f64`; in a brick, packets count in *numbers*: stored numbers less a centre,
-//! and with the other sign where the least is sought, or where greater numbers are lesser values. Whole numbers have the
-//! render values that the scalar caster gives them.
+//! Rays keep their results in render values and `f64`. In a brick, packets count in *numbers*: stored numbers minus a
+//! centre. The sign is reversed if the mode looks for the least value, or if greater numbers are lesser values. Whole
+//! numbers have the same render values as in the scalar caster.
 
 use supervol_format::brick::{APRON, MACRO_CELL};
 use supervol_format::cast::{single, whole};
@@ -20,18 +20,18 @@ use crate::stream::residency::DecodedBrick;
 /// Greatest whole number that a brick can store.
 const GREATEST_STORED: i64 = u16::MAX as i64;
 
-/// What is known of the bricks of a frame in these modes.
+/// Summaries of the bricks of a frame in these modes.
 pub type BrickSummaries = PerBrick<BrickSummary>;
 
-/// What packets want to know of a brick beside its voxels; all in its numbers.
+/// Summary of a brick, in its numbers.
 #[derive(Debug)]
 pub struct BrickSummary {
     pub(super) numbers: Numbers,
     /// Ranges of macro cells.
     pub(super) ranges: MacroRanges,
-    /// Of the whole brick; the first is greater where nothing is present.
+    /// Range of the whole brick; the first is greater if no voxel is present.
     pub(super) range: [f32; 2],
-    /// What can be leapt over, whatever a ray has; `None` where that cannot be said, or nothing is.
+    /// Leaps that hold for every ray; `None` if there are none, or they are unknown.
     pub(super) cloud: Option<ProximityCloud<MACRO_CELL>>,
     /// Iso values: numbers not below are above the surface.
     pub(super) thresholds: Vec<f32>,
@@ -87,7 +87,7 @@ impl BrickSummary {
             + ProximityCloud::<MACRO_CELL>::most_bytes(core)
     }
 
-    /// What [`Mean`] multiplies numbers with: a power of two that brings the largest to about 1.
+    /// Factor of numbers in [`Mean`]: a power of two that brings the largest to about 1.
     pub(super) fn mean_scale(&self) -> f32 {
         let largest = self.range[0].abs().max(self.range[1].abs());
         // The exponent's bits alone; neither it nor its inverse is infinite.
@@ -116,7 +116,7 @@ impl BrickSummary {
 pub(super) struct Numbers {
     pub(super) stored: Stored,
     pub(super) map: ValueMap,
-    /// What is taken off stored numbers; whole where they are.
+    /// Centre that is subtracted from stored numbers; whole if they are.
     pub(super) centre: f32,
     /// Whether numbers have the other sign.
     pub(super) is_turned: bool,

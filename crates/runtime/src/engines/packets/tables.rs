@@ -1,4 +1,4 @@
-//! Tables of a picture that all its packets look up, and what is kept of bricks.
+//! Tables of a picture for all its packets, and kept data derived from bricks.
 
 use std::sync::Arc;
 
@@ -35,7 +35,7 @@ use crate::lod::deviation::Deviation;
 use crate::stream::classify::Skipping;
 use crate::stream::residency::DecodedBrick;
 
-/// What packets look up, the same for all rays of a frame.
+/// Tables for packets, the same for all rays of a frame.
 #[derive(Debug)]
 pub struct PacketTables {
     pub(super) pieces: TransferPieces,
@@ -44,27 +44,27 @@ pub struct PacketTables {
     table: PieceTable,
     pub(super) set: InstructionSet,
     pub(super) precision: Precision,
-    /// What a pixel may be off by.
+    /// Requested error of a pixel.
     pub(super) max_error: f64,
     pub(super) view: RayOrigin,
     pub(super) pixel_rays: PixelRays,
     pub(super) to_index: ToIndex,
-    /// Of bricks, in mode `dvr`.
+    /// Plans of bricks, in mode `dvr`.
     pub(super) plans: Arc<BrickPlans>,
     pub(super) projector: Projector,
-    /// Of bricks, in mode `dvr`, where they are worth it.
+    /// Silhouettes of bricks, in mode `dvr`; `None` if a silhouette costs more than it saves.
     pub(super) silhouettes: PerBrick<Option<Silhouette>>,
-    /// Of bricks, in all modes but `dvr`.
+    /// Summaries of bricks, in all modes but `dvr`.
     pub(super) summaries: BrickSummaries,
-    /// What bricks of coarser levels are off by, where errors are summed up.
+    /// Errors of bricks of coarser levels, if errors are summed up.
     pub(super) of_levels: PerBrick<Deviation>,
     /// Whether it is noted what each ray costs.
     pub(super) counts_work: bool,
 }
 
-/// Part of what is kept of bricks, as a divisor, that is for what coarser levels do.
+/// Part of the memory for kept data that errors of coarser levels get, as a divisor.
 const LEVELS_SHARE: u64 = 8;
-/// The same for where they lie in the picture.
+/// The same for silhouettes.
 const SILHOUETTES_SHARE: u64 = 4;
 
 /// Lanes up to which look-ups in registers are not compiled: arrays have none.
@@ -162,7 +162,7 @@ impl PacketTables {
         self.counts_work
     }
 
-    /// What is left out behind the end of a ray that ends early, 1 being white: never more.
+    /// Largest light that is left out behind the end of a ray; 1 is white.
     pub fn end_error(&self) -> f64 {
         f64::from(self.precision.last_transmittance)
     }

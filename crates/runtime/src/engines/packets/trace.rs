@@ -67,7 +67,7 @@ impl Task for Trace<'_> {
 }
 
 impl Trace<'_> {
-    /// As in [`super::packet`]: leaps until no ray can, then a round of cells.
+    /// Walks like [`super::packet`]: leaps until no ray can leap, then a round of cells.
     #[inline(always)]
     fn packet<S: Simd>(&self, rays: &[LocalRay]) -> Vec<Vec<Stretch>> {
         // SAFETY: `stretches` has looked at the ends of all rays.

@@ -1,4 +1,4 @@
-//! Tiles of rays in the modes that gather values (`mip`, `minip`, `mean`) and in `iso`: what a brick does to them.
+//! Tiles of rays through one brick, in the modes that gather values (`mip`, `minip`, `mean`) and in `iso`.
 
 use supervol_format::BrickKey;
 use supervol_scene::scene::Mode;

@@ -40,8 +40,8 @@ pub(super) struct CastTile<'a> {
 }
 
 impl CastTile<'_> {
-    /// As far as the bricks that are there allow. When it is time to stop, rays wait for whatever brick they come to next: what they
-    /// have gathered stands, and after one brick at least.
+    /// Casts the rays as far as resident bricks allow. At a stop, each ray waits for its next brick and keeps its
+    /// result. At least one brick is visited before.
     pub(super) fn run(mut self) {
         let mut has_come_some_way = false;
         let pyramid = &self.frame.scene.pyramid;
@@ -76,7 +76,7 @@ impl CastTile<'_> {
     }
 }
 
-/// Where rays go on after a brick.
+/// Continuation of the rays after a brick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Visit {
     Done,
@@ -194,7 +194,7 @@ impl CastTile<'_> {
             return;
         }
         let (packet_brick, grid) = tables.packet_brick(&frame.scene, key, brick);
-        // Between surfaces rays go piece by piece: what they meet would be looked up for each.
+        // Between surfaces rays are cast piece by piece: the silhouette would be looked up for each piece.
         if plan.leaps && frame.inner.is_none() {
             self.leave_out_unseen(key, &plan.cloud, &grid);
             if self.rays.hits().is_empty() {

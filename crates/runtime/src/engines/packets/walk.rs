@@ -227,8 +227,9 @@ impl<'a, S: Simd> Walker<'a, S> {
     /// Rays at their entry into a brick.
     ///
     /// # Safety
-    /// Between `start` and `length`, every ray of the packet lies in the brick's core: along each axis from half a voxel before the
-    /// first to half a voxel behind the last, with at most a tenth of a cell of rounding.
+    /// Between `start` and `length`, every ray of the packet lies in the brick's core. Along each axis the core reaches
+    /// from half a voxel before its first voxel to half a voxel behind its last, with at most a tenth of a cell of
+    /// rounding.
     #[inline(always)]
     pub unsafe fn new(packet: &Packet, brick: &WalkedBrick<'a>) -> Self {
         let (zero, one) = (S::splat(0.0), S::splat(1.0));
@@ -348,7 +349,7 @@ impl<'a, S: Simd> Walker<'a, S> {
         }
     }
 
-    /// As [`Self::leap`], by a cloud of cubes of another size.
+    /// Like [`Self::leap`], with a cloud of cubes of another size.
     ///
     /// # Safety
     /// The cloud covers the core of the walker's brick.
@@ -369,10 +370,10 @@ impl<'a, S: Simd> Walker<'a, S> {
         leaps
     }
 
-    /// As [`Self::leap_once`], by a cloud of cubes of another size.
+    /// Like [`Self::leap_once`], with a cloud of cubes of another size.
     ///
     /// # Safety
-    /// As for [`Self::leap_by`].
+    /// The same as for [`Self::leap_by`].
     #[inline(always)]
     unsafe fn leap_once_by<const SIDE: usize>(&mut self, cloud: &ProximityCloud<SIDE>) -> u32 {
         let active = self.active();
@@ -409,7 +410,7 @@ impl<'a, S: Simd> Walker<'a, S> {
         self.find_base();
     }
 
-    /// As [`Walker::leave`], without updating the memory offsets of the cells.
+    /// Like [`Walker::leave`], without updating the memory offsets of the cells.
     #[inline(always)]
     fn go_out_of<const SIDE: usize>(&mut self, cube: [S::I; 3], reach: S::F, leaping: S::M) {
         let (zero, one, side) = (S::splat(0.0), S::splat(1.0), S::splat(SIDE as f32));

@@ -20,7 +20,7 @@ use crate::render::error::RenderError;
 use crate::render::frame::render_cpu;
 use crate::render::frame::walk::{FinishedBands, FrameWalk};
 use crate::render::options::RenderOptions;
-use crate::render::stats::FrameStats;
+use crate::render::stats::{FrameStats, OUTSIDE_ENGINE};
 use crate::stop::Stop;
 use crate::stream::counters::{RayCounters, StreamCounters, milliseconds};
 
@@ -70,7 +70,7 @@ impl Drawing for WholeDrawing {
                 let mut walk = FrameWalk::new(resident.streamer(), plan, options, Instant::now()).until(stop.clone());
                 let mut bands = FinishedBands::default();
                 let image = walk.run_on(engine.as_mut(), scene.image_size, &mut bands)?;
-                (image, bands.into_maps(), walk.into_stats())
+                (image, bands.into_maps(), FrameStats { backend: OUTSIDE_ENGINE, ..walk.into_stats() })
             }
             None => {
                 let (image, stats) = render_cpu(scene, options, resident.streamer(), plan, stop)?;

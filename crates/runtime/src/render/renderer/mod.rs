@@ -42,7 +42,7 @@ use crate::render::frame::walk::FinishedBands;
 use crate::render::frame::{FrameWalk, plan_host, streamer_for};
 use crate::render::options::{LevelChoice, RenderOptions};
 use crate::render::process;
-use crate::render::stats::{FrameStats, mode_name};
+use crate::render::stats::{FrameStats, OUTSIDE_ENGINE, mode_name};
 use crate::render::volume::PlacedVolume;
 use crate::stop::{Canceller, Stop};
 use crate::stream::counters::milliseconds;
@@ -482,7 +482,7 @@ pub fn render_by_engine(
         let mut walk = FrameWalk::new(&mut streamer, plan, options, start);
         let mut bands = FinishedBands::default();
         let image = walk.run_on(engine, scene.image_size, &mut bands)?;
-        let stats = walk.into_stats().with_failures(VolumeFacts::of(container).value_range);
-        Ok((image, bands.into_maps(), stats))
+        let stats = FrameStats { backend: OUTSIDE_ENGINE, ..walk.into_stats() };
+        Ok((image, bands.into_maps(), stats.with_failures(VolumeFacts::of(container).value_range)))
     })
 }

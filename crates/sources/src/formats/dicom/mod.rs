@@ -47,12 +47,16 @@ const FRAME_COPIES: u64 = 6;
 #[derive(Debug)]
 pub struct DicomSource(GridSource);
 
+/// Ends of file names.
+const ENDINGS: &[&str] = &[".dcm", ".dicom", ".ima"];
+
 /// Row of the table of formats.
 pub const FORMAT: Format = Format {
     name: "dicom",
     title: "DICOM",
+    endings: ENDINGS,
     choices: &[Choice::Series, Choice::Array],
-    sniff: |start, _| is_dicom(&start.bytes) || start.is_named(&[".dcm", ".dicom", ".ima"]),
+    sniff: |start, _| is_dicom(&start.bytes) || start.is_named(ENDINGS),
     certainty: Certainty::Certain,
     folder: Folder::ByFiles { title: "DICOM", sniff: |files| files.any_start(|start| is_dicom(&start.bytes)) },
     open: |path, options| Ok(Box::new(DicomSource::open(path, &options.of_folders())?)),

@@ -48,12 +48,16 @@ use crate::{Axis, Endian, Message, ReadOption, SourceError, SourceInfo};
 /// First bytes of a file. A user block may precede them, of 512 bytes times a power of two.
 const MAGIC: &[u8] = b"\x89HDF\r\n\x1a\n";
 
+/// Ends of file names.
+const ENDINGS: &[&str] = &[".h5", ".hdf5", ".ims"];
+
 /// Row of the table of formats.
 pub const FORMAT: Format = Format {
     name: "hdf5",
     title: "HDF5",
+    endings: ENDINGS,
     choices: &[Choice::Array],
-    sniff: |start, _| start.begins_with(MAGIC) || start.is_named(&[".h5", ".hdf5", ".ims"]),
+    sniff: |start, _| start.begins_with(MAGIC) || start.is_named(ENDINGS),
     certainty: Certainty::Certain,
     folder: Folder::Never,
     open: |path, options| Ok(Box::new(self::open(path, &options.of_folders())?)),

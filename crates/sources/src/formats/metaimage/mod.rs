@@ -37,14 +37,16 @@ use header::{DataFiles, Header};
 /// First byte of a gzip stream; a zlib stream begins with another byte.
 const GZIP_START: u8 = 0x1f;
 
+/// Ends of file names.
+const ENDINGS: &[&str] = &[".mha", ".mhd"];
+
 /// Row of the table of formats.
 pub const FORMAT: Format = Format {
     name: "metaimage",
     title: "MetaImage",
+    endings: ENDINGS,
     choices: &[],
-    sniff: |start, _| {
-        start.begins_with(b"ObjectType") || start.begins_with(b"NDims") || start.is_named(&[".mha", ".mhd"])
-    },
+    sniff: |start, _| start.begins_with(b"ObjectType") || start.begins_with(b"NDims") || start.is_named(ENDINGS),
     certainty: Certainty::Certain,
     folder: Folder::Never,
     open: |path, options| {

@@ -30,15 +30,19 @@ use crate::input::spool::{Excess, GzipShare, Spool, SpoolFolder, damaged};
 use crate::{Axis, Message, ReadOption, SourceError, SourceInfo, VolumeSource};
 use header::{Form, HEADER_BYTES, Header};
 
+/// Ends of file names.
+const ENDINGS: &[&str] = &[".nii", ".nii.gz", ".hdr", ".hdr.gz", ".img", ".img.gz"];
+
 /// Row of the table of formats.
 pub const FORMAT: Format = Format {
     name: "nifti",
     title: "NIfTI",
+    endings: ENDINGS,
     choices: &[],
     sniff: |start, _| {
         // A header begins with its own size in either byte order.
         let sizes = [348i32, 540].map(|n| [n.to_le_bytes(), n.to_be_bytes()]);
-        let named = start.is_named(&[".nii", ".nii.gz", ".hdr", ".hdr.gz", ".img", ".img.gz"]);
+        let named = start.is_named(ENDINGS);
         sizes.as_flattened().iter().any(|size| start.begins_with(size)) || named && !start.begins_with(ENVI_START)
     },
     certainty: Certainty::Certain,

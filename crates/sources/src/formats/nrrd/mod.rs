@@ -65,12 +65,16 @@ const FIELDS_READ: [&str; 22] = [
     "sampleunits",
 ];
 
+/// Ends of file names.
+const ENDINGS: &[&str] = &[".nrrd", ".nhdr"];
+
 /// Row of the table of formats.
 pub const FORMAT: Format = Format {
     name: "nrrd",
     title: "NRRD",
+    endings: ENDINGS,
     choices: &[],
-    sniff: |start, _| start.begins_with(b"NRRD") || start.is_named(&[".nrrd", ".nhdr"]),
+    sniff: |start, _| start.begins_with(b"NRRD") || start.is_named(ENDINGS),
     certainty: Certainty::Certain,
     folder: Folder::Never,
     open: |path, options| {

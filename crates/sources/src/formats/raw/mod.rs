@@ -20,6 +20,7 @@ use crate::{Message, ReadOption, SourceError, SourceInfo, VolumeSource};
 pub const FORMAT: Format = Format {
     name: "raw",
     title: "",
+    endings: &[],
     choices: &[],
     sniff: |_, options| options.raw.is_some(),
     certainty: Certainty::Certain,

@@ -70,6 +70,7 @@ const TEXT_HEADERS: [&[u8]; 4] = [b"C 1", b"C01", b"\xc3\x40\xf1", b"\xc3\xf0\xf
 pub const FORMAT: Format = Format {
     name: "segy",
     title: "SEG-Y",
+    endings: ENDINGS,
     choices: &[],
     // The text header begins with the letter C: in EBCDIC (0xC3), or in ASCII.
     sniff: |start, _| start.is_named(ENDINGS) || start.begins_with(b"\xc3") || start.begins_with(b"C"),

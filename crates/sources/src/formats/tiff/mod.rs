@@ -55,6 +55,7 @@ pub(crate) fn is_tiff(head: &[u8]) -> bool {
 pub const FORMAT: Format = Format {
     name: "tiff",
     title: "TIFF",
+    endings: &[".tif", ".tiff"],
     choices: &[Choice::Series],
     sniff: |start, _| is_tiff(&start.bytes),
     certainty: Certainty::Certain,

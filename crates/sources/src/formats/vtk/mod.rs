@@ -39,6 +39,7 @@ const LEGACY_START: &[u8] = b"# vtk DataFile";
 pub const FORMAT: Format = Format {
     name: "vtk",
     title: "VTK",
+    endings: &[".vti", ".vtk"],
     choices: &[Choice::Array],
     sniff: |start, _| {
         let is_xml = start.text_begins_with(b"<?xml") || start.text_begins_with(b"<VTKFile");

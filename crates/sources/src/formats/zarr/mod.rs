@@ -58,6 +58,7 @@ const CHOICES: &[Choice] = &[Choice::Level, Choice::Series, Choice::Array];
 pub const FORMAT: Format = Format {
     name: "zarr",
     title: "Zarr, N5 (folders)",
+    endings: &[],
     choices: CHOICES,
     sniff: |start, _| start.path.file_name().is_some_and(|name| descriptions().any(|known| name == known)),
     certainty: Certainty::Certain,
@@ -75,6 +76,7 @@ pub const FORMAT: Format = Format {
 /// Row of the table of formats, for ZIP files of what such a folder holds.
 pub const ARCHIVE: Format = Format {
     title: "",
+    endings: &[".zip", ".ozx"],
     sniff: |start, _| start.begins_with(b"PK\x03\x04") && is_zarr_archive(start.path),
     folder: Folder::Never,
     open: |path, options| Ok(Box::new(self::open(path, &options.of_folders())?)),

@@ -170,7 +170,7 @@ impl Simd for Avx2 {
 
     #[inline(always)]
     fn expand(values: Floats, mask: Mask, others: Floats) -> Floats {
-        // As for `compress`, the other way.
+        // The inverse of `compress`.
         let moved = unsafe {
             let lane_bytes = _pdep_u64(u64::from(Self::bits(mask)), 0x0101_0101_0101_0101) * 0xff;
             let lanes = _pdep_u64(0x0706_0504_0302_0100, lane_bytes);
