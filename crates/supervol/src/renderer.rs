@@ -189,3 +189,29 @@ impl Renderer {
         Ok(self.inner.pick(pixel)?)
     }
 }
+
+#[cfg(all(test, feature = "sources"))]
+mod tests {
+    use supervol_runtime::render::fidelity::Lossiness;
+    use supervol_runtime::render::options::Backend;
+
+    use super::*;
+
+    #[test]
+    fn a_picture_in_progress_is_reduced_for_now_and_was_so_once_it_has_converged() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("ball.svol");
+        crate::doc_container(&path).expect("a container");
+        let options = RenderOptions { backend: Backend::Cpu, ..RenderOptions::default() };
+        let mut renderer = Volume::open(&path).expect("a volume").renderer(options).expect("a renderer");
+        renderer.set_scene(&Scene::default()).expect("a scene");
+        let step = renderer.advance(Some(Instant::now())).expect("a step");
+        assert!(!step.is_finished, "the deadline has passed: {step:?}");
+        let early = renderer.picture().expect("a whole picture").fidelity();
+        assert_eq!((early.lossiness, early.waiting_helps), (Lossiness::TransientlyLossy, true), "{early:#?}");
+        renderer.advance(None).expect("a step");
+        let whole = renderer.picture().expect("a picture").fidelity();
+        assert_eq!((whole.lossiness, whole.is_reduced), (Lossiness::FormerlyLossy, false), "{whole:#?}");
+        assert!(whole.in_words.contains("any more"), "{}", whole.in_words);
+    }
+}

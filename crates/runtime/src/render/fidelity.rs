@@ -375,7 +375,11 @@ fn data_resolution(drawn: &Drawn<'_>, circumstances: &Circumstances<'_>) -> (Vec
         // Bricks of coarser levels that hold the same values.
         return (Vec::new(), error);
     } else {
-        for_good(Cause::PerformanceTarget, format!("up to {}, where the requested error allows it", drawn_as(coarsest)))
+        let place = match stats.bricks_without_bound {
+            0 => "where the requested error allows it",
+            _ => "where voxels are smaller than pixels, or the requested error allows it",
+        };
+        for_good(Cause::PerformanceTarget, format!("up to {}, {place}", drawn_as(coarsest)))
     };
     (vec![reduction], error)
 }

@@ -352,8 +352,38 @@ fn ascii(text: &str) -> String {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
+
+    /// A record of the default scene: converged, half a grey level requested, nothing stated.
+    pub(crate) fn record() -> PictureRecord {
+        PictureRecord::from_json(
+            r#"{"record_version":1,"program":"supervol 0","pixels":{"size":[800,600],"format":"png","xxh3_64":"00","decorated_runs":[]},
+            "container":{"name":"v.svol","bytes":9,"xxh3_64":"01","covers":"content","dims":[2,2,2],"geometry":{"spacing":[1,1,1],
+            "origin":[0,0,0],"direction":[1,0,0,0,1,0,0,0,1]},"kind":"ct","source":"v.raw"},"scene":{},"files":[],"backend":"cpu",
+            "aims_at_error":true,"level":null,"levels_drawn":[0],"requested_grey_levels":0.5,"stated":null,"converged":true,
+            "pixels_unfinished":0,"bricks_without_bound":0,"bricks_failed":0,"failures":[],"later":"ignored"}"#,
+        )
+        .unwrap()
+    }
+
+    #[test]
+    fn records_come_back_and_later_versions_and_lies_are_refused() {
+        let record = record();
+        assert_eq!(PictureRecord::from_json(&record.to_json()).unwrap(), record);
+        let text = record.to_json();
+        let refused = |from: &str, to: &str| {
+            assert!(text.contains(from), "{from} is not in {text}");
+            PictureRecord::from_json(&text.replace(from, to)).unwrap_err().to_string()
+        };
+        assert!(refused("\"record_version\":1", "\"record_version\":2").contains("newer supervol"));
+        assert!(refused("\"size\":[800,600]", "\"size\":[800,601]").contains("pixels.size"));
+        assert!(refused("\"spacing\":[1.0,", "\"spacing\":[-1.0,").contains("container.geometry"));
+        assert!(refused("\"decorated_runs\":[]", "\"decorated_runs\":[480001]").contains("decorated_runs"));
+        assert!(refused("\"requested_grey_levels\":0.5", "\"requested_grey_levels\":-0.5").contains("from 0 on"));
+        assert!(refused("\"width\":800", "\"width\":0").contains("image.width"));
+        assert!(refused("\"converged\":true", "\"converged\":1").contains("not the JSON"));
+    }
 
     #[test]
     fn runs_name_the_pixels_under_decorations() {

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use serde_json::Value;
 use supervol_format::Container;
+use supervol_format::container::identity::Covers;
 use supervol_format::random::Random;
 use supervol_runtime::render::accuracy::proof::{ProofOptions, Prover};
 use supervol_scene::image::stored::{StoredPicture, StoredPixels, record_path};
@@ -291,4 +292,24 @@ fn no_record_is_written_over_by_something_else() {
     folder.expect(0, &picture);
     folder.expect(0, &picture);
     assert_eq!(folder.stored("a.npy").format, ImageFormat::Npy);
+}
+
+/// Two containers with the same sizes, ranges and histogram, which differ by two voxels that changed places.
+#[test]
+fn the_identity_of_a_container_is_that_of_every_voxel() {
+    let folder = Folder::with_ramp();
+    let mut voxels = fs::read(folder.path("v.raw")).expect("voxels");
+    voxels.swap(5, 2000);
+    fs::write(folder.path("w.raw"), &voxels).expect("room");
+    let shape = ["--dims", "16x16x12", "--dtype", "u8", "--spacing", "1,1,2", "--codec", "raw"];
+    let identity = |raw: &str, to: &str| {
+        folder.expect(0, &[&["build", raw, "-o", to, "--force"][..], &shape].concat());
+        let container = Container::open(Path::new(&folder.path(to))).expect("a container");
+        (container.identity().expect("it is readable"), container.file_bytes())
+    };
+    let [one, again, other] =
+        [("v.raw", "a.svol"), ("v.raw", "b.svol"), ("w.raw", "a.svol")].map(|(raw, to)| identity(raw, to));
+    assert_eq!(one, again, "a name is no content");
+    assert!(one.1 == other.1 && one.0.checksum != other.0.checksum, "{one:?}, {other:?}");
+    assert_eq!(one.0.covers, Covers::Content);
 }

@@ -18,7 +18,7 @@ use std::sync::Arc;
 
 use supervol_format::cast::whole;
 use supervol_format::container::ContainerError;
-use supervol_format::readable::Mib;
+use supervol_format::readable::{Mib, counted};
 use supervol_format::{Container, Lod};
 use supervol_scene::facts::DataKind;
 use supervol_scene::image::GREY_LEVELS;
@@ -88,10 +88,11 @@ pub enum ProofError {
     SceneFile { name: String, expected: String, found: String, folders: String },
     #[error("the scene of its record: {0}")]
     Scene(#[from] SceneError),
-    #[error(
-        "it claims no error that could be proved: {why}. Draw it until it has converged, or state its error (`--record`)"
-    )]
-    NoClaim { why: String },
+    #[error("it claims no error that could be proved: {why}{}. {advice}", match stated_grey_levels {
+        Some(stated) => format!(", and it states {stated:.0} of 255 grey levels"),
+        None => ", and it states no error".into(),
+    })]
+    NoClaim { why: String, stated_grey_levels: Option<f64>, advice: &'static str },
     #[error(
         "level {level} needs {} for the reference integrator, but the limit is {}; give more memory",
         Mib(*needed_bytes), Mib(*budget_bytes)
@@ -217,17 +218,26 @@ pub fn claims_of(record: &PictureRecord) -> Result<Vec<Claim>, ProofError> {
     if !strong.is_empty() {
         return Ok(strong);
     }
-    Err(ProofError::NoClaim {
-        why: if let Some(claim) = claims.first() {
-            format!("every picture is within {:.0} of 255 grey levels", claim.grey_levels)
-        } else if !record.aims_at_error {
-            "it is drawn by a method of comparison, and states no error".into()
-        } else if without_bound {
-            format!("{} bricks of coarser levels have no bound, and it states no error", record.bricks_without_bound)
-        } else {
-            "it has not converged, and states no error".into()
-        },
-    })
+    let (why, advice) = if record.bricks_failed > 0 {
+        (
+            format!("{} could not be read", counted(record.bricks_failed, "brick")),
+            "Mend the container, and draw it again",
+        )
+    } else if !record.converged {
+        ("it has not converged".into(), "Draw it without a deadline")
+    } else if without_bound {
+        let bricks = counted(record.bricks_without_bound, "brick");
+        (
+            format!("{bricks} of coarser levels, with voxels smaller than pixels, have no bound"),
+            "Draw it with `--level 0`",
+        )
+    } else if !record.aims_at_error {
+        ("it is drawn by a method of comparison".into(), "Draw it by the default method")
+    } else {
+        (format!("{:.0} grey levels are requested", record.requested_grey_levels), "Ask for a smaller error")
+    };
+    let stated_grey_levels = record.stated.map(|stated| stated.largest_grey_levels);
+    Err(ProofError::NoClaim { why, stated_grey_levels, advice })
 }
 
 /// A picture with its container and its scene, whose pixels can be cast again.
@@ -438,4 +448,49 @@ fn with_files(record: &PictureRecord, folders: &[PathBuf]) -> Result<Scene, Proo
 fn listed(folders: &[PathBuf]) -> String {
     let shown = |folder: &Path| if folder.as_os_str().is_empty() { ".".into() } else { folder.display().to_string() };
     folders.iter().map(|folder| shown(folder)).collect::<Vec<_>>().join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::render::accuracy::stated::ErrorStated;
+    use crate::render::record::tests::record;
+
+    fn stated(largest_grey_levels: f64) -> Option<ErrorStated> {
+        Some(ErrorStated {
+            largest_grey_levels,
+            mean_grey_levels: 0.0,
+            levels_grey_levels: 0.0,
+            presence_may_change: false,
+            pixels_unknown: 0,
+        })
+    }
+
+    #[test]
+    fn converged_pictures_claim_what_was_requested_and_all_claim_what_they_state() {
+        let requested = |level| Claim { kind: ClaimKind::Requested, level, grey_levels: 0.5 };
+        let of_stated = Claim { kind: ClaimKind::Stated, level: 0, grey_levels: 3.0 };
+        assert_eq!(claims_of(&record()).unwrap(), [requested(0)]);
+        let both = PictureRecord { stated: stated(3.0), level: Some(2), bricks_without_bound: 5, ..record() };
+        assert_eq!(claims_of(&both).unwrap(), [requested(2), of_stated]);
+        let late = PictureRecord { stated: stated(3.0), converged: false, ..record() };
+        assert_eq!(claims_of(&late).unwrap(), [of_stated]);
+        // Less than engines aim at is not claimed.
+        let least = claims_of(&PictureRecord { requested_grey_levels: 0.0, ..record() }).unwrap()[0].grey_levels;
+        assert!((least - 0.05).abs() < 1e-12, "{least}");
+    }
+
+    #[test]
+    fn pictures_without_a_claim_say_why_and_what_to_do() {
+        let told = |record: PictureRecord| claims_of(&record).unwrap_err().to_string();
+        assert!(told(PictureRecord { converged: false, ..record() }).contains("without a deadline"));
+        let coarse = told(PictureRecord { bricks_without_bound: 3, stated: stated(255.0), ..record() });
+        assert!(
+            coarse.contains("3 bricks") && coarse.contains("states 255") && coarse.contains("--level 0"),
+            "{coarse}"
+        );
+        assert!(told(PictureRecord { requested_grey_levels: 255.0, ..record() }).contains("smaller error"));
+        assert!(told(PictureRecord { aims_at_error: false, ..record() }).contains("states no error"));
+        assert!(told(PictureRecord { converged: false, bricks_failed: 1, ..record() }).contains("1 brick could"));
+    }
 }
