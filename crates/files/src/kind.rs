@@ -16,6 +16,10 @@ const TEXT_LIMIT_BYTES: u64 = 64 << 20;
 const SHOWN_CHARACTERS: usize = 60;
 /// Keys that only statistics of a picture have.
 const STATISTICS_KEYS: [&str; 3] = ["render_ms", "page_ins", "peak_rss_bytes"];
+/// Keys that only records of pictures have.
+const RECORD_KEYS: [&str; 3] = ["record_version", "container", "scene"];
+/// Keys that only reports of a picture's fidelity have.
+const FIDELITY_KEYS: [&str; 3] = ["fidelity_version", "lossiness", "dimensions"];
 
 /// Contents of a file.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -28,6 +32,10 @@ pub enum FileKind {
     Picture,
     /// Statistics of a picture, as JSON.
     Statistics,
+    /// Record of a picture, as JSON beside it.
+    Record,
+    /// Fidelity of a picture, as JSON.
+    Fidelity,
     /// A page, table or record, with the text that all of its kind share: title, columns or keys.
     Report(String),
     /// Anything else.
@@ -41,6 +49,8 @@ impl std::fmt::Display for FileKind {
             Self::Container => "a container",
             Self::Picture => "a picture",
             Self::Statistics => "statistics of a picture",
+            Self::Record => "the record of a picture",
+            Self::Fidelity => "the fidelity of a picture",
             Self::Report(text) => return write!(f, "a text or table of the kind `{}`", shortened(text)),
             Self::Other => "neither a picture nor statistics",
         })
@@ -101,8 +111,14 @@ fn of_text(text: &str) -> Option<FileKind> {
     }
     if let Ok(value) = serde_json::from_str::<serde_json::Value>(text) {
         let object = value.as_object().or_else(|| value.as_array()?.first()?.as_object())?;
-        if STATISTICS_KEYS.iter().all(|key| object.contains_key(*key)) {
-            return Some(FileKind::Statistics);
+        let known = [
+            (STATISTICS_KEYS, FileKind::Statistics),
+            (RECORD_KEYS, FileKind::Record),
+            (FIDELITY_KEYS, FileKind::Fidelity),
+        ];
+        let has_all = |keys: &[&str]| keys.iter().all(|key| object.contains_key(*key));
+        if let Some((_, kind)) = known.into_iter().find(|(keys, _)| has_all(keys)) {
+            return Some(kind);
         }
         let keys: BTreeSet<&str> = object.keys().map(String::as_str).collect();
         return Some(FileKind::Report(keys.into_iter().collect::<Vec<_>>().join(" ")));
@@ -139,6 +155,10 @@ mod tests {
         assert_eq!(FileKind::of_bytes(&[&MAGIC[..], &[0; 9]].concat()), FileKind::Container);
         let statistics = r#"{"render_ms": 1, "page_ins": 2, "peak_rss_bytes": 3}"#;
         assert_eq!(FileKind::of_bytes(statistics.as_bytes()), FileKind::Statistics);
+        let record = br#"{"record_version": 1, "container": {}, "scene": {}}"#;
+        assert_eq!(FileKind::of_bytes(record), FileKind::Record);
+        let fidelity = br#"{"fidelity_version": 1, "lossiness": "never_lossy", "dimensions": []}"#;
+        assert_eq!(FileKind::of_bytes(fidelity), FileKind::Fidelity);
         assert_ne!(FileKind::of_bytes(br#"{"camera": {}, "mode": "mip"}"#), FileKind::Statistics);
     }
 

@@ -2,8 +2,8 @@
 //!
 //! 1. An output is never an input or another output of the same command, not even with [`Existing::Replace`]. Files
 //!    are compared by device and inode, with links followed ([`check_distinct`]).
-//! 2. An existing file is not replaced ([`Existing::Keep`]), except pictures by pictures and statistics by statistics
-//!    ([`Existing::ReplacePicture`], [`Existing::ReplaceStatistics`]). The contents decide which a file is ([`kind`]).
+//! 2. An existing file is not replaced ([`Existing::Keep`]), except by a file of its kind: a picture by a picture
+//!    ([`Existing::ReplacePicture`]), and so on for statistics, records and fidelity of pictures. The contents decide which a file is ([`kind`]).
 //!    [`Existing::Replace`] replaces any file.
 //! 3. A symbolic link is followed: the file it names is replaced, the link stays. A link to a missing file is refused.
 //! 4. Only files are replaced. FIFOs, character devices and the program's own standard output are written to directly.
@@ -34,6 +34,10 @@ pub enum Existing {
     ReplacePicture,
     /// Replace statistics of a picture, refuse all other files.
     ReplaceStatistics,
+    /// Replace the record of a picture, refuse all other files.
+    ReplaceRecord,
+    /// Replace the fidelity of a picture, refuse all other files.
+    ReplaceFidelity,
     /// Replace any file once the new one is whole.
     Replace,
 }
@@ -204,6 +208,8 @@ fn check_replaceable(path: &Path, metadata: &Metadata, existing: Existing) -> Re
         Existing::Keep => return Err(OutputError::Exists { path: path.into() }),
         Existing::ReplacePicture => FileKind::Picture,
         Existing::ReplaceStatistics => FileKind::Statistics,
+        Existing::ReplaceRecord => FileKind::Record,
+        Existing::ReplaceFidelity => FileKind::Fidelity,
     };
     if metadata.len() == 0 {
         return Ok(());

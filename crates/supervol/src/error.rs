@@ -6,9 +6,12 @@ use supervol_format::container::ContainerError;
 use supervol_format::{Dims, VoxelBox};
 #[cfg(feature = "sources")]
 use supervol_preprocess::BuildError;
+use supervol_runtime::render::accuracy::proof::ProofError;
 use supervol_runtime::render::error::{ErrorKind, RenderError};
 #[cfg(feature = "images")]
 use supervol_scene::image::ImageError;
+#[cfg(feature = "images")]
+use supervol_scene::image::read::StoredError;
 use supervol_scene::scene::SceneError;
 
 /// Failure of a call of this library. The message says what was expected, what was found, and where.
@@ -37,6 +40,18 @@ pub enum Error {
     #[cfg(feature = "images")]
     #[error(transparent)]
     Image(#[from] ImageError),
+    /// A picture file cannot be read.
+    #[cfg(feature = "images")]
+    #[error(transparent)]
+    Stored(#[from] StoredError),
+    /// A picture can neither be proved nor refuted.
+    #[error("{path}: {source}")]
+    Proof {
+        /// The picture.
+        path: PathBuf,
+        /// The reason.
+        source: Box<ProofError>,
+    },
     /// A container has no such level.
     #[error("level {level}: expected one of 0 to {coarsest}")]
     Level {
@@ -88,6 +103,14 @@ impl Error {
             Self::Image(ImageError::Format { .. }) => ErrorKind::Request,
             #[cfg(feature = "images")]
             Self::Image(_) => ErrorKind::Machine,
+            #[cfg(feature = "images")]
+            Self::Stored(StoredError::Io { source, .. }) => match source.kind() {
+                std::io::ErrorKind::NotFound | std::io::ErrorKind::InvalidInput => ErrorKind::Request,
+                _ => ErrorKind::Machine,
+            },
+            #[cfg(feature = "images")]
+            Self::Stored(_) => ErrorKind::Data,
+            Self::Proof { source, .. } => source.kind(),
             Self::Render(error) => error.kind(),
         }
     }

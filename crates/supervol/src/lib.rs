@@ -30,6 +30,8 @@
 //! | draw one picture | [`Volume::draw`] |
 //! | draw pictures while a camera moves | [`Volume::renderer`], [`Renderer::advance`] |
 //! | know how exact a picture is | [`Picture::error_stated`], [`Picture::error_map`], [`Picture::check`] |
+//! | say what is reduced, and why | [`Picture::fidelity`] |
+//! | prove the picture of a file | [`Picture::record`], [`Volume::prove`] |
 //! | find the voxel under a pixel | [`Renderer::pick`] |
 //! | draw by an engine of one's own | [`Engine`], [`Volume::draw_by`], [`Volume::renderer_by`] |
 //!
@@ -72,13 +74,17 @@ pub use supervol_format::canceller::Canceller;
 pub use supervol_format::{BrickKey, Container, Dims, Geometry, Lod, ValueRange, VoxelBox, VoxelType};
 pub use supervol_runtime::engines::engine::Engine;
 pub use supervol_runtime::render::accuracy::check::ErrorMeasured;
+pub use supervol_runtime::render::accuracy::proof::{Proof, ProofOptions};
 pub use supervol_runtime::render::accuracy::stated::ErrorStated;
 pub use supervol_runtime::render::error::ErrorKind;
+pub use supervol_runtime::render::fidelity::{Dimension, Fidelity, Lossiness};
 pub use supervol_runtime::render::options::{Backend, LevelChoice, RenderOptions as Options};
+pub use supervol_runtime::render::record::PictureRecord;
 pub use supervol_runtime::render::renderer::{MakeEngine, Picked, Step};
 pub use supervol_runtime::render::stats::FrameStats;
 pub use supervol_runtime::render::volume::PlacedVolume;
 pub use supervol_scene::facts::{DataKind, VolumeFacts};
+pub use supervol_scene::image::ImageFormat;
 pub use supervol_scene::scene::{CameraSpec, Scene};
 
 #[cfg(feature = "sources")]

@@ -4,12 +4,14 @@ use std::time::{Duration, Instant};
 
 use supervol_format::canceller::Canceller;
 use supervol_runtime::render;
+use supervol_runtime::render::fidelity::{Dimension, Outlook};
 use supervol_runtime::render::options::RenderOptions;
+use supervol_runtime::render::record::DrawnBy;
 use supervol_runtime::render::renderer::{MakeEngine, Picked, Step};
 use supervol_scene::scene::{ResolvedScene, Scene};
 
 use crate::error::Error;
-use crate::picture::Picture;
+use crate::picture::{Picture, Subject};
 use crate::volume::Volume;
 
 /// Draws pictures of one volume, one after the other, and keeps what it has loaded.
@@ -40,7 +42,11 @@ pub struct Renderer {
     inner: render::renderer::Renderer,
     /// Factor of heights that the inner renderer's volume is placed with.
     exaggeration: f64,
-    scene: Option<ResolvedScene>,
+    /// The scene: complete, and as engines draw it.
+    scene: Option<(Scene, ResolvedScene)>,
+    engine: DrawnBy,
+    /// Dimensions along which a picture so far was reduced for a time.
+    once: Vec<Dimension>,
 }
 
 impl std::fmt::Debug for Renderer {
@@ -52,7 +58,7 @@ impl std::fmt::Debug for Renderer {
 impl Renderer {
     pub(crate) fn new(volume: Volume, options: RenderOptions) -> Result<Self, Error> {
         let inner = render::renderer::Renderer::new(volume.placed_for(&Scene::default())?, options)?;
-        Ok(Self { volume, inner, exaggeration: 1.0, scene: None })
+        Ok(Self { volume, inner, exaggeration: 1.0, scene: None, engine: DrawnBy::Supervol, once: Vec::new() })
     }
 
     pub(crate) fn by_engines(
@@ -62,7 +68,7 @@ impl Renderer {
     ) -> Result<Self, Error> {
         let placed = volume.placed_for(&Scene::default())?;
         let inner = render::renderer::Renderer::by_engines(placed, options, engines)?;
-        Ok(Self { volume, inner, exaggeration: 1.0, scene: None })
+        Ok(Self { volume, inner, exaggeration: 1.0, scene: None, engine: DrawnBy::Caller, once: Vec::new() })
     }
 
     /// The volume that it draws.
@@ -95,16 +101,15 @@ impl Renderer {
     /// If the scene is not valid, or cannot be drawn of this volume; the scene before stays then.
     pub fn set_scene(&mut self, scene: &Scene) -> Result<(), Error> {
         let exaggeration = scene.vertical_exaggeration.unwrap_or(1.0);
-        let resolved = if exaggeration == self.exaggeration {
-            self.inner.volume().resolve(scene)?
-        } else {
-            let placed = self.volume.placed_for(scene)?;
-            let resolved = placed.resolve(scene)?;
+        let is_placed = exaggeration == self.exaggeration;
+        let placed = if is_placed { self.inner.volume().clone() } else { self.volume.placed_for(scene)? };
+        let complete = placed.complete(scene)?;
+        let resolved = complete.resolve(placed.facts())?;
+        if !is_placed {
             self.inner.set_volume(placed);
             self.exaggeration = exaggeration;
-            resolved
-        };
-        self.scene = Some(resolved.clone());
+        }
+        self.scene = Some((complete, resolved.clone()));
         self.inner.set_scene(resolved);
         Ok(())
     }
@@ -122,7 +127,14 @@ impl Renderer {
     /// # Errors
     /// If no scene is set, a budget is too small, or the machine fails.
     pub fn advance(&mut self, deadline: Option<Instant>) -> Result<Step, Error> {
-        Ok(self.inner.advance(deadline)?)
+        let step = self.inner.advance(deadline)?;
+        if !step.is_finished
+            && let Some(subject) = self.subject()
+        {
+            let fidelity = subject.fidelity(&self.inner.counts(), None);
+            self.once.extend(fidelity.improving().filter(|dimension| !subject.once.contains(dimension)));
+        }
+        Ok(step)
     }
 
     /// [`Renderer::advance`] for this long from now.
@@ -138,8 +150,21 @@ impl Renderer {
     pub fn picture(&self) -> Option<Picture> {
         let image = self.inner.picture()?.into_owned();
         let maps = self.inner.maps();
-        let of = (self.inner.volume().clone(), self.scene.clone()?, self.inner.options().clone());
-        Some(Picture::new(of, image, maps, self.inner.stats()))
+        Some(Picture::new(self.subject()?, image, maps, self.inner.stats()))
+    }
+
+    /// What the picture so far shows; `None` without a scene.
+    fn subject(&self) -> Option<Subject> {
+        let (complete, scene) = self.scene.clone()?;
+        Some(Subject {
+            volume: self.inner.volume().clone(),
+            complete,
+            scene,
+            options: self.inner.options().clone(),
+            engine: self.engine,
+            outlook: Outlook::GoesOn,
+            once: self.once.clone(),
+        })
     }
 
     /// The first visible point under a pixel, counted from the top left; `None` where nothing is to be seen.
@@ -162,5 +187,31 @@ impl Renderer {
     /// If no scene is set, the picture has no such pixel, the mode has no depth, or a budget is too small.
     pub fn pick(&mut self, pixel: [u32; 2]) -> Result<Option<Picked>, Error> {
         Ok(self.inner.pick(pixel)?)
+    }
+}
+
+#[cfg(all(test, feature = "sources"))]
+mod tests {
+    use supervol_runtime::render::fidelity::Lossiness;
+    use supervol_runtime::render::options::Backend;
+
+    use super::*;
+
+    #[test]
+    fn a_picture_in_progress_is_reduced_for_now_and_was_so_once_it_has_converged() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("ball.svol");
+        crate::doc_container(&path).expect("a container");
+        let options = RenderOptions { backend: Backend::Cpu, ..RenderOptions::default() };
+        let mut renderer = Volume::open(&path).expect("a volume").renderer(options).expect("a renderer");
+        renderer.set_scene(&Scene::default()).expect("a scene");
+        let step = renderer.advance(Some(Instant::now())).expect("a step");
+        assert!(!step.is_finished, "the deadline has passed: {step:?}");
+        let early = renderer.picture().expect("a whole picture").fidelity();
+        assert_eq!((early.lossiness, early.waiting_helps), (Lossiness::TransientlyLossy, true), "{early:#?}");
+        renderer.advance(None).expect("a step");
+        let whole = renderer.picture().expect("a picture").fidelity();
+        assert_eq!((whole.lossiness, whole.is_reduced), (Lossiness::FormerlyLossy, false), "{whole:#?}");
+        assert!(whole.in_words.contains("any more"), "{}", whole.in_words);
     }
 }

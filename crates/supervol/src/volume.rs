@@ -7,16 +7,21 @@ use std::time::Instant;
 use supervol_format::level_reader::LevelReader;
 use supervol_format::{Container, Dims, Lod, VoxelBox, VoxelType};
 use supervol_runtime::engines::engine::Engine;
+#[cfg(feature = "images")]
+use supervol_runtime::render::accuracy::proof::{Proof, ProofOptions, Prover};
 use supervol_runtime::render::options::RenderOptions;
+use supervol_runtime::render::record::DrawnBy;
 use supervol_runtime::render::renderer::{MakeEngine, render_by_engine, render_with_maps};
 use supervol_runtime::render::volume::PlacedVolume;
 use supervol_scene::facts::{DataKind, VolumeFacts};
+#[cfg(feature = "images")]
+use supervol_scene::image::stored::StoredPicture;
 use supervol_scene::preset::placing::placement;
 use supervol_scene::scene::Scene;
 
 use crate::array::Array;
 use crate::error::Error;
-use crate::picture::Picture;
+use crate::picture::{Picture, Subject};
 use crate::renderer::Renderer;
 
 /// An open volume. Clones share the container.
@@ -192,10 +197,9 @@ impl Volume {
     /// If the scene or an option is wrong, a budget is too small, or the machine fails. Bricks that cannot be read are no error:
     /// see [`Picture::failures`].
     pub fn draw(&self, scene: &Scene, options: &RenderOptions) -> Result<Picture, Error> {
-        let volume = self.placed_for(scene)?;
-        let resolved = volume.resolve(scene)?;
-        let (image, maps, stats) = render_with_maps(volume.container(), &resolved, options)?;
-        Ok(Picture::new((volume, resolved, options.clone()), image, maps, stats))
+        let subject = Subject::drawn_once(self.placed_for(scene)?, scene, options, DrawnBy::Supervol)?;
+        let (image, maps, stats) = render_with_maps(subject.volume.container(), &subject.scene, options)?;
+        Ok(Picture::new(subject, image, maps, stats))
     }
 
     /// Draws one picture by an engine of the caller's own, with the streamer, the passes and the budgets of all others.
@@ -208,10 +212,38 @@ impl Volume {
         scene: &Scene,
         options: &RenderOptions,
     ) -> Result<Picture, Error> {
-        let volume = self.placed_for(scene)?;
-        let resolved = volume.resolve(scene)?;
-        let (image, maps, stats) = render_by_engine(volume.container(), &resolved, options, engine, Instant::now())?;
-        Ok(Picture::new((volume, resolved, options.clone()), image, maps, stats))
+        let subject = Subject::drawn_once(self.placed_for(scene)?, scene, options, DrawnBy::Caller)?;
+        let (container, start) = (subject.volume.container(), Instant::now());
+        let (image, maps, stats) = render_by_engine(container, &subject.scene, options, engine, start)?;
+        Ok(Picture::new(subject, image, maps, stats))
+    }
+
+    /// Proves a picture file: casts sample pixels again by the reference integrator, from the record that the file carries,
+    /// and compares them within the requested and the stated error of that record.
+    ///
+    /// ```
+    /// # let folder = tempfile::tempdir()?;
+    /// # let path = folder.path().join("ball.svol");
+    /// # supervol::doc_container(&path)?;
+    /// use supervol::{Options, ProofOptions, Scene, Volume};
+    ///
+    /// let volume = Volume::open(&path)?;
+    /// let picture = folder.path().join("ball.png");
+    /// volume.draw(&Scene::default(), &Options::default())?.save(&picture)?;
+    /// let proof = volume.prove(&picture, &ProofOptions { pixels: 300, ..ProofOptions::default() })?;
+    /// assert!(proof.holds() && proof.pixels == 300);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    /// If the file is no picture, has no record or one of another container, or claims no error. A picture that breaks its
+    /// claims is no error: see [`Proof::holds`].
+    #[cfg(feature = "images")]
+    pub fn prove(&self, picture: impl AsRef<Path>, options: &ProofOptions) -> Result<Proof, Error> {
+        let path = picture.as_ref();
+        let stored = StoredPicture::read(path)?;
+        let of_file = |source| Error::Proof { path: path.into(), source: Box::new(source) };
+        Prover::new(&self.stored, &stored, options).and_then(|prover| prover.prove(&|_| {})).map_err(of_file)
     }
 
     /// A renderer that keeps what it has loaded from picture to picture.

@@ -10,7 +10,8 @@ use supervol_files::kind::FileKind;
 use supervol_files::unfinished::UnfinishedFolder;
 use supervol_files::{OutputError, OutputFile, check_distinct};
 use supervol_preprocess::{BuildError, Existing};
-use supervol_scene::image::{EncodeError, Image, ImageFormat};
+use supervol_scene::image::stored::record_path;
+use supervol_scene::image::{EncodeError, Image, ImageFormat, RecordText};
 
 use crate::failure::{Failure, with_output};
 use crate::flags;
@@ -90,17 +91,35 @@ impl PictureFile {
         self.write(&map, [0.0; 3])
     }
 
+    /// Format of the file.
+    pub fn format(&self) -> ImageFormat {
+        self.format
+    }
+
     /// Writes the picture.
     ///
     /// # Errors
     /// If the file cannot be written, or the format cannot hold the picture.
     pub fn write(self, image: &Image, background: [f64; 3]) -> Result<(), Failure> {
+        self.write_with(image, background, None)
+    }
+
+    /// Writes the picture with a record, if its format holds one.
+    ///
+    /// # Errors
+    /// As [`Self::write`].
+    pub fn write_with(
+        self,
+        image: &Image,
+        background: [f64; 3],
+        record: Option<RecordText<'_>>,
+    ) -> Result<(), Failure> {
         let encoded = match &self.file {
-            Some(file) if !file.is_stream() => image.encode(self.format, background, &mut file.file()),
+            Some(file) if !file.is_stream() => image.encode_with(self.format, background, record, &mut file.file()),
             stream => {
                 // OpenEXR files are not written sequentially.
                 let mut bytes = Cursor::new(Vec::new());
-                image.encode(self.format, background, &mut bytes).and_then(|()| {
+                image.encode_with(self.format, background, record, &mut bytes).and_then(|()| {
                     match stream {
                         Some(file) => file.file().write_all(bytes.get_ref())?,
                         None => io::stdout().lock().write_all(bytes.get_ref())?,
@@ -154,6 +173,31 @@ impl TextFile {
     }
 }
 
+/// Names of the outputs of `render` beside the picture.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Beside<'a> {
+    /// Error map.
+    pub error_map: Option<&'a Path>,
+    /// Work map.
+    pub work_map: Option<&'a Path>,
+    /// Statistics.
+    pub statistics: Option<&'a Path>,
+    /// Fidelity.
+    pub fidelity: Option<&'a Path>,
+    /// Whether the record is wanted, for which a NumPy picture needs a file of its own.
+    pub record: Recording,
+}
+
+/// Amount of a picture's record.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Recording {
+    /// In formats that hold text, without more work.
+    #[default]
+    Usual,
+    /// In every format, with the stated error.
+    Full,
+}
+
 /// Outputs of `render`.
 #[derive(Debug)]
 pub struct RenderOutputs {
@@ -163,27 +207,35 @@ pub struct RenderOutputs {
     pub maps: [Option<PictureFile>; 2],
     /// Statistics, if requested.
     pub statistics: Option<TextFile>,
+    /// Fidelity, if requested.
+    pub fidelity: Option<TextFile>,
+    /// File for the record, if it is requested and the picture does not hold it.
+    pub record: Option<TextFile>,
 }
 
 impl RenderOutputs {
-    /// Opens picture, error map, work map and statistics. No output may be an input or another output.
+    /// Opens all outputs. No output may be an input or another output.
     ///
     /// # Errors
     /// If two of these files are the same, or if one of the outputs cannot be opened.
-    pub fn begin(
-        picture: &Path,
-        [error_map, work_map, statistics]: [Option<&Path>; 3],
-        inputs: &[&Path],
-        force: Force,
-    ) -> Result<Self, Failure> {
+    pub fn begin(picture: &Path, beside: Beside<'_>, inputs: &[&Path], force: Force) -> Result<Self, Failure> {
+        let Beside { error_map, work_map, statistics, fidelity, record } = beside;
+        let is_numpy = || ImageFormat::from_path(picture).is_ok_and(|format| format == ImageFormat::Npy);
+        let record = (record == Recording::Full && is_numpy()).then(|| record_path(picture));
         let mut taken = inputs.to_vec();
-        for path in [Some(picture), error_map, work_map, statistics].into_iter().flatten() {
+        let paths = [Some(picture), error_map, work_map, statistics, fidelity, record.as_deref()];
+        for path in paths.into_iter().flatten() {
             check_distinct(path, taken.iter().copied())?;
             taken.push(path);
         }
-        let statistics = statistics.map(|path| TextFile::begin_statistics(path, force)).transpose()?;
+        let text =
+            |path: Option<&Path>, existing| path.map(|path| TextFile::begin(path, force.or(existing))).transpose();
         let map = |path: Option<&Path>| path.map(|path| PictureFile::begin(path, force)).transpose();
-        Ok(Self { picture: PictureFile::begin(picture, force)?, maps: [map(error_map)?, map(work_map)?], statistics })
+        let statistics = text(statistics, Existing::ReplaceStatistics)?;
+        let fidelity = text(fidelity, Existing::ReplaceFidelity)?;
+        let record = text(record.as_deref(), Existing::ReplaceRecord)?;
+        let maps = [map(error_map)?, map(work_map)?];
+        Ok(Self { picture: PictureFile::begin(picture, force)?, maps, statistics, fidelity, record })
     }
 }
 

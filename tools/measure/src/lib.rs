@@ -10,9 +10,12 @@
 //!
 //! Modules, in the order of the data path:
 //! - [`fixtures`], [`ricker`], [`virtual_volume`]: volumes computed from coordinates; virtual volumes are never stored;
+//! - [`context`]: scale, folder and progress of a measurement;
 //! - [`resident`]: a container's bricks in memory, and brick views that the streamer never hands out;
-//! - [`volume`]: a volume built into a container, its scenes and its pictures;
+//! - [`volume`]: a volume built into a container, its scenes and its pictures; [`scenes`]: the scenes of the chart;
+//! - [`methods`], [`points`]: methods with their parameters, and what was measured of each; [`record`]: their table;
 //! - [`comparison`]: methods of comparison, which plug into the renderer's scalar caster;
+//! - [`stated`]: stated errors of pixels against true ones;
 //! - [`measure`]: the distance between two pictures; [`convergence`]: orders of convergence of the integration rules;
 //! - [`chart`], [`storage`], [`reading`], [`stability`], [`peers`], [`paths`], [`leaping`], [`random_scenes`]:
 //!   measurements;

@@ -24,6 +24,7 @@ use supervol_sources::input::spool::SpoolFolder;
 use supervol_sources::synthetic::Synthetic;
 
 use crate::render::{Subject, picture};
+use crate::written::PictureOutputs;
 
 const CARP_SCENE: &str = include_str!("../scenes/carp.json");
 const SEISMIC_SCENE: &str = include_str!("../scenes/seismic.json");
@@ -94,7 +95,8 @@ fn show(source: &dyn VolumeSource, origin: Source, stem: &Path, scene: &str, for
         RenderOptions { backend: Backend::Cpu, host_memory_bytes: RENDER_MEMORY_BYTES, ..RenderOptions::default() };
     let facts = VolumeFacts::of(&container);
     let subject = Subject { container: &container, facts: &facts, scene: &scene, decorate: false };
-    let stats = picture(&subject, (image, [None, None]), (&options, Instant::now()), None)?;
+    let outputs = PictureOutputs { picture: image, maps: [None, None], fidelity: None, record: None };
+    let stats = picture(&subject, outputs, (&options, Instant::now()), None)?;
     say(format_args!(
         "  {}: {} x {}, {} bricks ({}) read, {:.1} s, at most {} of memory for bricks and rays, peak of the process {}",
         image_path.display(),

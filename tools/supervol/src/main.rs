@@ -36,10 +36,12 @@ mod look;
 mod mesh;
 mod panels;
 mod pick;
+mod prove;
 mod render;
 mod sequence;
 mod synth;
 mod verify;
+mod written;
 
 use std::process::ExitCode;
 use std::time::Instant;
@@ -61,7 +63,7 @@ enum Command {
     Info(Box<info::Arguments>),
     /// Print or draw the histogram of a volume, with the opacities of its default picture
     Histogram(Box<histogram::Arguments>),
-    /// Check containers against every rule of the format
+    /// Check containers against every rule of the format, or prove pictures of a container
     Verify(Box<verify::Arguments>),
     /// Write voxels of a container to a file of another format: .npy, .raw, .nrrd, .nii, .nii.gz, .mha, .tif, .vti,
     /// .sgy, .zarr

@@ -20,7 +20,8 @@ use supervol_runtime::render::volume::PlacedVolume;
 use supervol_scene::image::ImageFormat;
 use supervol_scene::scene::CameraSpec;
 
-use crate::render::{FailedBricks, Subject, check_any_read, with_render, write_picture};
+use crate::render::{FailedBricks, Subject, check_any_read, with_render};
+use crate::written::Finished;
 
 /// Pictures of an animation.
 pub struct Sequence<'a> {
@@ -87,7 +88,9 @@ impl Sequence<'_> {
             )));
         }
         let picture = renderer.picture().expect("nobody cancels: without a deadline there is a whole picture");
-        write_picture(&Subject { scene: &scene, ..self.subject }, &resolved, &picture, file)
+        let subject = &Subject { scene: &scene, ..self.subject };
+        let options = renderer.options();
+        Finished { subject, resolved: &resolved, options, stats: &stats, image: &picture }.write(file, None)
     }
 
     fn print(&self, drawn: usize, start: Instant) -> std::io::Result<()> {

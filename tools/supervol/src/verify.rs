@@ -1,4 +1,4 @@
-//! `supervol verify`: checks every rule of a container.
+//! `supervol verify`: checks every rule of a container, or proves pictures of one ([`prove`](mod@crate::prove)).
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -14,15 +14,36 @@ use supervol_format::readable::counted;
 use supervol_preprocess::BuildError;
 use supervol_preprocess::compare::{Compared, compare};
 use supervol_preprocess::kept::Reading;
+use supervol_runtime::render::accuracy::check;
+use supervol_runtime::render::accuracy::proof::ProofOptions;
+use supervol_scene::image::read::is_picture;
 
-/// Containers to check, and their source.
+use crate::prove;
+
+/// Containers to check, and their source; or pictures to prove, and their container.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Containers to check; - is standard input
+    /// Containers to check, - is standard input; or pictures to prove, with --container
     ///
-    /// After a container that breaks a rule, the others are still checked.
-    #[arg(value_name = "CONTAINER", required = true)]
+    /// After a file that breaks a rule, the others are still checked.
+    #[arg(value_name = "CONTAINER|PICTURE", required = true)]
     containers: Vec<PathBuf>,
+    /// Prove pictures of this container: cast pixels again with the reference integrator, and compare
+    ///
+    /// A picture is proved by the record that `render` writes into it. The container must have the recorded checksum,
+    /// and pixels must be within the requested and the stated error. The first wrong pixels are printed. The finest
+    /// level must fit into --memory, with 8 bytes a voxel.
+    #[arg(long, value_name = "FILE", conflicts_with = "compare_with")]
+    container: Option<PathBuf>,
+    /// Number of random pixels of a picture to cast again, with all their rays; or `all`
+    #[arg(long, value_name = "N", default_value = "1000", requires = "container", value_parser = prove::pixels)]
+    rays: u64,
+    /// Seed of the choice of these pixels
+    #[arg(long, value_name = "S", default_value_t = check::SEED, requires = "container")]
+    seed: u64,
+    /// Folder with the meshes that the picture's scene names [default: the folders of picture and container]
+    #[arg(long, value_name = "FOLDER", requires = "container")]
+    files: Option<PathBuf>,
     /// Also compare every voxel of level 0 with the file or folder that the container was built from
     ///
     /// The voxels of an exact container must be equal. Other voxels must lie within the error bound. Give the options
@@ -45,8 +66,18 @@ pub struct Arguments {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     // `deep` is ignored on purpose: `verify` always checks everything.
-    let Arguments { containers, compare_with, deep: _, memory, source } = arguments;
+    let Arguments { containers, compare_with, deep: _, memory, source, .. } = arguments;
     let reading = source.reading(*memory)?;
+    if let Some(container) = &arguments.container {
+        refuse_without_file(&reading, "--source")?;
+        return prove_pictures(arguments, container);
+    }
+    if let Some(picture) = containers.iter().find(|path| is_picture(path)) {
+        let path = picture.display();
+        return Err(Failure::Command(format!(
+            "{path}: a picture is verified against its container; give --container FILE"
+        )));
+    }
     let Some(input) = compare_with else {
         refuse_without_file(&reading, "--source")?;
         return for_each(containers, |path| verify(path, *memory).map(drop));
@@ -57,6 +88,14 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let container = verify(path, *memory)?;
     compare_with_source(path, &container, input, &reading, *memory)
+}
+
+/// Proves pictures of a container.
+fn prove_pictures(arguments: &Arguments, path: &Path) -> Result<(), Failure> {
+    let Arguments { containers: pictures, rays, seed, files, memory, .. } = arguments;
+    let container = Container::open(path).map_err(|error| with_container(path, error))?;
+    let options = ProofOptions { pixels: *rays, seed: *seed, host_memory_bytes: *memory, ..ProofOptions::default() };
+    for_each(pictures, |picture| prove::prove(picture, &container, &options, files.as_deref()))
 }
 
 /// Compares a container with its source. Compressed voxels are decoded into a temporary file.

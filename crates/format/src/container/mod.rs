@@ -93,6 +93,7 @@
 //! its origin. Decoding needs nothing from it. Fields that a reader does not know are kept and ignored.
 
 pub mod header;
+pub mod identity;
 pub mod manifest;
 mod opening;
 pub mod reader;

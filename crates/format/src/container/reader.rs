@@ -277,12 +277,12 @@ impl Container {
         Ok(page)
     }
 
-    fn page_offset(&self, number: u64) -> u64 {
+    pub(super) fn page_offset(&self, number: u64) -> u64 {
         self.sections.toc_offset + number * toc::PAGE_BYTES as u64
     }
 
     /// Length of a page in the file in bytes.
-    fn page_bytes(&self, number: u64) -> usize {
+    pub(super) fn page_bytes(&self, number: u64) -> usize {
         toc::page_bytes(number, self.pyramid().brick_count(), self.version)
     }
 
@@ -296,6 +296,10 @@ impl Container {
     #[must_use]
     pub fn version(&self) -> u32 {
         self.version
+    }
+
+    pub(super) fn byte_source(&self) -> &dyn ByteSource {
+        self.source.as_ref()
     }
 
     /// Read pattern that suits its byte source.

@@ -12,7 +12,7 @@ pub const PAGE_BYTES: usize = 65536;
 /// Entries per whole page.
 pub const ENTRIES_PER_PAGE: usize = 818;
 
-const CHECKSUM_BYTES: usize = 8;
+pub(super) const CHECKSUM_BYTES: usize = 8;
 const CHECKSUM_AT: usize = PAGE_BYTES - CHECKSUM_BYTES;
 const FLAG_ABSENT: u8 = 1;
 const FLAG_UNIFORM: u8 = 2;

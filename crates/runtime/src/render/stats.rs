@@ -115,6 +115,9 @@ pub struct FrameStats {
     /// against a pixel (`lod::by_error`, rule 3), they stand in for finer ones, or the level was requested. On a
     /// graphics device, uniform bricks are not counted.
     pub bricks_without_bound: u64,
+    /// Levels of all bricks that rays met and drew, finest first. Empty for the reference integrator. On a graphics
+    /// device, levels of which only uniform bricks were drawn may lack.
+    pub levels_drawn: Vec<u8>,
     /// Pieces of rays at which the reference integrator did not converge.
     pub reference_capped_pieces: u64,
     /// Predicted distance from the exact picture, term by term, each with a flag whether it is a bound. For pictures in
@@ -228,6 +231,7 @@ impl FrameStats {
         self.failures = states.failures().to_vec();
         let drawn = streamer.drawn_errors();
         (self.error_bound, self.bricks_without_bound) = (drawn.bound, drawn.without_bound);
+        self.levels_drawn = (0..narrow::<u8>(Lod::LIMIT)).filter(|level| drawn.levels >> level & 1 == 1).collect();
     }
 
     /// Fills in all fields from the engine but its errors.
@@ -257,7 +261,7 @@ mod tests {
         gpu_submits gpu_dispatches gpu_dispatch_ms_max gpu_lost_because rays
         rays_terminated_early samples cells cells_refined cells_exact macro_cells macro_cells_skipped
         fallbacks bricks_missing_at_deadline pixels_unfinished coarsest_pixel bricks_failed failures
-        max_error_requested error_bound bricks_without_bound reference_capped_pieces error_predicted
+        max_error_requested error_bound bricks_without_bound levels_drawn reference_capped_pieces error_predicted
         error_stated error_measured
     ";
 

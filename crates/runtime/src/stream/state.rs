@@ -16,7 +16,7 @@
 //! [`RECORD_BYTES`] for each brick that is not `Unknown`. [`StateTable::forget`] keeps their number below a limit: it
 //! drops states that can be determined again.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use supervol_format::Lod;
 
 use crate::stream::cache::KeyMap;
@@ -184,7 +184,7 @@ struct BrickRecord {
 }
 
 /// Description of one failed brick, for users.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Failure {
     /// The brick, in words.
     pub brick: String,

@@ -90,6 +90,8 @@ pub struct DrawnErrors {
     pub bound: f64,
     /// Number of drawn bricks whose effect on the picture has no bound.
     pub without_bound: u64,
+    /// Levels of the drawn bricks: bit n is level n.
+    pub levels: u64,
 }
 
 /// Streamer: makes wanted bricks resident in host memory.
@@ -299,6 +301,7 @@ impl Streamer {
         self.drawn_errors.without_bound += u64::from(!has_bound);
         let data_error = entry.error * self.container.descriptor().scale.abs();
         self.drawn_errors.bound = self.drawn_errors.bound.max(data_error);
+        self.drawn_errors.levels |= 1 << brick.lod().0;
     }
 
     /// Fetches bricks that stay in the cache until the streamer is dropped: the fallback of all others.

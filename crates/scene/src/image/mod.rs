@@ -4,8 +4,12 @@
 //! So a file with the image's name is always complete.
 
 use supervol_format::cast::{single, whole};
+use supervol_format::container::checksum;
 
 pub mod enlarge;
+#[cfg(feature = "images")]
+pub mod read;
+pub mod stored;
 
 #[cfg(feature = "images")]
 use std::io::{BufWriter, Seek, Write};
@@ -42,6 +46,12 @@ pub enum ImageFormat {
     /// NumPy array, float32, shape (height, width, 4), premultiplied RGBA without the background.
     Npy,
 }
+
+/// Key of the record in a PNG text chunk and an EXR attribute.
+pub const RECORD_KEY: &str = "supervol";
+
+/// The text of a picture's record (ASCII), from the checksum of its stored pixels ([`Image::stored_checksum`]).
+pub type RecordText<'a> = &'a dyn Fn(u64) -> String;
 
 /// Reason why an image was not written.
 #[derive(Debug, thiserror::Error)]
@@ -179,6 +189,20 @@ impl Image {
     /// If the name has no known extension, or the file cannot be written; no partial file stays behind.
     #[cfg(feature = "images")]
     pub fn write(&self, path: &Path, background: [f64; 3]) -> Result<(), ImageError> {
+        self.write_with(path, background, None)
+    }
+
+    /// The same with a record, which `.npy` does not hold.
+    ///
+    /// # Errors
+    /// As [`Self::write`].
+    #[cfg(feature = "images")]
+    pub fn write_with(
+        &self,
+        path: &Path,
+        background: [f64; 3],
+        record: Option<RecordText<'_>>,
+    ) -> Result<(), ImageError> {
         let format = ImageFormat::from_path(path)?;
         let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let write = || {
@@ -188,7 +212,7 @@ impl Image {
             builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
             // Not the prefix of unfinished output files: this file is not locked and would be taken for a leftover.
             let mut file = builder.prefix(".supervol-").suffix(".picture").tempfile_in(folder)?;
-            self.encode(format, background, file.as_file_mut())?;
+            self.encode_with(format, background, record, file.as_file_mut())?;
             file.as_file().sync_all()?;
             file.persist(path).map_err(|e| e.error)?;
             Ok(())
@@ -210,17 +234,49 @@ impl Image {
         background: [f64; 3],
         out: &mut (impl Write + Seek),
     ) -> Result<(), EncodeError> {
+        self.encode_with(format, background, None, out)
+    }
+
+    /// The same with a record: a text chunk of PNG, an attribute of OpenEXR. NumPy files hold no text; their record is a
+    /// file of its own.
+    ///
+    /// # Errors
+    /// As [`Self::encode`].
+    #[cfg(feature = "images")]
+    pub fn encode_with(
+        &self,
+        format: ImageFormat,
+        background: [f64; 3],
+        record: Option<RecordText<'_>>,
+        out: &mut (impl Write + Seek),
+    ) -> Result<(), EncodeError> {
         let mut out = BufWriter::new(out);
         match format {
-            ImageFormat::Png => self.encode_png(&mut out, background)?,
-            ImageFormat::Exr => self.encode_exr(&mut out)?,
+            ImageFormat::Png => self.encode_png(&mut out, background, record)?,
+            ImageFormat::Exr => self.encode_exr(&mut out, record)?,
             ImageFormat::Npy => self.encode_npy(&mut out)?,
         }
         Ok(out.flush()?)
     }
 
+    /// Checksum of the pixels as a file of this format stores them: the XXH3-64 of the XXH3-64s of all rows, eight
+    /// bytes each. A row of PNG is its red, green and blue bytes; a row of the others is its floats, little endian.
+    #[must_use]
+    pub fn stored_checksum(&self, format: ImageFormat, background: [f64; 3]) -> u64 {
+        let rows = self.pixels.chunks_exact(self.width.max(1) as usize);
+        checksum_of_rows(rows.map(|row| match format {
+            ImageFormat::Png => checksum(&rgb8(row, background)),
+            ImageFormat::Exr | ImageFormat::Npy => float_checksum(row),
+        }))
+    }
+
     #[cfg(feature = "images")]
-    fn encode_png(&self, out: &mut impl Write, background: [f64; 3]) -> Result<(), EncodeError> {
+    fn encode_png(
+        &self,
+        out: &mut impl Write,
+        background: [f64; 3],
+        record: Option<RecordText<'_>>,
+    ) -> Result<(), EncodeError> {
         let mut encoder = png::Encoder::new(out, self.width, self.height);
         encoder.set_color(png::ColorType::Rgb);
         encoder.set_compression(png::Compression::Fast);
@@ -228,25 +284,37 @@ impl Image {
         let mut writer = encoder.write_header()?;
         // Row by row: a second picture of 3 bytes per pixel would exceed the memory budget.
         let mut rows = writer.stream_writer()?;
+        let mut sums = Vec::with_capacity(self.height as usize);
         for row in self.pixels.chunks_exact(self.width as usize) {
-            rows.write_all(&rgb8(row, background))?;
+            let bytes = rgb8(row, background);
+            sums.push(checksum(&bytes));
+            rows.write_all(&bytes)?;
         }
-        Ok(rows.finish()?)
+        rows.finish()?;
+        // Behind the pixels, because the record holds their checksum.
+        if let Some(record) = record {
+            writer.write_text_chunk(&png::text_metadata::ITXtChunk::new(RECORD_KEY, record(checksum_of_rows(sums))))?;
+        }
+        Ok(writer.finish()?)
     }
 
     #[cfg(feature = "images")]
-    fn encode_exr(&self, out: &mut (impl Write + Seek)) -> Result<(), EncodeError> {
-        use exr::prelude::{SpecificChannels, Vec2, WritableImage};
+    fn encode_exr(&self, out: &mut (impl Write + Seek), record: Option<RecordText<'_>>) -> Result<(), EncodeError> {
+        use exr::prelude::{AttributeValue, SpecificChannels, Text, Vec2, WritableImage};
         let (width, height) = (self.width as usize, self.height as usize);
         let channels = SpecificChannels::rgba(|Vec2(x, y)| {
             let [r, g, b, a] = self.pixels[y * width + x];
             (r, g, b, a)
         });
-        exr::prelude::Image::from_channels((width, height), channels).write().to_buffered(out).map_err(|error| {
-            match error {
-                exr::error::Error::Io(source) => EncodeError::Io(source),
-                other => EncodeError::Encode(other.to_string()),
-            }
+        let mut image = exr::prelude::Image::from_channels((width, height), channels);
+        if let Some(record) = record {
+            let text = Text::new_or_none(record(self.stored_checksum(ImageFormat::Exr, [0.0; 3])));
+            let text = text.ok_or_else(|| EncodeError::Encode("its record has letters beyond Latin-1".into()))?;
+            image.layer_data.attributes.other.insert(Text::from(RECORD_KEY), AttributeValue::Text(text));
+        }
+        image.write().to_buffered(out).map_err(|error| match error {
+            exr::error::Error::Io(source) => EncodeError::Io(source),
+            other => EncodeError::Encode(other.to_string()),
         })
     }
 
@@ -269,6 +337,16 @@ impl Image {
         }
         Ok(())
     }
+}
+
+fn checksum_of_rows(sums: impl IntoIterator<Item = u64>) -> u64 {
+    let bytes: Vec<u8> = sums.into_iter().flat_map(u64::to_le_bytes).collect();
+    checksum(&bytes)
+}
+
+fn float_checksum(row: &[[f32; 4]]) -> u64 {
+    let bytes: Vec<u8> = row.iter().flatten().flat_map(|channel| channel.to_le_bytes()).collect();
+    checksum(&bytes)
 }
 
 fn rgb8(pixels: &[[f32; 4]], background: [f64; 3]) -> Vec<u8> {

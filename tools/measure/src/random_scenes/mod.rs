@@ -53,6 +53,7 @@ pub struct Options {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Found {
     /// Name of the volume; `None` if each scene has a random one.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub volume: Option<String>,
     /// Seed of all scenes.
     pub seed: u64,
@@ -265,13 +266,18 @@ impl Found {
 
 /// Writes `random-scenes.md` (the page) and `random-scenes.json` (the numbers) into a folder.
 ///
+/// The numbers of volumes that exist are a list, `volumes`.
+///
 /// # Errors
 /// If a file cannot be written.
 pub fn write(found: &[Found], page: &str, folder: &Path) -> Result<(), ChartError> {
     let cannot = |path: &Path, source| ChartError::Write { path: path.into(), source };
     std::fs::create_dir_all(folder).map_err(|e| cannot(folder, e))?;
-    let numbers =
-        serde_json::to_string_pretty(found).map_err(|e| ChartError::Broken(format!("numbers without JSON: {e}")))?;
+    let numbers = match found {
+        [random] if random.volume.is_none() => serde_json::to_string_pretty(random),
+        volumes => serde_json::to_string_pretty(&serde_json::json!({ "volumes": volumes })),
+    };
+    let numbers = numbers.map_err(|e| ChartError::Broken(format!("numbers without JSON: {e}")))?;
     for (name, text) in [("random-scenes.md", page), ("random-scenes.json", &(numbers + "\n"))] {
         let path = folder.join(name);
         std::fs::write(&path, text).map_err(|e| cannot(&path, e))?;

@@ -2,7 +2,7 @@
 //!
 //! A [`Regime`] is one row of the list of regimes (S01 to S48). The report runs them at `Scale::Full`. The tests run
 //! the same code at `Scale::Small`, with fewer and smaller cases. A gate is a number that the project promises; it is
-//! never loosened to pass. A failing regime is reported as failing and listed in `tests/tests/known_issues.rs`.
+//! never loosened to pass. A failing regime is reported as failing and listed in `tests/tests/drawn/known_issues.rs`.
 
 mod borders;
 pub mod classification;

@@ -13,6 +13,7 @@ mod inputs;
 mod library;
 mod looks;
 mod machine;
+mod proofs;
 mod resumed_builds;
 mod sequences;
 mod slices;

@@ -1,13 +1,21 @@
 //! The status line below the picture: present activity, progress of the picture, and its cost.
 
 use eframe::egui::{self, ProgressBar, Ui};
+use supervol_runtime::render::fidelity::{Outlook, grey_levels, missing_in_words};
 use supervol_runtime::render::stats::FrameStats;
+use supervol_scene::image::GREY_LEVELS;
 
 use crate::viewer::{Picture, Viewer};
 use crate::worker::{Busy, Message};
 
 /// Points between a text over the picture and its border.
 const MARGIN: f32 = 10.0;
+
+/// Explanation of [`accuracy`].
+const ACCURACY: &str = "Difference from the picture of all data in full detail. A screen shows grey levels 0 (black) to \
+                        255 (white). Asked: the difference that is aimed for; half a level cannot be seen. Stated: the most \
+                        that the worst pixel may differ; most pixels differ far less. It is known once nothing is refined \
+                        any more";
 
 /// Height that the status line has taken in a window of this width. It never decreases. The text of a converged picture
 /// is longer than that of an unfinished one. If it took another line, the picture would shrink, start again, and so on
@@ -124,8 +132,11 @@ fn numbers(viewer: &Viewer, ui: &mut Ui, picture: &Picture) {
             .on_hover_text(words);
         ui.separator();
     }
+    let outlook = if picture.is_converged { Outlook::Final } else { Outlook::GoesOn };
+    let missing = missing_in_words(stats, outlook);
     if picture.is_converged {
-        ui.strong("converged").on_hover_text("Every pixel is finished within the error target");
+        let rest = missing.as_ref().map_or("Nothing is missing", |_| "Waiting does not help any more");
+        ui.strong("converged").on_hover_text(format!("Every pixel is finished. {rest}"));
     } else {
         let pixels = u64::from(stats.image_width) * u64::from(stats.image_height);
         let share = 100.0 * (1.0 - stats.pixels_unfinished as f64 / pixels.max(1) as f64);
@@ -134,6 +145,13 @@ fn numbers(viewer: &Viewer, ui: &mut Ui, picture: &Picture) {
             .on_hover_text(format!("The other pixels have 1/{edge} of the resolution in each direction"));
     }
     ui.separator();
+    number(ui, accuracy(stats), ACCURACY);
+    if let Some(missing) = missing {
+        let words = "Parts of the volume that are not read yet are drawn with less detail until they are there. Parts \
+                     that cannot be read stay so";
+        ui.colored_label(ui.visuals().warn_fg_color, format!("missing: {missing}")).on_hover_text(words);
+        ui.separator();
+    }
     number(ui, format!("{:.0} ms", picture.spent_ms), "Time of drawing this picture so far");
     if let Some(latency) = viewer.latencies_ms.back() {
         number(ui, format!("{latency:.0} ms to first"), "Time from the last change to the first picture of it");
@@ -153,14 +171,6 @@ fn numbers(viewer: &Viewer, ui: &mut Ui, picture: &Picture) {
         stats.streaming.reads as f64 / seconds
     );
     number(ui, words, "Bytes read from the file for this picture, and reads per second of drawing time");
-    if let Some(stated) = &stats.error_stated {
-        let words = format!("error at most {:.2} of 255", stated.largest_grey_levels);
-        number(
-            ui,
-            words,
-            "Stated error: largest difference of a pixel from the exact picture of the finest level, in grey levels",
-        );
-    }
     if let Some(failure) = stats.failures.first() {
         let words = format!("{}. A coarser brick replaces it", failure.reason);
         let label = format!("{} could not be read", failure.brick);
@@ -172,6 +182,15 @@ fn numbers(viewer: &Viewer, ui: &mut Ui, picture: &Picture) {
         _ => format!("CPU, {} threads", stats.threads),
     };
     ui.label(words).on_hover_text(format!("Backend that casts the rays{why}"));
+}
+
+/// Requested and stated error of a picture.
+fn accuracy(stats: &FrameStats) -> String {
+    let asked = grey_levels(GREY_LEVELS * stats.max_error_requested);
+    match &stats.error_stated {
+        Some(stated) => format!("asked {asked}, stated {} of 255 grey levels", grey_levels(stated.largest_grey_levels)),
+        None => format!("asked {asked} of 255 grey levels"),
+    }
 }
 
 fn mebibytes(bytes: u64) -> u64 {
@@ -192,4 +211,26 @@ fn bricks(stats: &FrameStats) -> String {
     let count = |names: &[&str]| names.iter().filter_map(|name| stats.bricks_by_state.get(name)).sum::<u64>();
     let [there, wanted] = [count(&["in_host", "uniform"]), count(&["queued", "reading", "decoding"])];
     format!("{there} bricks, {wanted} wanted, {} failed", stats.bricks_failed)
+}
+
+#[cfg(test)]
+mod tests {
+    use supervol_runtime::render::accuracy::stated::ErrorStated;
+
+    use super::*;
+
+    #[test]
+    fn asked_and_stated_stand_side_by_side() {
+        let stats = FrameStats { max_error_requested: 0.5 / 255.0, ..FrameStats::default() };
+        assert_eq!(accuracy(&stats), "asked 0.5 of 255 grey levels");
+        let stated = ErrorStated {
+            largest_grey_levels: 4.8812,
+            mean_grey_levels: 0.5,
+            levels_grey_levels: 0.0,
+            presence_may_change: false,
+            pixels_unknown: 0,
+        };
+        let stats = FrameStats { error_stated: Some(stated), ..stats };
+        assert_eq!(accuracy(&stats), "asked 0.5, stated 4.89 of 255 grey levels");
+    }
 }

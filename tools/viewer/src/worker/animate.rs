@@ -122,19 +122,19 @@ impl DrawingState {
         let path = frames.path(frame);
         check_distinct(&path, frames.inputs.iter().copied()).map_err(|e| e.to_string())?;
         let output = OutputFile::begin(&path, Existing::ReplacePicture).map_err(|e| e.to_string())?;
-        let scene = frames.scene(frame).resolve(&self.opened.facts).map_err(|e| e.to_string())?;
+        let shown = frames.scene(frame);
+        let scene = shown.resolve(&self.opened.facts).map_err(|e| e.to_string())?;
         self.aim(shared, scene.clone(), settings);
         let step = self.renderer.advance(None).map_err(|e| e.to_string())?;
-        let Some(picture) = self.renderer.picture().filter(|_| !step.is_cancelled && step.is_finished) else {
+        if step.is_cancelled || !step.is_finished {
             return Ok(false);
-        };
+        }
         let failed = self.renderer.stats().bricks_failed;
         if failed > 0 {
             return Err(format!("{} is not written: {failed} bricks could not be read", path.display()));
         }
         let mut file = output.file();
-        let picture = self.decorated(picture, &scene);
-        picture.encode(frames.format, scene.background, &mut file).map_err(|e| e.to_string())?;
+        self.encode_picture((&shown, &scene), frames.format, &mut file).map_err(|e| e.to_string())?;
         output.publish().map_err(|e| e.to_string())?;
         Ok(true)
     }

@@ -41,11 +41,11 @@ impl DrawingState {
         self.aim(shared, scene.clone(), settings);
         let step = self.renderer.advance(None);
         let written = step.map_err(|e| e.to_string()).and_then(|step| {
-            let Some(picture) = self.renderer.picture().filter(|_| step.is_finished) else {
+            if !step.is_finished {
                 return Ok(Message::Done("export cancelled; no file was written".into()));
-            };
+            }
             let mut file = output.file();
-            self.decorated(picture, &scene).encode(format, scene.background, &mut file).map_err(|e| e.to_string())?;
+            self.encode_picture((&export.scene, &scene), format, &mut file).map_err(|e| e.to_string())?;
             output.publish().map_err(|e| e.to_string())?;
             let failed = self.renderer.stats().bricks_failed;
             let path = export.path.display();

@@ -30,6 +30,7 @@ mod marks;
 mod open;
 mod sections;
 mod state;
+mod written;
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};

@@ -17,6 +17,7 @@ use supervol_preprocess::{BuildOptions, build};
 use supervol_runtime::render::options::{Backend, RenderOptions};
 use supervol_runtime::render::renderer::render;
 use supervol_scene::image::Image;
+use supervol_scene::image::stored::{StoredPicture, StoredPixels};
 use supervol_scene::scene::Scene;
 use supervol_sources::synthetic::Synthetic;
 use supervol_viewer::Launch;
@@ -80,6 +81,11 @@ pub fn headless(viewer: &Viewer, scene: &Scene) -> (Image, [f64; 3]) {
     let (image, stats) = render(&opened.container, &scene, &options).expect("a picture");
     assert!(stats.converged);
     (image, scene.background)
+}
+
+/// Pixels of a picture file.
+pub fn pixels(path: &Path) -> StoredPixels {
+    StoredPicture::read(path).expect("a picture").pixels
 }
 
 /// A scripted session with the viewer.

@@ -2,12 +2,13 @@
 
 use eframe::egui::{Key, Modifiers};
 use supervol_scene::camera_path::turntable;
+use supervol_scene::image::stored::StoredPixels;
 use supervol_scene::preset::view::upright;
 use supervol_scene::scene::Scene;
 use supervol_viewer::worker::Message;
 
 use crate::support;
-use support::{Session, headless};
+use support::{Session, headless, pixels};
 
 fn done(session: &mut Session) -> String {
     session.until("it is done", |s| s.viewer().message().is_some() && s.viewer().is_idle());
@@ -17,12 +18,12 @@ fn done(session: &mut Session) -> String {
     }
 }
 
-/// Content of a picture file as `render` writes it.
-fn drawn(session: &Session, scene: &Scene) -> Vec<u8> {
+/// Pixels of a picture file as `render` writes it.
+fn drawn(session: &Session, scene: &Scene) -> StoredPixels {
     let path = session.folder.path().join("expected.png");
     let (image, background) = headless(session.viewer(), scene);
     image.write(&path, background).expect("a file");
-    std::fs::read(path).expect("a file")
+    pixels(&path)
 }
 
 #[test]
@@ -44,7 +45,7 @@ fn a_turntable_is_what_render_draws_and_goes_on_where_it_was() {
     let cameras = turntable(scene.camera.as_ref().expect("a camera"), upright(&opened.facts), 3);
     for (frame, camera) in cameras.into_iter().enumerate() {
         let scene = Scene { camera: Some(camera), ..scene.clone() };
-        let written = std::fs::read(folder.join(format!("frame-{frame:05}.png"))).expect("a picture");
+        let written = pixels(&folder.join(format!("frame-{frame:05}.png")));
         assert!(written == drawn(&session, &scene), "picture {frame}");
     }
     session.assert_is_as_rendered();
@@ -76,7 +77,7 @@ fn a_turntable_is_what_render_draws_and_goes_on_where_it_was() {
     (first.image.width, first.image.height) = (120, 90);
     let (image, background) = headless(session.viewer(), &first);
     image.write(&path, background).expect("a file");
-    let [written, expected] = [folder.join("frame-00000.exr"), path].map(|p| std::fs::read(p).expect("a file"));
+    let [written, expected] = [folder.join("frame-00000.exr"), path].map(|p| pixels(&p));
     assert!(written == expected, "the first picture, as floats");
     // A different animation in the same folder is refused.
     session.click("OK");
@@ -114,7 +115,7 @@ fn views_are_taken_and_gone_through() {
     for (frame, camera) in [(0, first), (2, last)] {
         let mut scene = Scene { camera, ..session.viewer().scene().clone() };
         (scene.image.width, scene.image.height) = (80, 60);
-        let written = std::fs::read(folder.join(format!("frame-{frame:05}.png"))).expect("a picture");
+        let written = pixels(&folder.join(format!("frame-{frame:05}.png")));
         assert!(written == drawn(&session, &scene), "picture {frame}");
     }
     assert!(folder.join("frame-00001.png").exists() && !folder.join("frame-00003.png").exists());

@@ -106,18 +106,7 @@ pub fn measure_error(
     let lod = level_to_check(container, options.level);
     let rays_per_pixel = u64::from(scene.subgrid) * u64::from(scene.subgrid);
     let pixels = spread_pixels([image.width, image.height], rays.div_ceil(rays_per_pixel), SEED);
-    let pool = options.thread_pool()?;
-    let (exact, capped_pieces) = pool.install(|| {
-        let volume = load_level(container, lod, scene, options.host_memory_bytes)?;
-        let scene = scene_of_level(container, lod, scene);
-        let caster = ReferenceCaster::new(&volume, &scene);
-        let done = AtomicU64::new(0);
-        let exact = caster.pixels(&pixels, &|| {
-            let pixels_done = done.fetch_add(1, Ordering::Relaxed) + 1;
-            progress(CheckProgress { pixels_done, pixels: pixels.len() as u64 });
-        });
-        Ok::<_, RenderError>((exact, caster.capped_pieces()))
-    })?;
+    let Exact { pixels: exact, capped_pieces } = cast_again(container, lod, scene, options, &pixels, progress)?;
     let found = |[x, y]: [u32; 2]| image.pixels[y as usize * image.width as usize + x as usize];
     let differences: Vec<f64> = pixels
         .iter()
@@ -140,6 +129,37 @@ pub fn measure_error(
     })
 }
 
+/// Exact pixels of a picture.
+#[derive(Debug)]
+pub(super) struct Exact {
+    /// Premultiplied red, green, blue and opacity before the background.
+    pub pixels: Vec<[f32; 4]>,
+    /// Intervals at which the reference integrator did not converge.
+    pub capped_pieces: u64,
+}
+
+/// Casts pixels (column, row) of a scene by the reference integrator in one level, which fits the host budget.
+pub(super) fn cast_again(
+    container: &Container,
+    lod: Lod,
+    scene: &ResolvedScene,
+    options: &RenderOptions,
+    pixels: &[[u32; 2]],
+    progress: &(dyn Fn(CheckProgress) + Sync),
+) -> Result<Exact, RenderError> {
+    options.thread_pool()?.install(|| {
+        let volume = load_level(container, lod, scene, options.host_memory_bytes)?;
+        let scene = scene_of_level(container, lod, scene);
+        let caster = ReferenceCaster::new(&volume, &scene);
+        let done = AtomicU64::new(0);
+        let exact = caster.pixels(pixels, &|| {
+            let pixels_done = done.fetch_add(1, Ordering::Relaxed) + 1;
+            progress(CheckProgress { pixels_done, pixels: pixels.len() as u64 });
+        });
+        Ok(Exact { pixels: exact, capped_pieces: caster.capped_pieces() })
+    })
+}
+
 /// The absolute difference that 99.9 % of the differences do not exceed.
 fn percentile(differences: &[f64]) -> f64 {
     let mut sizes: Vec<f64> = differences.iter().map(|&d| greatest([d])).collect();
@@ -149,7 +169,7 @@ fn percentile(differences: &[f64]) -> f64 {
 }
 
 /// `count` different pixels of a picture, or all of them if it has fewer; at least one.
-fn spread_pixels([width, height]: [u32; 2], count: u64, seed: u64) -> Vec<[u32; 2]> {
+pub(super) fn spread_pixels([width, height]: [u32; 2], count: u64, seed: u64) -> Vec<[u32; 2]> {
     let (w, h) = (u64::from(width), u64::from(height));
     let count = count.clamp(1, w * h);
     // Fields are as square as the picture allows; more columns if that gives too few fields.

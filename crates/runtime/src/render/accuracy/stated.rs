@@ -9,14 +9,14 @@
 //! It is no strict bound if a term is an estimate: see [`super::predict`], rounding of values in `mip`, `minip` and
 //! `mean`, and positions of crossings in `iso`. The term of levels is always a bound.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use supervol_format::cast::single;
 use supervol_scene::image::{GREY_LEVELS, Image};
 
 use crate::engines::totals::ErrorsByReason;
 
 /// Stated error, see the module. A grey level is 1/255 of full scale.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ErrorStated {
     /// Largest error of any channel of any pixel.
     pub largest_grey_levels: f64,

@@ -1,0 +1,86 @@
+//! Writes finished pictures: decorations, records and fidelity.
+
+use supervol_arguments::failure::Failure;
+use supervol_arguments::output::{PictureFile, TextFile};
+use supervol_runtime::render::fidelity::{Circumstances, Fidelity, Outlook};
+use supervol_runtime::render::options::RenderOptions;
+use supervol_runtime::render::record::{Drawn, DrawnBy, PictureRecord, runs_of_differences};
+use supervol_runtime::render::stats::FrameStats;
+use supervol_scene::facts::VolumeFacts;
+use supervol_scene::image::{Image, ImageFormat};
+use supervol_scene::scene::{ResolvedScene, Scene};
+
+use crate::look::warnings;
+use crate::render::{Subject, warn};
+
+/// Files of one picture.
+pub struct PictureOutputs {
+    /// The picture.
+    pub picture: PictureFile,
+    /// Error map and work map.
+    pub maps: [Option<PictureFile>; 2],
+    /// Fidelity.
+    pub fidelity: Option<TextFile>,
+    /// Record, if the picture's format holds none.
+    pub record: Option<TextFile>,
+}
+
+/// A finished picture.
+#[derive(Clone, Copy)]
+pub struct Finished<'a> {
+    /// Volume and scene.
+    pub subject: &'a Subject<'a>,
+    /// The scene as it was drawn.
+    pub resolved: &'a ResolvedScene,
+    /// Options of the frame.
+    pub options: &'a RenderOptions,
+    /// Statistics of the frame.
+    pub stats: &'a FrameStats,
+    /// The picture.
+    pub image: &'a Image,
+}
+
+impl Finished<'_> {
+    /// Writes the picture with its decorations and its record, and warns if it is empty. `record` is the file for the
+    /// record if the picture's format holds none.
+    pub fn write(&self, output: PictureFile, record: Option<TextFile>) -> Result<(), Failure> {
+        let Self { subject, resolved, image, .. } = *self;
+        warn_of_nothing(image, resolved, subject.facts)?;
+        let mut decorated = None;
+        if subject.decorate {
+            let drawn_over = decorated.insert(image.clone());
+            supervol_decorations::decorate(drawn_over, subject.container, subject.facts, resolved, None);
+        }
+        let shown = decorated.as_ref().unwrap_or(image);
+        let runs = runs_of_differences(&image.pixels, &shown.pixels);
+        let format = output.format();
+        let of_picture = PictureRecord::of(&self.drawn(&self.complete()));
+        let text = |sum| of_picture.with_pixels(format, sum, runs.clone()).to_json();
+        output.write_with(shown, resolved.background, Some(&text))?;
+        let Some(file) = record else { return Ok(()) };
+        file.write(&(text(shown.stored_checksum(format, resolved.background)) + "\n"))
+    }
+
+    /// Writes the fidelity of the picture in a file of this format.
+    pub fn write_fidelity(&self, format: ImageFormat, file: TextFile) -> Result<(), Failure> {
+        let circumstances = Circumstances { format: Some(format), outlook: Outlook::Final, once: &[] };
+        let fidelity = Fidelity::of(&self.drawn(&self.complete()), &circumstances);
+        let text = serde_json::to_string_pretty(&fidelity).map_err(|e| Failure::Machine(e.to_string()))?;
+        file.write(&(text + "\n"))
+    }
+
+    fn complete(&self) -> Scene {
+        self.subject.scene.complete(self.subject.facts, None)
+    }
+
+    fn drawn<'a>(&'a self, scene: &'a Scene) -> Drawn<'a> {
+        let Subject { container, facts, .. } = *self.subject;
+        Drawn { container, facts, scene, options: self.options, stats: self.stats, engine: DrawnBy::Supervol }
+    }
+}
+
+/// Warns with the reason if the picture is empty.
+pub fn warn_of_nothing(image: &Image, resolved: &ResolvedScene, facts: &VolumeFacts) -> Result<(), Failure> {
+    let Some(why) = warnings::reason(image, resolved, facts) else { return Ok(()) };
+    warn(&format!("the picture shows nothing but its background: {why}"))
+}
