@@ -622,6 +622,28 @@ fn errors_that_cannot_be_aimed_at_are_refused() {
     }
 }
 
+/// Scenes of volumes that exist: a table for each volume, and a list of them in the numbers.
+#[test]
+fn bench_draws_random_scenes_of_volumes() {
+    let folder = Folder::new();
+    let sample = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/data/carp_ct.nii.gz");
+    folder.expect(0, &["build", sample, "-o", "carp.svol"]);
+    let scenes = ["bench", "--random-scenes", "2", "--mode", "mip", "-o", "out", "--volume", "carp.svol"];
+    let page = folder.expect(0, &[&scenes[..], &[sample]].concat());
+    for name in ["of carp,", "of carp_ct.nii,"] {
+        assert!(page.contains(&format!("Random scenes 0 to 1 of seed 1 {name} mode mip")), "{name}: {page}");
+    }
+    let numbers = std::fs::read_to_string(folder.path("out/random-scenes.json")).expect("bench wrote it");
+    let found = json(&numbers)["volumes"].as_array().expect("a list of volumes").clone();
+    let names: Vec<_> = found.iter().filter_map(|volume| volume["volume"].as_str()).collect();
+    assert_eq!(names, ["carp", "carp_ct.nii"]);
+    // One volume in two files: the same scenes, with the same errors.
+    assert_eq!(found[0]["errors"], found[1]["errors"]);
+    assert_eq!(found[0]["stated"].as_array().map(Vec::len), Some(5), "four requested errors, and level 1: {numbers}");
+    let refused = folder.expect(2, &["bench", "--quick", "--volume", "carp.svol", sample]);
+    assert!(refused.contains("--volume: expected one file"), "{refused}");
+}
+
 #[test]
 fn bench_draws_random_scenes_and_keeps_the_error() {
     let folder = Folder::new();

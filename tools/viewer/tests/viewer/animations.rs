@@ -12,6 +12,8 @@ use support::{Session, headless, pixels};
 
 fn done(session: &mut Session) -> String {
     session.until("it is done", |s| s.viewer().message().is_some() && s.viewer().is_idle());
+    // The picture on the screen goes on afterwards, and the message may move with the lines of the status below it.
+    session.rest();
     match session.viewer().message() {
         Some(Message::Done(text)) => text.clone(),
         other => panic!("{other:?}"),
@@ -61,7 +63,8 @@ fn a_turntable_is_what_render_draws_and_goes_on_where_it_was() {
     };
     session.click("OK");
     again(&mut session, 3.0);
-    assert!(done(&mut session).contains("1 of them drawn now"));
+    let said = done(&mut session);
+    assert!(said.contains("1 of them drawn now"), "{said}");
     // Float pictures are added beside the others.
     session.click("OK");
     session.press(Modifiers::COMMAND, Key::M);
