@@ -23,7 +23,7 @@ pub struct Picture {
     stats: FrameStats,
 }
 
-/// What a picture shows, and how it was drawn.
+/// Volume, scene and options of a picture.
 #[derive(Clone)]
 pub(crate) struct Subject {
     pub volume: PlacedVolume,

@@ -153,7 +153,7 @@ impl Renderer {
         Some(Picture::new(self.subject()?, image, maps, self.inner.stats()))
     }
 
-    /// What the picture so far shows; `None` without a scene.
+    /// Subject of the picture so far; `None` without a scene.
     fn subject(&self) -> Option<Subject> {
         let (complete, scene) = self.scene.clone()?;
         Some(Subject {

@@ -191,7 +191,7 @@ impl Volume {
 
     /// Draws one picture until it has converged, or until [`Options::time_budget_ms`](RenderOptions::time_budget_ms) is up.
     ///
-    /// What the scene leaves open is chosen to suit the data.
+    /// Parts that the scene omits are chosen to suit the data.
     ///
     /// # Errors
     /// If the scene or an option is wrong, a budget is too small, or the machine fails. Bricks that cannot be read are no error:

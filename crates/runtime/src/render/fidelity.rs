@@ -61,7 +61,7 @@ impl Dimension {
         Self::RenderingPath,
     ];
 
-    /// What it means, for readers who know no renderer.
+    /// Meaning, for readers who know no renderer.
     #[must_use]
     pub fn in_words(self) -> &'static str {
         match self {

@@ -52,7 +52,7 @@ pub enum Skipping {
     Off,
 }
 
-/// What must be done for a brick.
+/// Treatment of a brick.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Class {
     /// Nothing in it can be seen.

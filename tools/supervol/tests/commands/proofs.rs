@@ -196,7 +196,7 @@ fn pictures_that_claim_nothing_are_not_proved() {
     folder.expect(0, &late);
     let told = folder.verify(1, "a.png", &[]);
     assert!(told.contains("claims no error") && told.contains("converged"), "{told}");
-    // Of a coarser level, the requested error holds against that level.
+    // For a coarser level, the requested error holds against that level.
     folder.draw("b.png", &["--level", "2", "--record"]);
     assert!(folder.verify(0, "b.png", &["--rays", "100"]).contains("against level 2"));
 }

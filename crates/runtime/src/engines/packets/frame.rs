@@ -24,7 +24,7 @@ pub struct PacketFrame {
     pub(super) tables: Arc<PacketTables>,
     /// In mode `dvr` with surfaces: the frame of these, in mode `iso`, which lists all crossings and adds none.
     pub(super) inner: Option<Arc<PacketFrame>>,
-    /// What coarser levels do, where errors are summed up.
+    /// Deviations of coarser levels, if errors are summed up.
     pub(super) deviations: Option<Arc<Deviations>>,
     /// When packets stop where they are.
     stop: Stop,
@@ -59,7 +59,7 @@ impl PacketFrame {
         Self { scene: ray_scene, tables, inner, deviations: None, stop: Stop::NEVER, finished: None }
     }
 
-    /// Where errors are summed up, what these coarser levels do counts, too.
+    /// Adds the deviations of coarser levels to the sums of errors, if errors are summed up.
     #[must_use]
     pub fn with_deviations(self, deviations: Deviations) -> Self {
         let deviations = self.tables.sums_errors().then(|| Arc::new(deviations));
@@ -88,7 +88,7 @@ impl PacketFrame {
         }
     }
 
-    /// What was found out of bricks, for a picture of another camera; `None` in all modes but `dvr`.
+    /// Plans of bricks, for a picture of another camera; `None` in all modes but `dvr`.
     #[must_use]
     pub fn plans(&self) -> Option<Arc<BrickPlans>> {
         (self.scene.mode == Mode::Dvr).then(|| self.tables.plans.clone())
@@ -110,7 +110,7 @@ impl PacketFrame {
         self.tables.instructions()
     }
 
-    /// What a picture may be off by whose rays are off by so much, where that is summed up: in mode `dvr`.
+    /// Errors of a picture whose rays have these errors; `None` if errors are not summed up, and in all modes but `dvr`.
     #[must_use]
     pub fn errors(&self, rays: ErrorsByReason) -> Option<EngineErrors> {
         let tables = Some(&self.tables).filter(|tables| self.scene.mode == Mode::Dvr && tables.sums_errors())?;
@@ -125,7 +125,7 @@ impl PacketFrame {
 
     /// See [`own_error`].
     pub(super) fn own_error(&self, opacity: f64) -> f64 {
-        // Of surfaces no more is known than that they aim at this, as in mode `iso`.
+        // Surfaces only aim at this error, as in mode `iso`.
         let aims = (self.tables.max_error, self.inner.is_some());
         own_error(self.scene.mode, opacity, aims, self.scene.pyramid.layout().core())
     }

@@ -40,7 +40,7 @@ use crate::stream::streamer::{OnMissing, Streamer};
 pub(crate) struct GpuBackend {
     device: GpuDevice,
     caster: Option<GpuEngine>,
-    /// What its page table holds.
+    /// The streamer's answers that its page table holds.
     answers: Option<Answers>,
     /// The picture whose rays were paused.
     paused: Option<Paused>,

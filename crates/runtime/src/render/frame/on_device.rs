@@ -15,7 +15,7 @@ use crate::render::stats::FrameStats;
 use crate::stop::{Stop, WhenDue};
 use crate::stream::budget::{EngineBytes, HostPlan};
 
-/// What a picture is made from.
+/// Input of a picture.
 pub(crate) struct GpuPicture<'a> {
     pub(crate) scene: &'a ResolvedScene,
     pub(crate) options: &'a RenderOptions,
@@ -23,7 +23,7 @@ pub(crate) struct GpuPicture<'a> {
     pub(crate) stop: &'a Stop,
     /// Handling of rays that wait when `stop` is due. A pause is reported as [`RenderError::Cancelled`].
     pub(crate) when_due: WhenDue,
-    /// What pictures before it, for the same scene, have cost.
+    /// Cost of the earlier pictures of the same scene.
     pub(crate) before: FrameStats,
     /// The largest picture of the scene: rays along x and y, and whether it is asked what they may be off by.
     pub(crate) room: ([u32; 2], bool),
@@ -33,9 +33,9 @@ pub(crate) struct GpuPicture<'a> {
 pub(crate) struct GpuDrawn {
     pub(crate) image: Image,
     pub(crate) stats: FrameStats,
-    /// What else was asked for of its pixels.
+    /// Requested maps of its pixels.
     pub(crate) maps: Maps,
-    /// What its rays may be off by at most, where that was asked for.
+    /// Largest errors of its rays, if requested.
     pub(crate) errors: ErrorsByReason,
     /// Time that went into fetching bricks.
     pub(crate) fetching: Duration,

@@ -14,7 +14,7 @@ pub(super) const FILE_HEADER_BYTES: u64 = 3600;
 /// Bytes of a standard trace header, and of each of its extensions.
 pub(super) const TRACE_HEADER_BYTES: u64 = 240;
 
-/// What the binary header claims.
+/// Claims of the binary header.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct BinaryHeader {
     pub(super) endian: Endian,
@@ -73,7 +73,7 @@ impl BinaryHeader {
                 None if extended_samples > 0 => extended_samples,
                 None => u32::from(fields.u16(3221)),
             },
-            // What a person says is meant for all traces.
+            // An option of the user holds for all traces.
             fixed_length: fields.i16(3503) == 1 || options.samples.is_some(),
             extended_text_headers: fields.i16(3505),
             trace_header_extensions: if second { extension_claims.to_vec() } else { vec![0] },

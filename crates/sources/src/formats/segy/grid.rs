@@ -69,9 +69,9 @@ pub(super) enum NoGrid {
     Duplicate {
         /// Both traces, from 0.
         traces: [u64; 2],
-        /// Where they claim to be.
+        /// Inline number in their headers.
         inline: i64,
-        /// Where they claim to be.
+        /// Crossline number in their headers.
         crossline: i64,
     },
     /// The line numbers span far more places than there are traces.
@@ -221,7 +221,7 @@ fn regular_index(runs: &[Run], inline: LineNumbers, crossline: LineNumbers) -> O
 /// Writes trace numbers and marks into the table; returns the number of dead traces.
 fn fill(table: &mut [u32], runs: &[Run], inline: LineNumbers, crossline: LineNumbers) -> Result<u64, NoGrid> {
     let mut dead = 0;
-    // Where each dead trace is, in file order, is only needed for the message about duplicates.
+    // The positions of dead traces, in file order, are only needed for the message about duplicates.
     let mut trace: u64 = 0;
     for run in runs {
         let mut position = run.start;

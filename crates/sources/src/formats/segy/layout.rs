@@ -1,4 +1,4 @@
-//! Where traces and samples lie in the file: the headers' claims, held against the size of the file.
+//! Places of traces and samples in the file: the headers' claims, compared with the size of the file.
 //!
 //! ```text
 //! 0      3200   3600                 first_trace                                        end of traces

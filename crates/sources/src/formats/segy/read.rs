@@ -192,7 +192,7 @@ impl Reader<'_> {
     }
 }
 
-/// Where a tile goes: extent of the box, and the tile's place and size in it, voxels.
+/// Place of a tile: extent of the box, and the tile's place and size in it, voxels.
 #[derive(Clone, Copy)]
 struct Place {
     extent: [usize; 3],

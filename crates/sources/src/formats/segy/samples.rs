@@ -10,7 +10,7 @@ use supervol_format::VoxelType;
 use crate::cast::{self, single};
 use crate::{Endian, Message, ReadOption};
 
-/// What one sample is in the file: the data sample format code, bytes 3225-3226.
+/// Type of a sample in the file: the data sample format code, bytes 3225-3226.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum SampleFormat {
     Ibm32,
@@ -87,7 +87,7 @@ impl SampleFormat {
 pub(super) struct BadSample {
     /// Index into the samples that were decoded.
     pub(super) index: usize,
-    /// What is wrong with it.
+    /// The defect.
     pub(super) reason: String,
 }
 

@@ -30,17 +30,17 @@ const DEAD: i16 = 2;
 pub(super) struct Run {
     /// Inline and crossline number of the first trace.
     pub(super) start: [i32; 2],
-    /// What is added from trace to trace, modulo 2^32.
+    /// Step from trace to trace, modulo 2^32.
     pub(super) step: [i32; 2],
     /// Number of traces, at least 1.
     pub(super) count: u32,
-    /// What the traces are.
+    /// Kind of the traces.
     pub(super) kind: TraceKind,
 }
 
 const _: () = assert!(size_of::<Run>() == 24, "the head of this module states the size");
 
-/// What a trace counts as.
+/// Kind of a trace.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum TraceKind {
     /// Has samples.
@@ -79,7 +79,7 @@ impl<T: PartialOrd + Copy> Extent<T> {
     }
 }
 
-/// What one axis of the grid looks like in the headers.
+/// Line numbers of one axis of the grid, as in the headers.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct LineSummary {
     /// Smallest and largest line number.
