@@ -85,10 +85,7 @@ impl Error {
     #[must_use]
     pub fn kind(&self) -> ErrorKind {
         match self {
-            Self::Container { source: ContainerError::Io { source, .. }, .. } => match source.kind() {
-                std::io::ErrorKind::NotFound | std::io::ErrorKind::InvalidInput => ErrorKind::Request,
-                _ => ErrorKind::Machine,
-            },
+            Self::Container { source: ContainerError::Io { source, .. }, .. } => kind_of_io(source),
             Self::Container { .. } => ErrorKind::Data,
             #[cfg(feature = "sources")]
             Self::Build(error) if error.is_stopped() => ErrorKind::Cancelled,
@@ -104,14 +101,19 @@ impl Error {
             #[cfg(feature = "images")]
             Self::Image(_) => ErrorKind::Machine,
             #[cfg(feature = "images")]
-            Self::Stored(StoredError::Io { source, .. }) => match source.kind() {
-                std::io::ErrorKind::NotFound | std::io::ErrorKind::InvalidInput => ErrorKind::Request,
-                _ => ErrorKind::Machine,
-            },
+            Self::Stored(StoredError::Io { source, .. }) => kind_of_io(source),
             #[cfg(feature = "images")]
             Self::Stored(_) => ErrorKind::Data,
             Self::Proof { source, .. } => source.kind(),
             Self::Render(error) => error.kind(),
         }
+    }
+}
+
+/// The side at fault where a file cannot be read: whoever named a file that is not there, or the machine.
+fn kind_of_io(error: &std::io::Error) -> ErrorKind {
+    match error.kind() {
+        std::io::ErrorKind::NotFound | std::io::ErrorKind::InvalidInput => ErrorKind::Request,
+        _ => ErrorKind::Machine,
     }
 }

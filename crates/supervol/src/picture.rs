@@ -99,7 +99,7 @@ impl Picture {
     pub fn save(&self, path: impl AsRef<std::path::Path>) -> Result<(), Error> {
         let path = path.as_ref();
         let (format, record) = (ImageFormat::from_path(path)?, self.record());
-        let text = |sum| record.with_pixels(format, sum, Vec::new()).to_json();
+        let text = record.text_in(format, &self.image, &self.image);
         Ok(self.image.write_with(path, self.subject.scene.background, Some(&text))?)
     }
 

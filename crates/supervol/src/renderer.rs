@@ -4,9 +4,9 @@ use std::time::{Duration, Instant};
 
 use supervol_format::canceller::Canceller;
 use supervol_runtime::render;
-use supervol_runtime::render::fidelity::{Dimension, Outlook};
+use supervol_runtime::render::fidelity::{Circumstances, Dimension, Fidelity, Outlook};
 use supervol_runtime::render::options::RenderOptions;
-use supervol_runtime::render::record::DrawnBy;
+use supervol_runtime::render::record::{Drawn, DrawnBy};
 use supervol_runtime::render::renderer::{MakeEngine, Picked, Step};
 use supervol_scene::scene::{ResolvedScene, Scene};
 
@@ -128,13 +128,31 @@ impl Renderer {
     /// If no scene is set, a budget is too small, or the machine fails.
     pub fn advance(&mut self, deadline: Option<Instant>) -> Result<Step, Error> {
         let step = self.inner.advance(deadline)?;
-        if !step.is_finished
-            && let Some(subject) = self.subject()
-        {
-            let fidelity = subject.fidelity(&self.inner.counts(), None);
-            self.once.extend(fidelity.improving().filter(|dimension| !subject.once.contains(dimension)));
+        if !step.is_finished {
+            self.note_reductions();
         }
         Ok(step)
+    }
+
+    /// Notes along which dimensions the picture so far is reduced for a time. Called at every deadline: it copies no scene.
+    fn note_reductions(&mut self) {
+        let Some((complete, _)) = &self.scene else { return };
+        let (volume, stats) = (self.inner.volume(), self.inner.counts());
+        let drawn = Drawn {
+            container: volume.container(),
+            facts: volume.facts(),
+            scene: complete,
+            options: self.inner.options(),
+            stats: &stats,
+            engine: self.engine,
+        };
+        let circumstances = Circumstances { format: None, outlook: Outlook::GoesOn, once: &self.once };
+        let reduced: Vec<Dimension> = Fidelity::of(&drawn, &circumstances).improving().collect();
+        for dimension in reduced {
+            if !self.once.contains(&dimension) {
+                self.once.push(dimension);
+            }
+        }
     }
 
     /// [`Renderer::advance`] for this long from now.

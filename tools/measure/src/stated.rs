@@ -73,12 +73,7 @@ impl Pixels {
         let max_error = self.asked / GREY_LEVELS;
         let options = RenderOptions { level: LevelChoice::Fixed(Lod(self.level)), max_error, ..aimed };
         let (picture, errors, stats) = render_with_errors(&volume.container, scene, &options)?;
-        if !(stats.converged && stats.bricks_failed == 0 && stats.device.anomalies == 0 && picture.is_finite()) {
-            return Err(ChartError::Broken(format!(
-                "a picture of {} did not converge to numbers: {stats:?}",
-                volume.name
-            )));
-        }
+        volume.check_whole(&picture, &stats)?;
         let errors = errors.ok_or_else(|| ChartError::Broken(format!("nothing is stated: {stats:?}")))?;
         self.add(number, &picture, exact, &errors);
         Ok((picture, stats))

@@ -143,15 +143,21 @@ impl Volume {
     /// If the picture cannot be drawn, did not converge, or holds values that are not finite.
     pub fn render(&self, scene: &ResolvedScene, options: &RenderOptions) -> Result<(Image, FrameStats), ChartError> {
         let (image, stats) = render(&self.container, scene, options)?;
+        self.check_whole(&image, &stats)?;
+        Ok((image, stats))
+    }
+
+    /// Refuses a picture that did not converge without a failed brick, or holds values that are not finite.
+    ///
+    /// # Errors
+    /// [`ChartError::Broken`], if the picture is such a one.
+    pub fn check_whole(&self, image: &Image, stats: &FrameStats) -> Result<(), ChartError> {
         // Several distance measures treat NaN as no difference, so check here.
         let is_whole = stats.converged && stats.bricks_failed == 0 && stats.device.anomalies == 0 && image.is_finite();
-        if !is_whole || stats.reference_capped_pieces > 0 {
-            return Err(ChartError::Broken(format!(
-                "a picture of {} did not converge to numbers: {stats:?}",
-                self.name
-            )));
+        if is_whole && stats.reference_capped_pieces == 0 {
+            return Ok(());
         }
-        Ok((image, stats))
+        Err(ChartError::Broken(format!("a picture of {} did not converge to numbers: {stats:?}", self.name)))
     }
 
     /// The picture of level 0 by the default method of a backend.

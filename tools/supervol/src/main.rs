@@ -30,6 +30,7 @@ mod completions;
 mod demo;
 mod executables;
 mod extract;
+mod failed_bricks;
 mod histogram;
 mod info;
 mod look;

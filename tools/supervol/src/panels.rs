@@ -14,7 +14,8 @@ use supervol_scene::facts::VolumeFacts;
 use supervol_scene::image::Image;
 use supervol_scene::scene::Scene;
 
-use crate::render::{FailedBricks, check_all_read, check_any_read, with_render};
+use crate::failed_bricks::{FailedBricks, check_all_read, check_any_read};
+use crate::render::with_render;
 use crate::written::warn_of_nothing;
 
 /// Greatest number of panels of a picture.

@@ -17,7 +17,7 @@ use supervol_runtime::render::error::ErrorKind;
 use supervol_scene::image::read::StoredError;
 use supervol_scene::image::stored::StoredPicture;
 
-/// Time before a proof shows its progress.
+/// Time before a proof or a check shows its progress.
 const QUIET: Duration = Duration::from_secs(1);
 /// Names of the channels.
 const CHANNELS: [&str; 4] = ["red", "green", "blue", "opacity"];
@@ -40,17 +40,21 @@ pub fn prove(path: &Path, container: &Container, options: &ProofOptions, files: 
         None => vec![folder_of(path), folder_of(container.path())],
     };
     let options = ProofOptions { folders, ..options.clone() };
-    let bar = Reporter::over_rays();
-    let start = Instant::now();
-    let progress = |CheckProgress { pixels_done, pixels }: CheckProgress| {
+    let proof = with_ray_bar(|progress| Prover::new(container, &stored, &options)?.prove(progress));
+    report(path, &proof.map_err(|error| with_proof(path, error))?)
+}
+
+/// Casts rays with the reference integrator, with a progress bar if that takes longer than [`QUIET`].
+pub fn with_ray_bar<T>(cast: impl FnOnce(&(dyn Fn(CheckProgress) + Sync)) -> T) -> T {
+    let (bar, start) = (Reporter::over_rays(), Instant::now());
+    let result = cast(&|CheckProgress { pixels_done, pixels }| {
         if start.elapsed() > QUIET {
             bar.set_length(pixels);
             bar.set_position(pixels_done);
         }
-    };
-    let proof = Prover::new(container, &stored, &options).and_then(|prover| prover.prove(&progress));
+    });
     bar.finish_and_clear();
-    report(path, &proof.map_err(|error| with_proof(path, error))?)
+    result
 }
 
 /// Prints the result of a proof; fails if a claim does not hold.

@@ -4,14 +4,14 @@ use std::io::Write;
 use std::num::NonZero;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use clap::{Args, ValueEnum};
 use serde_json::json;
 use supervol_arguments::cache::CacheArguments;
 use supervol_arguments::failure::{Failure, with_container, with_output};
 use supervol_arguments::output::{self, Beside, Force, Recording, RenderOutputs};
-use supervol_arguments::progress::{RayBar, Reporter, announce_files};
+use supervol_arguments::progress::{RayBar, announce_files};
 use supervol_arguments::quantity::{self, show_bytes};
 use supervol_arguments::scene::{name_of_scene, read_scene};
 use supervol_arguments::source::SourceArguments;
@@ -25,7 +25,6 @@ use supervol_runtime::engines::maps::work_in_colors;
 use supervol_runtime::engines::packets::PacketRule;
 use supervol_runtime::engines::packets::simd::InstructionSet;
 use supervol_runtime::render::accuracy::check;
-use supervol_runtime::render::accuracy::check::CheckProgress;
 use supervol_runtime::render::accuracy::stated::in_colors;
 use supervol_runtime::render::error::{ErrorKind, RenderError};
 use supervol_runtime::render::options::{Backend, LevelChoice, RenderOptions};
@@ -41,9 +40,11 @@ use supervol_scene::image::ImageFormat;
 use supervol_scene::preset::view::upright;
 use supervol_scene::scene::{CameraSpec, ResolvedScene, Scene};
 
+use crate::failed_bricks::{FailedBricks, check_all_read, check_any_read};
 use crate::look::{LookArguments, warnings};
 use crate::panels::Panels;
 use crate::pick;
+use crate::prove::with_ray_bar;
 use crate::sequence::Sequence;
 use crate::written::{Finished, PictureOutputs};
 
@@ -51,8 +52,6 @@ use crate::written::{Finished, PictureOutputs};
 const OF_ONE_PICTURE: [&str; 7] = ["stats", "error_map", "work_map", "check", "time_budget", "record", "fidelity"];
 /// Number of rays of `--check` without a number.
 const CHECK_RAYS: &str = "1000";
-/// Time before a check shows its progress.
-const QUIET: Duration = Duration::from_secs(1);
 
 /// Picture, method and memory limits.
 #[derive(Debug, Args)]
@@ -529,39 +528,6 @@ pub fn run(arguments: &Arguments, start: Instant) -> Result<(), Failure> {
     check_all_read(path, stats.bricks_failed, arguments.failed_bricks())
 }
 
-/// Bricks that cannot be read.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum FailedBricks {
-    /// They are an error.
-    Refused,
-    /// Their coarser parents are drawn in their place (`--allow-failed`).
-    Allowed,
-}
-
-/// Fails if bricks could not be read and that is not allowed.
-pub fn check_all_read(container: &Path, failed: u64, failed_bricks: FailedBricks) -> Result<(), Failure> {
-    if failed == 0 || failed_bricks == FailedBricks::Allowed {
-        return Ok(());
-    }
-    Err(Failure::Data(format!(
-        "{}: {} could not be read, so the picture is wrong there; --allow-failed accepts it",
-        container.display(),
-        counted(failed, "brick")
-    )))
-}
-
-/// Fails if no brick of the picture could be read.
-pub fn check_any_read(stats: &FrameStats) -> Result<(), Failure> {
-    if !stats.has_nothing_but_failures() {
-        return Ok(());
-    }
-    let first = stats.failures.first().map_or(String::new(), |f| format!("; first error: {}: {}", f.brick, f.reason));
-    Err(Failure::Data(format!(
-        "cannot read any of the {} bricks that the picture needs; no picture is written{first}",
-        stats.bricks_failed
-    )))
-}
-
 /// Subject of a picture.
 #[derive(Clone, Copy)]
 pub struct Subject<'a> {
@@ -614,16 +580,8 @@ pub fn picture(
         file.write_map(work, work_in_colors)?;
     }
     if let Some(rays) = check {
-        let start = Instant::now();
-        let bar = Reporter::over_rays();
-        let progress = |CheckProgress { pixels_done, pixels }: CheckProgress| {
-            if start.elapsed() > QUIET {
-                bar.set_length(pixels);
-                bar.set_position(pixels_done);
-            }
-        };
-        let measured = check::measure_error(container, &resolved, options, &image, rays.get(), &progress);
-        bar.finish_and_clear();
+        let measured =
+            with_ray_bar(|progress| check::measure_error(container, &resolved, options, &image, rays.get(), progress));
         stats.error_measured = Some(measured.map_err(|error| match with_render(error) {
             // The picture replaces unreadable bricks by their parents; the reference does not.
             Failure::Data(message) => Failure::Data(format!("--check: {message}")),

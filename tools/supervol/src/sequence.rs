@@ -20,7 +20,8 @@ use supervol_runtime::render::volume::PlacedVolume;
 use supervol_scene::image::ImageFormat;
 use supervol_scene::scene::CameraSpec;
 
-use crate::render::{FailedBricks, Subject, check_any_read, with_render};
+use crate::failed_bricks::{FailedBricks, check_any_read};
+use crate::render::{Subject, with_render};
 use crate::written::Finished;
 
 /// Pictures of an animation.

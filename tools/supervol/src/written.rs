@@ -4,7 +4,7 @@ use supervol_arguments::failure::Failure;
 use supervol_arguments::output::{PictureFile, TextFile};
 use supervol_runtime::render::fidelity::{Circumstances, Fidelity, Outlook};
 use supervol_runtime::render::options::RenderOptions;
-use supervol_runtime::render::record::{Drawn, DrawnBy, PictureRecord, runs_of_differences};
+use supervol_runtime::render::record::{Drawn, DrawnBy, PictureRecord};
 use supervol_runtime::render::stats::FrameStats;
 use supervol_scene::facts::VolumeFacts;
 use supervol_scene::image::{Image, ImageFormat};
@@ -52,10 +52,9 @@ impl Finished<'_> {
             supervol_decorations::decorate(drawn_over, subject.container, subject.facts, resolved, None);
         }
         let shown = decorated.as_ref().unwrap_or(image);
-        let runs = runs_of_differences(&image.pixels, &shown.pixels);
         let format = output.format();
         let of_picture = PictureRecord::of(&self.drawn(&self.complete()));
-        let text = |sum| of_picture.with_pixels(format, sum, runs.clone()).to_json();
+        let text = of_picture.text_in(format, image, shown);
         output.write_with(shown, resolved.background, Some(&text))?;
         let Some(file) = record else { return Ok(()) };
         file.write(&(text(shown.stored_checksum(format, resolved.background)) + "\n"))

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use supervol_format::container::checksum;
 use supervol_format::{Container, Geometry, Lod};
 use supervol_scene::facts::VolumeFacts;
-use supervol_scene::image::{GREY_LEVELS, ImageFormat};
+use supervol_scene::image::{GREY_LEVELS, Image, ImageFormat};
 use supervol_scene::scene::{Scene, SceneError};
 
 use crate::render::accuracy::stated::ErrorStated;
@@ -195,6 +195,14 @@ impl PictureRecord {
         Self { pixels: Some(pixels), ..self.clone() }
     }
 
+    /// The text of the record in a file of this format, from the checksum of the stored pixels. `shown` is the picture
+    /// with its decorations, `plain` the same without.
+    pub fn text_in(&self, format: ImageFormat, plain: &Image, shown: &Image) -> impl Fn(u64) -> String {
+        let is_plain = std::ptr::eq(plain, shown);
+        let runs = if is_plain { Vec::new() } else { runs_of_differences(&plain.pixels, &shown.pixels) };
+        move |sum| self.with_pixels(format, sum, runs.clone()).to_json()
+    }
+
     /// The record as JSON in ASCII, on one line.
     #[must_use]
     pub fn to_json(&self) -> String {
@@ -279,8 +287,7 @@ impl PixelsRecord {
 
 /// Runs of [`PixelsRecord::decorated_runs`]: pixels that differ between a picture and the same with decorations. Empty if
 /// none differs.
-#[must_use]
-pub fn runs_of_differences(plain: &[[f32; 4]], decorated: &[[f32; 4]]) -> Vec<u64> {
+fn runs_of_differences(plain: &[[f32; 4]], decorated: &[[f32; 4]]) -> Vec<u64> {
     let (mut runs, mut run, mut differs) = (Vec::new(), 0, false);
     for (plain, decorated) in plain.iter().zip(decorated) {
         let here = plain.map(f32::to_bits) != decorated.map(f32::to_bits);

@@ -181,13 +181,18 @@ fn classification(random: &mut Random, shape: &Shape) -> String {
     let width = [1.0, 1.0, 0.2, 0.02][index(random.below(4))];
     let first = (1.0 - width) * random.unit();
     let [least, reach] = shape.values;
-    let mut values: Vec<f64> =
-        (0..2 + random.below(5)).map(|_| least + reach * (first + width * random.unit())).collect();
+    let values: Vec<f64> = (0..2 + random.below(5)).map(|_| least + reach * (first + width * random.unit())).collect();
+    function_of(random, values, &[0.05, 0.3, 0.95], 1.0)
+}
+
+/// A transfer function with these values: some steps, some points that are clear, at most one of these opacities over some
+/// units.
+fn function_of(random: &mut Random, mut values: Vec<f64>, opacities: &[f64], unit: f64) -> String {
     values.sort_by(f64::total_cmp);
     if random.unit() < 0.4 {
         values[1] = values[0];
     }
-    let greatest = [0.05, 0.3, 0.95][index(random.below(3))];
+    let greatest = opacities[index(random.below(opacities.len() as u64))];
     let points: Vec<Point> = values
         .into_iter()
         .map(|value| {
@@ -195,7 +200,7 @@ fn classification(random: &mut Random, shape: &Shape) -> String {
             (value, [0; 3].map(|_| random.unit()), alpha)
         })
         .collect();
-    transfer_function([0.4, 1.0, 1.0, 3.0][index(random.below(4))], &points)
+    transfer_function(unit * [0.4, 1.0, 1.0, 3.0][index(random.below(4))], &points)
 }
 
 /// Greatest opacities over a smallest spacing: from so thin that a thousand voxels are needed to hide anything to nearly opaque.
@@ -216,23 +221,10 @@ fn classification_for(random: &mut Random, facts: &VolumeFacts) -> String {
         }
     };
     let middle = pick(random);
-    let mut values: Vec<f64> = (0..2 + random.below(5))
+    let values: Vec<f64> = (0..2 + random.below(5))
         .map(|_| middle + (pick(random) - middle) * width / facts.value_range.width().max(f64::MIN_POSITIVE))
         .collect();
-    values.sort_by(f64::total_cmp);
-    if random.unit() < 0.4 {
-        values[1] = values[0];
-    }
-    let greatest = OPACITIES[index(random.below(4))];
-    let points: Vec<Point> = values
-        .into_iter()
-        .map(|value| {
-            let alpha = if random.unit() < 0.3 { 0.0 } else { greatest * random.unit() };
-            (value, [0; 3].map(|_| random.unit()), alpha)
-        })
-        .collect();
-    let distance = [0.4, 1.0, 1.0, 3.0][index(random.below(4))];
-    transfer_function(distance * facts.geometry.smallest_spacing(), &points)
+    function_of(random, values, &OPACITIES, facts.geometry.smallest_spacing())
 }
 
 fn camera(random: &mut Random, shape: &Shape) -> String {

@@ -2,7 +2,7 @@
 
 use std::io::{Seek, Write};
 
-use supervol_runtime::render::record::{Drawn, DrawnBy, PictureRecord, runs_of_differences};
+use supervol_runtime::render::record::{Drawn, DrawnBy, PictureRecord};
 use supervol_scene::image::{EncodeError, ImageFormat};
 use supervol_scene::scene::{ResolvedScene, Scene};
 
@@ -21,7 +21,6 @@ impl DrawingState {
     ) -> Result<(), EncodeError> {
         let plain = self.renderer.picture().expect("a finished drawing has a picture");
         let shown = self.decorated(plain.clone(), resolved);
-        let runs = runs_of_differences(&plain.pixels, &shown.pixels);
         let (facts, stats) = (&self.opened.facts, self.renderer.stats());
         let record = PictureRecord::of(&Drawn {
             container: &self.opened.container,
@@ -31,7 +30,7 @@ impl DrawingState {
             stats: &stats,
             engine: DrawnBy::Supervol,
         });
-        let text = |sum| record.with_pixels(format, sum, runs.clone()).to_json();
+        let text = record.text_in(format, &plain, &shown);
         shown.encode_with(format, resolved.background, Some(&text), out)
     }
 }
