@@ -157,16 +157,16 @@ const SCREEN: &str = "\
 | format | read | written (`extract`, `mesh`) |
 |---|---|---|
 | SEG-Y (`.sgy`, `.segy`; a folder with one file per line) | revisions 0 to 2, in place; of files that are not stacked one offset (`--offset N`) or the mean (`--offset stack`); `--samples`, `--interval`, `--il-byte`, ... where headers lie | `.sgy`: revision 1 or 2, lines and coordinates of the survey, in centimetres or finer |
-| DICOM (folder, or one file) | one series (`--series N\\|UID`, listed where there are several), sorted by position; many frames in one file; rescale slope and intercept, padding, gantry tilt; uncompressed in place; RLE, JPEG (also lossless), JPEG 2000 | |
+| DICOM (folder, or one file) | one series (`--series N\\|UID`, listed where there are several), sorted by position; many frames in one file; rescale slope and intercept, else a real-world value mapping; padding, gantry tilt; uncompressed in place; RLE, JPEG (also lossless), JPEG 2000 | |
 | NIfTI-1, -2 (`.nii`, `.nii.gz`, `.hdr` + `.img`), ANALYZE 7.5 (`.hdr` + `.img`) | all real types, RGB(A); plain in place; of ANALYZE spacings and SPM's scale, no place in the world | `.nii`, `.nii.gz`: the place as sform (single precision; NIfTI-2 where an axis is longer than 32,767) |
-| OME-Zarr 0.1 to 0.5 (and 0.6 as far as it scales and moves), Zarr 2 and 3 | chunk by chunk; any level (`--source-level N`); gzip, zlib, zstd, Blosc, LZ4, shards, transposition; axes, places, units; `FOLDER:/NAME` for an array or image in it; half-precision floats; in a ZIP file, stored or deflated, too (`.zarr.zip`, `.ozx`) | `.zarr`: OME-Zarr 0.4, one level, zstd: spacings, the first voxel's place, units; no directions |
+| OME-Zarr 0.1 to 0.5 (and 0.6 as far as it scales and moves), Zarr 2 and 3 | chunk by chunk; any level (`--source-level N`); gzip, zlib, zstd, Blosc, LZ4, shards, transposition; axes, places, units; attributes of CF, coordinates of the axes (xarray); surveys (MDIO); `FOLDER:/NAME` for an array or image in it; half-precision floats; in a ZIP file, stored or deflated, too (`.zarr.zip`, `.ozx`) | `.zarr`: OME-Zarr 0.4, one level, zstd: spacings, the first voxel's place, units; no directions |
 | N5 | chunk by chunk; any level; gzip, zstd, Blosc, LZ4; spacings of N5-viewer, COSEM, BigDataViewer | |
-| BigDataViewer (`.xml` beside its `.h5` or `.n5`) | a view: setup (`--channel`), time point (`--frame`), level (`--source-level`); voxel sizes, units, the product of its transforms | |
-| HDF5 (`.h5`, also Imaris, NetCDF 4) | `FILE.h5:/NAME`, or the only dataset; chunk by chunk; deflate, shuffle, szip, LZ4, LZF, n-bit, scale-offset; truth values as 0 and 1; `element_size_um` | |
+| BigDataViewer (`.xml` beside its `.h5` or `.n5`) | a view: setup (`--channel`), time point (`--frame`), level (`--source-level`); voxel sizes, units, the product of its transforms; 16 bits are unsigned unless `dataType` says otherwise | |
+| HDF5 (`.h5`, `.nc`, also Imaris, NetCDF 4, ITK) | `FILE.h5:/NAME`, or the only dataset; chunk by chunk; deflate, shuffle, szip, LZ4, LZF, n-bit, scale-offset; truth values as 0 and 1; attributes of CF, coordinates of the axes; surveys (segysak); `element_size_um`; links and raw data in other files of its folder | |
 | NRRD (`.nrrd`, `.nhdr`) | raw in place, gzip, text; data in files of their own | `.nrrd` |
-| MetaImage (`.mha`, `.mhd`) | raw in place, zlib, text; data in files of their own | `.mha`; patients in left-posterior-superior, which `Comment` says |
+| MetaImage (`.mha`, `.mhd`) | raw in place, zlib, text; data in files of their own; a negative spacing turns its axis | `.mha`; patients in left-posterior-superior, which `Comment` says |
 | VTK image (`.vti`, legacy `.vtk`) | raw in place, base64, text, zlib, LZ4; points or cells; `FILE.vti:/NAME` for another array than the active one | `.vti` |
-| TIFF, BigTIFF, OME-TIFF, ImageJ stacks | strips, tiles, deflate, LZW, PackBits, zstd, predictors, JPEG (8 bits); numbers of a pixel together or in planes; single bits as 0 and 1, 64-bit integers, half-precision floats; series of OME (`--series N`); plain in place | `.tif`: BigTIFF with OME-XML: spacing, no origin, no directions |
+| TIFF, BigTIFF, OME-TIFF, ImageJ stacks | strips, tiles, deflate, LZW, PackBits, zstd, predictors, JPEG (8 bits); numbers of a pixel together or in planes; single bits as 0 and 1, 64-bit integers, half-precision floats; series of OME (`--series N`); ImageJ's calibration, and its stacks with one page; nodata, scale, offset and unit of GDAL; plain in place | `.tif`: BigTIFF with OME-XML: spacing, no origin, no directions |
 | folder of PNG, JPEG or single-page TIFF | in natural order; say `--spacing` | |
 | NumPy (`.npy`, `.npz`) | in place; compressed archives; half-precision floats; `FILE.npz:/NAME` for one of several arrays | `.npy` |
 | raw | `--dims`, `--dtype`, `--offset`; in place | `.raw` |
@@ -175,7 +175,17 @@ const SCREEN: &str = "\
 What is read in place, or chunk by chunk, costs no disk; all else is decoded once into a nameless temporary file beside the output.
 Where there are several volumes (time points, echoes), `--frame T` takes one, where there are several numbers per voxel, `--channel C`;
 of colours the luminance (Rec. 601) is used. 64-bit integers are kept in the smallest type that holds all of them, half-precision floats as f32. What was chosen,
-left out or not understood is said when a container is built, and by `supervol info`. `tools/ci.sh readers` holds all of this against
+left out or not understood is said when a container is built, and by `supervol info`.
+
+Attributes that explain the numbers of a file are applied, and a note names them: `_FillValue`, `missing_value`, `valid_range`,
+`scale_factor`, `add_offset`, `units` and `_Unsigned` of CF; tags of GDAL; ImageJ's calibration; slopes of DICOM, NIfTI and MetaImage.
+`--stored-values` ignores them. `--nodata V` makes a further value absent, in every format. Even coordinates give the spacing and the
+place of an axis; uneven ones are noted.
+
+Arrays with axes inline, crossline, and time, twt, depth or samples are surveys. Their line numbers, CDP coordinates, units and missing
+traces are read. `--axes NAME,...` names the axes of an array (Zarr, N5, HDF5, NumPy), the slowest first.
+
+`tools/ci.sh readers` holds all of this against
 SimpleITK, VTK, pydicom, tifffile, zarr, tensorstore, nibabel, pynrrd, segyio and h5py.
 
 ";

@@ -48,6 +48,12 @@ pub enum ReadOption {
     OffsetByte,
     /// Source-receiver offset to read, or the mean over all.
     Offsets,
+    /// Value that is absent.
+    Nodata,
+    /// Use of the attributes that explain the numbers of a file.
+    Values,
+    /// Names of the axes of an array.
+    Axes,
 }
 
 impl ReadOption {
@@ -76,6 +82,9 @@ impl ReadOption {
             Self::CrosslineByte => "crossline_byte",
             Self::OffsetByte => "offset_byte",
             Self::Offsets => "offsets",
+            Self::Nodata => "nodata",
+            Self::Values => "values",
+            Self::Axes => "axes",
         }
     }
 }

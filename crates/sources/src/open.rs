@@ -7,9 +7,12 @@ use std::path::{Path, PathBuf};
 use crate::formats::format::{Certainty, Folder, FolderFiles, Format};
 use crate::formats::unsupported::{refusal_of_file, refusal_of_folder};
 use crate::formats::{FORMATS, titles};
+use crate::grid::absent::AbsentSource;
+use crate::grid::stored::StoredSource;
 use crate::input::file::SourceFile;
 use crate::input::folder::{FolderDepth, Listing};
 use crate::input::start::FileStart;
+use crate::input::values::Values;
 use crate::{Message, ReadOption, SourceError, VolumeSource};
 
 pub use crate::formats::format::Found;
@@ -24,12 +27,18 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn VolumeSource>,
     let (path, array) = split_array(path);
     let mut options = options.clone();
     options.selection.array = array.or(options.selection.array);
-    if path.is_dir() {
-        return open_folder(&path, &options);
-    }
-    // This comes first: opening a FIFO would wait for its writer.
-    SourceFile::of(&path)?;
-    open_file(&path, &options)
+    let source = if path.is_dir() {
+        open_folder(&path, &options)?
+    } else {
+        // This comes first: opening a FIFO would wait for its writer.
+        SourceFile::of(&path)?;
+        open_file(&path, &options)?
+    };
+    let source = if options.values == Values::Stored { StoredSource::new(source) } else { source };
+    Ok(match options.nodata.filter(|_| options.raw.is_none()) {
+        Some(nodata) => Box::new(AbsentSource::new(source, nodata)?),
+        None => source,
+    })
 }
 
 /// Splits `FILE:/NAME` into the file and the name of an array in it.

@@ -16,6 +16,7 @@ use supervol_sources::formats::segy::{Offsets, SegyOptions};
 use supervol_sources::grid::named::NamedSource;
 use supervol_sources::grid::placed::{Domain, Placing};
 use supervol_sources::input::selection::Selection;
+use supervol_sources::input::values::Values;
 use supervol_sources::open::OpenOptions;
 use supervol_sources::{Endian, ReadOption, VolumeSource};
 
@@ -29,6 +30,8 @@ pub struct SourceArguments {
     place: PlaceArguments,
     #[command(flatten)]
     raw: RawArguments,
+    #[command(flatten)]
+    values: ValueArguments,
     #[command(flatten)]
     nrrd: NrrdArguments,
     #[command(flatten)]
@@ -100,9 +103,24 @@ struct RawArguments {
     /// offsets.
     #[arg(long, value_name = "BYTES|N|stack", value_parser = quantity::offset, allow_hyphen_values = true)]
     offset: Option<Offset>,
-    /// Value of voxels without data
-    #[arg(long, value_name = "V", requires = "dims", allow_hyphen_values = true)]
+}
+
+/// Meaning of the numbers in the file.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Values, if the file lacks their meaning or has a wrong one")]
+struct ValueArguments {
+    /// Value of voxels without data, as `info` shows values, for example -999.25
+    ///
+    /// Voxels of this value are absent: they are not drawn and count in no statistics. Values that the file itself
+    /// declares absent stay so.
+    #[arg(long, value_name = "V", allow_hyphen_values = true)]
     nodata: Option<f64>,
+    /// Read numbers as they are stored
+    ///
+    /// Fill values, valid ranges, scale, offset and unit that the file states are ignored: those of netCDF and Zarr (CF),
+    /// GDAL, ImageJ, DICOM, NIfTI and MetaImage.
+    #[arg(long)]
+    stored_values: bool,
 }
 
 /// Permissions of headers that name data files.
@@ -134,6 +152,12 @@ struct SelectionArguments {
     /// If a DICOM folder holds several series and none is given, the error message lists them.
     #[arg(long, value_name = "N|UID")]
     series: Option<String>,
+    /// Names of the axes of an array (Zarr, N5, HDF5, NumPy), the slowest first, for example z,y,x or t,c,z,y,x
+    ///
+    /// They override the names in the file. x, y and z are the volume's axes, t is `--frame`, c is `--channel`. Arrays
+    /// with axes inline, crossline, and time, depth or samples, in any order, are read as surveys.
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
+    axes: Vec<String>,
 }
 
 /// Values that SEG-Y headers may lack or have wrong.
@@ -202,7 +226,7 @@ impl SourceArguments {
                 endian: dtype.endian,
                 header_bytes: self.raw.offset.as_ref().map_or(Ok(0), Offset::bytes)?,
                 geometry: Geometry::IDENTITY,
-                nodata: self.raw.nodata,
+                nodata: self.values.nodata,
             }),
             _ => None,
         };
@@ -225,10 +249,12 @@ impl SourceArguments {
             }),
         };
         let outside = if self.nrrd.allow_outside { Outside::Allowed } else { Outside::Refused };
-        let SelectionArguments { frame, channel, source_level, series } = &self.selection;
+        let SelectionArguments { frame, channel, source_level, series, axes } = &self.selection;
         let (frame, channel, level) = (*frame, *channel, *source_level);
-        let selection = Selection { frame, channel, level, series: series.clone(), array: None };
-        let options = OpenOptions { raw, outside, segy, selection, ..OpenOptions::default() };
+        let selection = Selection { frame, channel, level, series: series.clone(), array: None, axes: axes.clone() };
+        let values = if self.values.stored_values { Values::Stored } else { Values::Explained };
+        let nodata = self.values.nodata.filter(|_| raw.is_none());
+        let options = OpenOptions { raw, outside, segy, selection, values, nodata, ..OpenOptions::default() };
         Ok(Reading { options, placing: self.place.placing() })
     }
 }
@@ -280,6 +306,9 @@ pub fn flag(option: ReadOption) -> &'static str {
         ReadOption::InlineByte => "--il-byte",
         ReadOption::CrosslineByte => "--xl-byte",
         ReadOption::OffsetByte => "--offset-byte",
+        ReadOption::Nodata => "--nodata",
+        ReadOption::Values => "--stored-values",
+        ReadOption::Axes => "--axes",
     }
 }
 
@@ -305,7 +334,7 @@ mod tests {
         source: SourceArguments,
     }
 
-    const OPTIONS: [ReadOption; 20] = [
+    const OPTIONS: [ReadOption; 23] = [
         ReadOption::Dims,
         ReadOption::VoxelType,
         ReadOption::HeaderBytes,
@@ -326,6 +355,9 @@ mod tests {
         ReadOption::CrosslineByte,
         ReadOption::OffsetByte,
         ReadOption::Offsets,
+        ReadOption::Nodata,
+        ReadOption::Values,
+        ReadOption::Axes,
     ];
 
     /// Commands define `--memory` themselves.

@@ -5,7 +5,9 @@
 //! [`mod@crate::open`] takes the first row that recognizes a file. A new reader needs its module and a
 //! row in its place; the checklist in CONTRIBUTING.md names all other places.
 
+pub(crate) mod array_survey;
 pub mod bigdataviewer;
+pub(crate) mod cf;
 pub mod dicom;
 pub mod format;
 pub mod hdf5;

@@ -36,7 +36,7 @@ pub const FORMAT: Format = Format {
     name: "npz",
     title: "npz",
     endings: ENDINGS,
-    choices: &[Choice::Array],
+    choices: &[Choice::Array, Choice::Axes],
     sniff: |start, _| start.is_named(ENDINGS),
     certainty: Certainty::Certain,
     folder: Folder::Never,

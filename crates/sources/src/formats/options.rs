@@ -6,6 +6,7 @@ use crate::input::data_files::Outside;
 use crate::input::folder::FolderOptions;
 use crate::input::selection::Selection;
 use crate::input::spool::SpoolFolder;
+use crate::input::values::Values;
 
 /// Options for opening a file or a folder. The defaults suit every file that describes itself.
 #[derive(Debug, Clone, Default)]
@@ -20,13 +21,18 @@ pub struct OpenOptions {
     pub spool: SpoolFolder,
     /// Selected volume of a file that holds several.
     pub selection: Selection,
+    /// Whether attributes of the file that explain its numbers are applied.
+    pub values: Values,
+    /// Value that is absent, besides those that the file declares; scaled, as [`SourceInfo`](crate::SourceInfo) says.
+    /// Headerless files state it in `raw`.
+    pub nodata: Option<f64>,
 }
 
 impl OpenOptions {
     /// The options for folders of slices.
     #[must_use]
     pub fn of_folders(&self) -> FolderOptions<'_> {
-        let Self { selection, outside, spool, segy, .. } = self;
-        FolderOptions { selection, outside: *outside, spool, memory_bytes: segy.memory_bytes }
+        let Self { selection, outside, spool, segy, values, .. } = self;
+        FolderOptions { selection, outside: *outside, spool, memory_bytes: segy.memory_bytes, values: *values }
     }
 }

@@ -10,7 +10,9 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use supervol_format::recent::Recent;
 use supervol_format::{Dims, VoxelBox};
 
+use super::absent::{AbsentColumns, AbsentNumbers};
 use super::elements::{Elements, NumberGrid};
+use super::mirrored::Mirrored;
 use crate::cast::index;
 use crate::grid::dense::swap_bytes;
 use crate::grid::layout::GridLayout;
@@ -332,6 +334,9 @@ pub struct ChunkedSource {
     info: SourceInfo,
     grid: ChunkGrid,
     elements: Elements,
+    absent: Option<AbsentNumbers>,
+    mirrored: Mirrored,
+    columns: Option<AbsentColumns>,
 }
 
 impl ChunkedSource {
@@ -342,7 +347,20 @@ impl ChunkedSource {
         // Any order of boxes is equally good; this order makes slabs be read in parallel.
         info.access_order = AccessOrder::X_FASTEST;
         info.memory_bytes += grid.memory.bytes();
-        Self { info, grid, elements }
+        Self { info, grid, elements, absent: None, mirrored: Mirrored::default(), columns: None }
+    }
+
+    /// The same source with a rule for absent numbers.
+    #[must_use]
+    pub(crate) fn with_absent(self, absent: Option<AbsentNumbers>) -> Self {
+        Self { absent, ..self }
+    }
+
+    /// The same source in another order along its axes, without the traces that do not exist.
+    #[must_use]
+    pub(crate) fn with_order(self, order: Option<(Mirrored, Option<AbsentColumns>)>) -> Self {
+        let (mirrored, columns) = order.unwrap_or_default();
+        Self { mirrored, columns, ..self }
     }
 }
 
@@ -352,6 +370,15 @@ impl VolumeSource for ChunkedSource {
     }
 
     fn read_box(&self, voxels: VoxelBox, out: &mut [u8]) -> Result<(), SourceError> {
-        self.elements.read_box(&self.grid, voxels, out)
+        let in_file = self.mirrored.of_box(voxels, self.info.dims);
+        self.elements.read_box(&self.grid, in_file, out)?;
+        if let Some(absent) = &self.absent {
+            absent.mark(out);
+        }
+        if let Some(columns) = &self.columns {
+            columns.mark(in_file, out);
+        }
+        self.mirrored.reverse(in_file.extent(), self.info.voxel_type.bytes(), out);
+        Ok(())
     }
 }

@@ -8,7 +8,7 @@ use std::path::Path;
 
 use half::f16;
 use supervol_format::file_order::boxes;
-use supervol_format::voxel_type::Voxel;
+use supervol_format::voxel_type::{Voxel, voxels_as_f64};
 use supervol_format::{Dims, VoxelBox, VoxelType, with_voxel};
 
 use crate::cast::{self, index, low_8, low_16, single};
@@ -121,6 +121,17 @@ impl Number {
             Self::Voxel(voxel_type) => voxel_type,
             Self::Whole { .. } => VoxelType::F64,
             Self::Half => VoxelType::U16,
+        }
+    }
+
+    /// Values of little-endian numbers, as doubles.
+    pub(crate) fn values(self, numbers: &[u8]) -> Vec<f64> {
+        match self {
+            Self::Voxel(voxel_type) => voxels_as_f64(voxel_type, numbers),
+            Self::Whole { signed } => {
+                numbers.as_chunks().0.iter().map(|number| whole(*number, signed) as f64).collect()
+            }
+            Self::Half => numbers.as_chunks().0.iter().map(|number| f16::from_le_bytes(*number).to_f64()).collect(),
         }
     }
 }

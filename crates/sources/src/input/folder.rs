@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use super::data_files::{FILES_LIMIT, Outside};
 use super::selection::Selection;
 use super::spool::SpoolFolder;
+use super::values::Values;
 use crate::error::SourceError;
 use crate::{Message, ReadOption};
 
@@ -28,6 +29,8 @@ pub struct FolderOptions<'a> {
     pub spool: &'a SpoolFolder,
     /// Largest memory in bytes for a decoded slice.
     pub memory_bytes: u64,
+    /// Whether attributes of the file that explain its numbers are applied.
+    pub values: Values,
 }
 
 /// Files of a folder, and the number of links that were not followed.

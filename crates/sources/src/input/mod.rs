@@ -7,7 +7,8 @@
 //! - [`selection`]: the part of a file that the user chose (channel, frame, dataset);
 //! - [`spool`]: a temporary file for decoded voxels;
 //! - `start`: the first bytes and the name of a file, by which formats are recognized;
-//! - `text`: numbers and lines of text headers.
+//! - `text`: numbers and lines of text headers;
+//! - [`values`]: use of the attributes by which a file explains its numbers.
 
 pub(crate) mod data_files;
 pub mod file;
@@ -17,3 +18,4 @@ pub mod selection;
 pub mod spool;
 pub mod start;
 pub(crate) mod text;
+pub mod values;

@@ -22,6 +22,8 @@ pub struct Selection {
     pub array: Option<String>,
     /// Level of the file's own pyramid, 0 is the finest.
     pub level: Option<u64>,
+    /// Names of the axes of an array, slowest first, that override those of the file; empty to keep these.
+    pub axes: Vec<String>,
 }
 
 /// A part of a file that formats have or lack as a whole.
@@ -33,6 +35,8 @@ pub enum Choice {
     Series,
     /// Named arrays.
     Array,
+    /// Names of the axes.
+    Axes,
 }
 
 impl Selection {
@@ -98,6 +102,26 @@ impl Selection {
         if !choices.contains(&Choice::Array) {
             self.refuse_array(path)?;
         }
+        if !choices.contains(&Choice::Axes) && !self.axes.is_empty() {
+            let what = format!(": {} is no array; only Zarr, N5, HDF5 and NumPy have axes to name", path.display());
+            return Err(SourceError::options(Message::from(ReadOption::Axes).text(what)));
+        }
+        Ok(())
+    }
+
+    /// Refuses names of the axes whose number is not `count`, or of which two are equal.
+    pub(crate) fn check_axes(&self, path: &Path, count: usize) -> Result<(), SourceError> {
+        let refused = |what: String| {
+            let names = self.axes.join(",");
+            let what = format!(" {}: {}: {what}", shortened(&names), path.display());
+            Err(SourceError::options(Message::from(ReadOption::Axes).text(what)))
+        };
+        if self.axes.len() != count {
+            return refused(format!("expected {count} names, one for each axis of the array, the slowest first"));
+        }
+        if (1..count).any(|i| self.axes[..i].contains(&self.axes[i])) {
+            return refused("expected different names".into());
+        }
         Ok(())
     }
 
@@ -130,12 +154,13 @@ impl Selection {
 /// is selected. Containers store this text, so it must not change.
 impl std::fmt::Display for Selection {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { frame, channel, series, array, level } = self;
+        let Self { frame, channel, series, array, level, axes } = self;
         array.iter().try_for_each(|array| write!(f, ":/{array}"))?;
         series.iter().try_for_each(|series| write!(f, " --series {series}"))?;
         frame.iter().try_for_each(|frame| write!(f, " --frame {frame}"))?;
         channel.iter().try_for_each(|channel| write!(f, " --channel {channel}"))?;
-        level.iter().try_for_each(|level| write!(f, " --source-level {level}"))
+        level.iter().try_for_each(|level| write!(f, " --source-level {level}"))?;
+        if axes.is_empty() { Ok(()) } else { write!(f, " --axes {}", axes.join(",")) }
     }
 }
 

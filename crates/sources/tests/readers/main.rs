@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "tests fail loudly")]
 
+mod attribute_files;
 mod dicom_files;
 mod dicom_support;
 mod grid_support;

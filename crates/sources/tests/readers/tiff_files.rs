@@ -166,8 +166,11 @@ fn stacks_of_image_j_with_one_page_and_with_all() {
     assert_refused(source(&path), &["page 4", "4 pages"]);
     let path = written(folder.path(), &tiff([9, 7], &pages(&voxels[..252], 126), 1, 7, plain));
     assert_refused(source(&path), &["length of the file"]);
+    // Channels behind the only page.
     let path = written(folder.path(), &tiff([9, 7], &pages(&voxels, 126), 1, 7, channels));
-    assert_refused(source(&path), &["pages", "one"]);
+    check_boxes(&source(&path).unwrap(), &first, 7);
+    let path = written(folder.path(), &tiff([9, 7], &pages(&voxels[..378], 126), 1, 7, channels));
+    assert_refused(source(&path), &["5 pages", "one"]);
 }
 
 #[test]

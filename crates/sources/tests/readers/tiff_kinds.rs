@@ -28,12 +28,24 @@ struct Page {
     /// Rows per strip.
     rows: u32,
     chunks: Vec<Vec<u8>>,
+    /// Fields of text: tag and value.
+    texts: &'static [(u16, &'static str)],
 }
 
 impl Page {
     fn grey(size: [u32; 2], bits: u16, format: u16, bytes: &[u8]) -> Self {
         let chunks = vec![bytes.to_vec()];
-        Self { size, bits, samples: 1, format, photometric: BLACK_IS_ZERO, tile: None, rows: size[1], chunks }
+        Self {
+            size,
+            bits,
+            samples: 1,
+            format,
+            photometric: BLACK_IS_ZERO,
+            tile: None,
+            rows: size[1],
+            chunks,
+            texts: &[],
+        }
     }
 }
 
@@ -64,6 +76,9 @@ fn tiff(pages: &[Page], description: &str) -> Vec<u8> {
         }
         if number == 0 && !description.is_empty() {
             fields.push((270, 2, description.len() as u32 + 1, [description.as_bytes(), &[0]].concat()));
+        }
+        for (tag, text) in page.texts {
+            fields.push((*tag, 2, text.len() as u32 + 1, [text.as_bytes(), &[0]].concat()));
         }
         fields.sort_by_key(|field| field.0);
         let values: Vec<[u8; 4]> = fields
@@ -162,11 +177,16 @@ fn single_bits_are_zeros_and_ones() {
     let packed = |row: &[u8]| -> Vec<u8> {
         row.chunks(8).map(|bits| bits.iter().enumerate().map(|(i, bit)| bit << (7 - i)).sum()).collect()
     };
-    for (photometric, flip) in [(BLACK_IS_ZERO, 0), (WHITE_IS_ZERO, 1)] {
+    // tifffile writes truth values as white-is-zero, although true is 1.
+    let of_tifffile: &[_] = &[(305, "tifffile.py")];
+    for (photometric, texts, flip) in
+        [(BLACK_IS_ZERO, &[][..], 0), (WHITE_IS_ZERO, &[][..], 1), (WHITE_IS_ZERO, of_tifffile, 0)]
+    {
         let pages: Vec<Page> = bits
             .chunks(55)
             .map(|page| Page {
                 photometric,
+                texts,
                 rows: 2,
                 chunks: page.chunks(22).map(|rows| rows.chunks(11).flat_map(packed).collect()).collect(),
                 ..Page::grey([11, 5], 1, WHOLE, &[])
@@ -175,6 +195,24 @@ fn single_bits_are_zeros_and_ones() {
         let source = chosen(&written(folder.path(), &tiff(&pages, "")), None, None).unwrap();
         assert_eq!((source.info().dims, source.info().voxel_type), (Dims([11, 5, 2]), VoxelType::U8));
         check_boxes(source.as_ref(), &bits.iter().map(|bit| bit ^ flip).collect::<Vec<u8>>(), 3);
+        assert_eq!(source.info().notes.len(), usize::from(photometric == WHITE_IS_ZERO), "{:?}", source.info().notes);
+    }
+}
+
+/// Tags of GDAL.
+#[test]
+fn nodata_scale_and_unit_of_gdal() {
+    let folder = tempfile::tempdir().unwrap();
+    let metadata = "<GDALMetadata><Item name=\"SCALE\" sample=\"0\" role=\"scale\">0.5</Item><Item name=\"UNITTYPE\" \
+                    sample=\"0\" role=\"unittype\">m</Item></GDALMetadata>";
+    let bytes: Vec<u8> = [-9999i16, 1, 2, 3].iter().flat_map(|n| n.to_le_bytes()).collect();
+    let page = Page { texts: &[(42113, "-9999 ")], ..Page::grey([2, 2], 16, SIGNED, &bytes) };
+    let texts: &'static [_] = Box::leak(Box::new([(42112, metadata), (42113, "-9999 ")]));
+    for (page, scale, unit) in [(page.clone(), 1.0, ""), (Page { texts, ..page }, 0.5, "m")] {
+        let source = chosen(&written(folder.path(), &tiff(&[page], "")), None, None).unwrap();
+        let info = source.info();
+        assert_eq!((info.nodata, info.scale, info.unit.as_str()), (Some(-9999.0), scale, unit));
+        assert!(info.notes.iter().any(|note| note.to_string().contains("absent: -9999")), "{:?}", info.notes);
     }
 }
 

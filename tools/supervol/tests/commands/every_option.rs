@@ -252,6 +252,8 @@ fn files_that_need_options(folder: &Folder) -> Vec<(&'static str, Vec<&'static s
                   ElementDataFile = ../a.bin\n";
     write("in/a.mhd", header.as_bytes());
     write("a.bin", &voxels(8 * 6 * 5 * 3 * 2));
+    let header = format!("{:<117}\n", "{'descr': '|u1', 'fortran_order': False, 'shape': (9, 8, 7), }");
+    write("a.npy", &[&b"\x93NUMPY\x01\x00\x76\x00"[..], header.as_bytes(), &voxels(9 * 8 * 7)].concat());
     vec![
         (
             "a.sgy",
@@ -268,6 +270,7 @@ fn files_that_need_options(folder: &Folder) -> Vec<(&'static str, Vec<&'static s
             ),
         ),
         ("in/a.mhd", words("--allow-outside --frame 2 --channel 1")),
+        ("a.npy", ["--axes", "x,y,z", "--nodata", "7", "--stored-values"].into()),
     ]
 }
 

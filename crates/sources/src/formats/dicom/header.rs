@@ -23,12 +23,16 @@ const INFLATED_LIMIT_BYTES: u64 = 4 << 30;
 const SHARED: u32 = 0x5200_9229;
 const PER_FRAME: u32 = 0x5200_9230;
 /// Nested sequences with requested elements: position, orientation, spacing, values, number of a frame.
-const MACROS: [u32; 5] = [0x0020_9113, 0x0020_9116, 0x0028_9110, 0x0028_9145, 0x0020_9111];
+const MACROS: [u32; 6] = [0x0020_9113, 0x0020_9116, 0x0028_9110, 0x0028_9145, 0x0020_9111, REAL_WORLD];
+/// Real-world value mappings, and the codes of their units.
+const REAL_WORLD: u32 = 0x0040_9096;
+const UNIT_CODES: u32 = 0x0040_08ea;
 
 /// Elements that are read, with their value representations for files that do not state them.
-const WANTED: [(u32, &[u8; 2]); 41] = [
+const WANTED: [(u32, &[u8; 2]); 46] = [
     (0x0002_0010, b"UI"),
     (0x0008_0060, b"CS"),
+    (0x0008_0100, b"SH"),
     (0x0008_103e, b"LO"),
     (0x0018_0050, b"DS"),
     (0x0018_0088, b"DS"),
@@ -57,6 +61,9 @@ const WANTED: [(u32, &[u8; 2]); 41] = [
     (0x0028_1052, b"DS"),
     (0x0028_1053, b"DS"),
     (0x0028_1054, b"LO"),
+    (UNIT_CODES, b"SQ"),
+    (0x0040_9224, b"FD"),
+    (0x0040_9225, b"FD"),
     (0x0054_1001, b"CS"),
     (0x3004_0002, b"CS"),
     (0x3004_000c, b"DS"),
@@ -68,6 +75,7 @@ const WANTED: [(u32, &[u8; 2]); 41] = [
     (MACROS[2], b"SQ"),
     (MACROS[3], b"SQ"),
     (MACROS[4], b"SQ"),
+    (MACROS[5], b"SQ"),
 ];
 
 /// Placement of a frame, meaning of its numbers, and its order among frames at the same place; each `None` if unstated.
@@ -85,6 +93,9 @@ pub(super) struct Place {
     pub(super) thickness: Option<f64>,
     pub(super) slope: Option<f64>,
     pub(super) intercept: Option<f64>,
+    /// Slope and intercept of the first real-world value mapping, as far as stated.
+    real_slope: Option<f64>,
+    real_intercept: Option<f64>,
     /// Time point, echo, trigger time, acquisition.
     pub(super) times: [Option<f64>; 4],
 }
@@ -100,8 +111,15 @@ impl Place {
             thickness: self.thickness.or(other.thickness),
             slope: self.slope.or(other.slope),
             intercept: self.intercept.or(other.intercept),
+            real_slope: self.real_slope.or(other.real_slope),
+            real_intercept: self.real_intercept.or(other.real_intercept),
             times: std::array::from_fn(|i| self.times[i].or(other.times[i])),
         }
+    }
+
+    /// Slope and intercept of the real-world value mapping, if it is a line.
+    pub(super) fn real_world(&self) -> Option<(f64, f64)> {
+        self.real_slope.filter(|slope| *slope != 0.0).zip(self.real_intercept)
     }
 
     fn take(&mut self, tag: u32, numbers: &[f64]) {
@@ -117,6 +135,9 @@ impl Place {
             }
             0x0028_1052 => self.intercept = first,
             0x0028_1053 | 0x3004_000e => self.slope = first.filter(|n| *n != 0.0),
+            // The first of several mappings counts.
+            0x0040_9224 => self.real_intercept = self.real_intercept.or(first),
+            0x0040_9225 => self.real_slope = self.real_slope.or(first),
             0x0020_0100 | 0x0020_9128 => self.times[0] = first,
             0x0018_0086 => self.times[1] = first,
             0x0018_1060 => self.times[2] = first,
@@ -158,6 +179,9 @@ pub(super) struct Header {
     wrong_padding: Option<f64>,
     /// Unit of the values, from whichever of three elements states it.
     pub(super) unit: String,
+    /// Unit of the real-world values, and the number of mappings to them.
+    pub(super) real_unit: String,
+    pub(super) real_mappings: u64,
     pub(super) frame_count: u64,
     place: Place,
     shared: Place,
@@ -180,6 +204,8 @@ impl Header {
             padding: None,
             wrong_padding: None,
             unit: String::new(),
+            real_unit: String::new(),
+            real_mappings: 0,
             frame_count: 1,
             place: Place::default(),
             shared: Place::default(),
@@ -292,6 +318,8 @@ impl Visitor for Header {
             [] => true,
             [SHARED | PER_FRAME] => MACROS.contains(&tag),
             [SHARED | PER_FRAME, inside] => MACROS.contains(inside),
+            [REAL_WORLD] | [REAL_WORLD, UNIT_CODES] => true,
+            [SHARED | PER_FRAME, REAL_WORLD, UNIT_CODES] => true,
             _ => false,
         };
         is_followed && WANTED.iter().any(|(wanted, _)| *wanted == tag)
@@ -300,6 +328,9 @@ impl Visitor for Header {
     fn item(&mut self, sequences: &[u32]) {
         if sequences == [PER_FRAME] && (self.frames.len() as u64) < FRAMES_LIMIT {
             self.frames.push(Place::default());
+        }
+        if sequences == [REAL_WORLD] || sequences == [SHARED, REAL_WORLD] {
+            self.real_mappings += 1;
         }
     }
 
@@ -312,6 +343,12 @@ impl Visitor for Header {
                 self.place.take(element.tag, &numbers);
                 self.take(element.tag, &bytes, &numbers);
             }
+            // The first of several mappings counts.
+            [.., REAL_WORLD, UNIT_CODES] if element.tag == 0x0008_0100 && self.real_unit.is_empty() => {
+                self.real_unit = text(&bytes);
+            }
+            [.., REAL_WORLD, UNIT_CODES] => {}
+            [REAL_WORLD] => self.place.take(element.tag, &numbers(kind, endian, &bytes)),
             [SHARED, _] => self.shared.take(element.tag, &numbers(kind, endian, &bytes)),
             [PER_FRAME, _] => {
                 if let Some(frame) = self.frames.last_mut() {

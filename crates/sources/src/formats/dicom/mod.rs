@@ -5,7 +5,8 @@
 //! space is the patient's: left-posterior-superior, in mm. Missing slices are refused; a tilted gantry gives a sheared
 //! grid.
 //! Rescale slope and intercept become scale and offset if they are equal for all slices; voxels stay as stored.
-//! Otherwise the values are computed slice by slice, as f32. The padding value is nodata, unless it is 0. `frame`
+//! Otherwise the values are computed slice by slice, as f32. A real-world value mapping that is a line takes their place
+//! if they change no number. The padding value is nodata, unless it is 0. `frame`
 //! chooses one of several volumes at the same place (time points, echoes), `channel` a colour.
 //! Uncompressed pixels are read in place. Compressed ones (RLE, JPEG, JPEG 2000) are decoded once into a spool file,
 //! one frame at a time. Single bits, JPEG-LS, JPEG XL and video are refused by name.
@@ -33,7 +34,8 @@ use crate::input::file::SourceFile;
 use crate::input::folder::{FolderDepth, FolderOptions, Listing};
 use crate::input::selection::Choice;
 use crate::input::spool::Spool;
-use crate::{Axis, Message, SourceError, SourceInfo, VolumeSource};
+use crate::input::values::{Values, line};
+use crate::{Axis, Message, ReadOption, SourceError, SourceInfo, VolumeSource};
 use data_set::{DOUBLE_PIXEL_DATA, FLOAT_PIXEL_DATA, PixelsAt};
 use frames::Frames;
 use header::{FRAMES_LIMIT, Header, Image};
@@ -105,9 +107,9 @@ impl DicomSource {
             info.space = WorldSpace::LeftPosteriorSuperior;
         }
         info.axes = ["x", "y", "z"].map(|name| Axis { name: name.into(), unit: "mm".into() });
-        info.unit = unit(first);
+        info.unit = if volume.meaning == Meant::RealWorld { unit_of_code(&first.real_unit) } else { unit(first) };
         if volume.scaling == Scaling::Same {
-            (info.scale, info.offset) = scaling(&slices[0]);
+            (info.scale, info.offset) = volume.meaning.scaling(&slices[0]);
             info.nodata = first.padding.filter(|_| volume.padding_is_one());
         }
         if first.image.photometric == "MONOCHROME1" {
@@ -204,8 +206,62 @@ enum Scaling {
     BySlice,
 }
 
-fn scaling(slice: &Slice) -> (f64, f64) {
-    (slice.place.slope.unwrap_or(1.0), slice.place.intercept.unwrap_or(0.0))
+/// Unit by its code in UCUM; empty for pure numbers.
+fn unit_of_code(code: &str) -> String {
+    match code {
+        "1" | "{no units}" | "no units" => String::new(),
+        "[hnsf'U]" => "HU".into(),
+        other => other.into(),
+    }
+}
+
+/// Attributes that give the values of stored numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Meant {
+    /// None.
+    Stored,
+    /// Rescale slope and intercept.
+    Rescaled,
+    /// Real-world value mapping.
+    RealWorld,
+}
+
+impl Meant {
+    /// The real-world mapping counts where all slices have one and no rescaling changes a number.
+    fn of(slices: &[Slice], header: &Header, values: Values, notes: &mut Vec<Message>) -> Self {
+        if values == Values::Stored {
+            return Self::Stored;
+        }
+        let mapped = slices.iter().filter(|slice| slice.place.real_world().is_some()).count();
+        if mapped == 0 {
+            return Self::Rescaled;
+        }
+        let is_rescaled = slices.iter().any(|slice| Self::Rescaled.scaling(slice) != (1.0, 0.0));
+        let unit = unit_of_code(&header.real_unit);
+        if is_rescaled || mapped < slices.len() {
+            let by_rescale = Self::Rescaled.scaling(&slices[0]);
+            if slices[0].place.real_world() != Some(by_rescale) {
+                let why = if is_rescaled { "slices are rescaled" } else { "some slices have none" };
+                notes.push(format!("a real-world value mapping (to {unit}) is not applied: {why}").into());
+            }
+            return Self::Rescaled;
+        }
+        let (slope, intercept) = Self::RealWorld.scaling(&slices[0]);
+        let values = line(slope, intercept).unwrap_or_else(|| "value = stored".into());
+        let several = if header.real_mappings > 1 { ", the first of several" } else { "" };
+        let what = format!("real-world value mapping{several}: {values} {unit}; ");
+        notes.push(Message::from(what).option(ReadOption::Values).text(" ignores it"));
+        Self::RealWorld
+    }
+
+    /// Scale and offset of a slice.
+    fn scaling(self, slice: &Slice) -> (f64, f64) {
+        match self {
+            Self::Stored => (1.0, 0.0),
+            Self::Rescaled => (slice.place.slope.unwrap_or(1.0), slice.place.intercept.unwrap_or(0.0)),
+            Self::RealWorld => slice.place.real_world().unwrap_or((1.0, 0.0)),
+        }
+    }
 }
 
 /// Data needed to find the voxels.
@@ -219,6 +275,7 @@ struct Volume<'a> {
     stored: VoxelType,
     elements: Elements,
     scaling: Scaling,
+    meaning: Meant,
     options: &'a FolderOptions<'a>,
 }
 
@@ -241,12 +298,13 @@ impl<'a> Volume<'a> {
             channels.wanted = Some(0);
         }
         let elements = Elements { channels, numbers, ..Elements::plain(stored) };
-        let all_same = slices.iter().all(|slice| scaling(slice) == scaling(&slices[0]));
+        let meaning = Meant::of(slices, &members[0].header, options.values, notes);
+        let all_same = slices.iter().all(|slice| meaning.scaling(slice) == meaning.scaling(&slices[0]));
         let scaling = if all_same { Scaling::Same } else { Scaling::BySlice };
         if scaling == Scaling::BySlice {
             notes.push("each slice has a rescale slope and intercept of its own: values are computed, as f32".into());
         }
-        let volume = Self { path, members, slices, image, pixels, stored, elements, scaling, options };
+        let volume = Self { path, members, slices, image, pixels, stored, elements, scaling, meaning, options };
         volume.check_lengths()?;
         Ok(volume)
     }
@@ -359,7 +417,7 @@ impl<'a> Volume<'a> {
         let pixels = self.image.rows as usize * self.image.columns as usize;
         let mut voxels = vec![0; pixels * self.stored.bytes()];
         self.elements.convert(self.stored, numbers, &mut voxels);
-        let (slope, intercept) = scaling(slice);
+        let (slope, intercept) = self.meaning.scaling(slice);
         let padding = self.members[slice.file].header.padding;
         let value = |stored: f64| if Some(stored) == padding { f32::NAN } else { single(stored * slope + intercept) };
         voxels_as_f64(self.stored, &voxels).into_iter().flat_map(|stored| value(stored).to_le_bytes()).collect()

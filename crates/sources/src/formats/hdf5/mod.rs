@@ -4,12 +4,17 @@
 //! The last three axes of a dataset are z, y, x; further axes are `frame` and `channel`. Chunks are decoded one by
 //! one (deflate, shuffle, Fletcher, szip, LZ4, LZF, n-bit, scale-offset; other filters are refused). Contiguous
 //! datasets are read in runs at the offsets in their headers.
-//! Spacings come from the attributes `element_size_um` (Fiji, ilastik) and `resolutions` (BigDataViewer). BigDataViewer
-//! stores its voxel sizes in a separate XML file, which can be opened instead: [`crate::formats::bigdataviewer`].
+//! Spacings come from the attributes `element_size_um` (Fiji, ilastik) and `resolutions` (BigDataViewer), from ITK's
+//! datasets beside the voxels, or from dimension scales (netCDF). BigDataViewer stores its voxel sizes in a separate XML
+//! file, which can be opened instead: [`crate::formats::bigdataviewer`].
+//! Attributes of CF explain the numbers ([`crate::formats::cf`]).
 //! 16-bit floats are refused: the crate does not distinguish half precision from other formats.
 //! The crate `hdf5-reader` reads the files through positional reads. Links to other files, and data in other files, are
-//! not followed.
+//! followed into the file's folder, or anywhere if files outside are allowed.
 
+mod attributes;
+mod axes;
+mod links;
 mod lzf;
 
 use std::fmt::Debug;
@@ -26,13 +31,18 @@ use hdf5_reader::{
     ByteOrder, Dataset, Datatype, FileStorage, FilterRegistry, H5Type, Hdf5File, OpenOptions, SliceInfo, SliceInfoElem,
 };
 use supervol_format::readable::Mib;
+use supervol_format::space::WorldSpace;
 use supervol_format::voxel_type::Voxel;
-use supervol_format::{ByteSource, Dims, VoxelType};
+use supervol_format::{ByteSource, Dims, VoxelType, with_voxel};
 
-use super::zarr::ome::{ArrayAxis, Role, geometry_of};
-use super::zarr::placement::place;
+use self::links::{Linked, Links};
+use super::array_survey::survey_axes;
+use super::cf::Explanation;
+use super::zarr::ome::geometry_of;
+use super::zarr::placement::{place, rename};
 use crate::cast::index;
 use crate::formats::format::{Certainty, Folder, Format, Found};
+use crate::grid::absent::AbsentColumns;
 use crate::grid::chunked::{
     AXES_LIMIT, ArrayShape, ChunkGrid, ChunkMemory, ChunkedSource, Chunks, number_in_c_order, widened,
 };
@@ -43,6 +53,7 @@ use crate::input::file::SourceFile;
 use crate::input::folder::FolderOptions;
 use crate::input::selection::Choice;
 use crate::input::text::shortened;
+use crate::input::values::Values;
 use crate::{Axis, Endian, Message, ReadOption, SourceError, SourceInfo};
 
 /// First bytes of a file. A user block may precede them, of 512 bytes times a power of two.
@@ -56,7 +67,7 @@ pub const FORMAT: Format = Format {
     name: "hdf5",
     title: "HDF5",
     endings: ENDINGS,
-    choices: &[Choice::Array],
+    choices: &[Choice::Array, Choice::Axes],
     sniff: |start, _| start.begins_with(MAGIC) || start.is_named(ENDINGS),
     certainty: Certainty::Certain,
     folder: Folder::Never,
@@ -89,18 +100,26 @@ pub fn open(path: &Path, options: &FolderOptions<'_>) -> Result<ChunkedSource, S
     let bytes = open_data(path)?;
     let same_bytes = bytes.try_clone().map_err(|e| SourceError::io(path, e))?;
     let storage = FileStorage::from_file(same_bytes).map_err(wrong)?;
-    let memory = usize::try_from(options.memory_bytes / 4).unwrap_or(usize::MAX);
-    let limits = OpenOptions::default()
+    let memory_bytes = usize::try_from(options.memory_bytes / 4).unwrap_or(usize::MAX);
+    let linked = Linked::of(path, options.outside);
+    let limits = limits(memory_bytes)
+        .with_external_file_resolver(Arc::new(linked.clone()))
+        .with_external_link_resolver(Arc::new(Links { linked: linked.clone(), limits, memory_bytes }));
+    let file = Hdf5File::from_storage_with_options(Arc::new(storage), limits).map_err(wrong)?;
+    let name = choose(path, (&file, &linked), options.selection.array.as_deref())?;
+    let dataset = file.dataset(&name).map_err(wrong)?;
+    source(OpenedFile { path, file, bytes, source_file, linked }, &name, dataset, options)
+}
+
+/// Limits of the crate's memory, and its filters.
+fn limits(memory_bytes: usize) -> OpenOptions {
+    OpenOptions::default()
         .with_chunk_cache_bytes(0)
         .with_chunk_cache_slots(1)
-        .with_max_chunk_bytes(memory)
-        .with_max_read_bytes(memory)
+        .with_max_chunk_bytes(memory_bytes)
+        .with_max_read_bytes(memory_bytes)
         .with_max_object_header_bytes(HEADER_LIMIT_BYTES)
-        .with_filter_registry(filters(memory));
-    let file = Hdf5File::from_storage_with_options(Arc::new(storage), limits).map_err(wrong)?;
-    let name = choose(path, &file, options.selection.array.as_deref())?;
-    let dataset = file.dataset(&name).map_err(wrong)?;
-    source(OpenedFile { path, file, bytes, source_file }, &name, dataset, options)
+        .with_filter_registry(filters(memory_bytes))
 }
 
 /// The crate's filters, and LZF with at most `limit_bytes` decoded bytes.
@@ -151,7 +170,7 @@ struct Candidate {
 }
 
 /// The dataset that is named, or the only one.
-fn choose(path: &Path, file: &Hdf5File, wanted: Option<&str>) -> Result<String, SourceError> {
+fn choose(path: &Path, (file, linked): (&Hdf5File, &Linked), wanted: Option<&str>) -> Result<String, SourceError> {
     let wrong = |e| of_hdf5(path, e);
     let mut found = Vec::new();
     if let Some(wanted) = wanted.map(|name| name.trim_matches('/')).filter(|name| !name.is_empty()) {
@@ -189,10 +208,16 @@ fn choose(path: &Path, file: &Hdf5File, wanted: Option<&str>) -> Result<String, 
     match (wanted.filter(|_| !is_whole), &found[..]) {
         (Some(wanted), _) => {
             let wanted = shortened(wanted);
-            Err(SourceError::options(format!("{}: no dataset `{wanted}`; there are: {list}", path.display())))
+            let no_link =
+                linked.refusal().map(|error| format!("; a link is not followed: {error}")).unwrap_or_default();
+            let what = format!("{}: no dataset `{wanted}`; there are: {list}{no_link}", path.display());
+            Err(SourceError::options(what))
         }
         (None, [one]) => Ok(one.name.clone()),
         (None, []) => {
+            if let Some(refusal) = linked.refusal() {
+                return Err(refusal);
+            }
             others.truncate(LISTED_LIMIT);
             let list = if others.is_empty() { String::new() } else { format!(", but {}", others.join(", ")) };
             let advice = "give another file; of compound and complex numbers write one part first, with Python: \
@@ -277,6 +302,7 @@ struct OpenedFile<'a> {
     /// The same file, for datasets that are read in place.
     bytes: File,
     source_file: SourceFile,
+    linked: Linked,
 }
 
 fn source(
@@ -285,7 +311,7 @@ fn source(
     dataset: Dataset,
     options: &FolderOptions<'_>,
 ) -> Result<ChunkedSource, SourceError> {
-    let OpenedFile { path, file, bytes: file_bytes, source_file } = opened;
+    let OpenedFile { path, file, bytes: file_bytes, source_file, linked } = opened;
     if is_of_16_bits(dataset.dtype()) {
         return Err(refusal_of_16_bits(path, name));
     }
@@ -293,14 +319,25 @@ fn source(
         let what = format!("`{}` is no array of whole or floating numbers of 8 to 64 bits", shortened(name));
         return Err(SourceError::unsupported(path, what, "name another dataset: FILE.h5:/PATH"));
     };
+    let explanation = explanation(&file, name, &dataset, options.values);
+    let (of_dataset, number) = (number, explanation.as_ref().map_or(number, |explanation| explanation.number(number)));
     let stored = number.stored();
     let mut array = array_shape(path, &dataset, stored)?;
-    let contiguous = contiguous_at(&file, &dataset, array.whole_bytes(stored.bytes())).map_err(|e| of_hdf5(path, e))?;
+    // A linked dataset is not at its address in this file.
+    let is_elsewhere = linked.has_links() || has_external_data(&file, &dataset).map_err(|e| of_hdf5(path, e))?;
+    let contiguous = match is_elsewhere {
+        true => {
+            check_first_element(path, &dataset, &linked)?;
+            None
+        }
+        false => contiguous_at(&file, &dataset, array.whole_bytes(stored.bytes())).map_err(|e| of_hdf5(path, e))?,
+    };
     if contiguous.is_some() {
         array.endian = byte_order(dataset.dtype());
     }
     let mut notes = Vec::new();
-    let axes = axes_of(&file, name, &dataset, &mut notes);
+    let (mut axes, along) = axes::axes_of(&file, name, &dataset, (options.selection, &mut notes));
+    rename(path, &mut axes, options.selection)?;
     let placement = place(path, (&array.shape, &axes, &[]), options.selection, &mut notes)?;
     let dims = Dims(placement.axes.map(|axis| axis.map_or(1, |axis| array.shape[axis])));
     checked_bytes(path, dims, stored)?;
@@ -313,22 +350,68 @@ fn source(
     let mut info = SourceInfo::plain("hdf5", dims, stored);
     let of = placement.axes.map(|axis| axis.map(|axis| &axes[axis]));
     info.geometry = geometry_of(of);
+    let of_itk = axes::place_by_itk(&file, name).filter(|_| placement.axes == [2, 1, 0].map(Some));
+    if let Some(geometry) = of_itk {
+        (info.geometry, info.space) = (geometry, WorldSpace::LeftPosteriorSuperior);
+    }
     if let Some(defect) = info.geometry.defect() {
         return Err(SourceError::invalid(path, "attributes", "spacings above 0", defect));
     }
     info.axes = std::array::from_fn(|i| Axis {
-        name: ["x", "y", "z"][i].into(),
+        name: of[i].map(|axis| axis.name.as_str()).filter(|name| !name.is_empty()).unwrap_or(["x", "y", "z"][i]).into(),
         unit: of[i].map_or_else(String::new, |axis| axis.unit.clone()),
     });
-    info.files = vec![source_file];
+    if of_itk.is_some() {
+        info.axes.iter_mut().for_each(|axis| axis.unit = "mm".into());
+    }
+    info.files = [vec![source_file], linked.files()].concat();
     let layout = GridLayout { dims, voxel_type: stored, endian: Endian::Little, fastest_first: GridLayout::X_FASTEST };
     let contiguous = contiguous.map(|first| (file_bytes, first));
-    let chunks = DatasetChunks { path: path.into(), dataset, array: array.clone(), number, bytes, contiguous };
+    let (path_is, shape) = (path.into(), array.clone());
+    let chunks = DatasetChunks { path: path_is, dataset, array: shape, number: of_dataset, bytes, contiguous };
     let grid = ChunkGrid::new(layout, array, placement, Box::new(chunks), memory);
     let elements = Elements::of(path, &grid, number, (Channels::ONE, Frames::ONE), &mut notes)?;
     info.voxel_type = elements.voxel_type;
+    let absent = explanation.and_then(|explanation| explanation.apply(number, &mut info, &mut notes));
+    let survey = survey_axes(&axes).map(|xyz| (xyz, axes::survey(&file, name, (xyz, &along), &info)));
+    let order = survey.map(|(xyz, parts)| {
+        let mirrored = parts.describe(&mut info, xyz.map(|axis| &axes[axis]), &mut notes);
+        (mirrored, AbsentColumns::of(parts.live, &info, &mut notes))
+    });
     info.notes = notes;
-    Ok(ChunkedSource::new(info, grid, elements))
+    Ok(ChunkedSource::new(info, grid, elements).with_absent(absent).with_order(order))
+}
+
+/// Meaning of the numbers of a dataset; `None` if they are read as stored.
+fn explanation(file: &Hdf5File, name: &str, dataset: &Dataset, values: Values) -> Option<Explanation> {
+    if values == Values::Stored {
+        return None;
+    }
+    let mut explanation = Explanation::of(&|name| attributes::attribute(dataset, name));
+    if explanation.absent.is_empty() {
+        explanation.absent.extend(attributes::fill_of_netcdf(dataset));
+    }
+    explanation.is_unsigned |= axes::is_unsigned_of_viewer(file, name, dataset);
+    Some(explanation)
+}
+
+/// Reads one element of a dataset with voxels in other files, so that a missing file is noticed when it is opened.
+fn check_first_element(path: &Path, dataset: &Dataset, linked: &Linked) -> Result<(), SourceError> {
+    let first = SliceInfoElem::Slice { start: 0, end: 1, step: 1 };
+    let selection = SliceInfo { selections: vec![first; dataset.shape().len()] };
+    let read = match number_of(base_of(dataset.dtype())) {
+        Some(Number::Voxel(voxel_type)) => {
+            with_voxel!(voxel_type, V => dataset.read_slice::<Member<V>>(&selection).map(drop))
+        }
+        _ => dataset.read_slice::<i64>(&selection).map(drop),
+    };
+    read.map_err(|error| linked.refusal().unwrap_or_else(|| of_hdf5(path, error)))
+}
+
+/// Whether the voxels of a dataset of this file lie in other files.
+fn has_external_data(file: &Hdf5File, dataset: &Dataset) -> Result<bool, Error> {
+    let header = file.get_or_parse_header(dataset.address())?;
+    Ok(header.messages.iter().any(|message| matches!(message, HdfMessage::ExternalFiles(_))))
 }
 
 /// Shape of a dataset, with its own chunks or with runs of about 1 MiB.
@@ -364,10 +447,8 @@ fn contiguous_at(file: &Hdf5File, dataset: &Dataset, wanted: Option<u64>) -> Res
     let header = file.get_or_parse_header(dataset.address())?;
     let mut found = None;
     for message in &header.messages {
-        match message {
-            HdfMessage::ExternalFiles(_) => return Ok(None),
-            HdfMessage::DataLayout(message) => found = Some(&message.layout),
-            _ => (),
+        if let HdfMessage::DataLayout(message) = message {
+            found = Some(&message.layout);
         }
     }
     let Some(DataLayout::Contiguous { address, size }) = found else { return Ok(None) };
@@ -383,57 +464,6 @@ fn byte_order(datatype: &Datatype) -> Endian {
         | Datatype::FloatingPoint { byte_order: ByteOrder::BigEndian, .. } => Endian::Big,
         _ => Endian::Little,
     }
-}
-
-/// The axes of a dataset, with the spacings that its attributes state.
-fn axes_of(file: &Hdf5File, name: &str, dataset: &Dataset, notes: &mut Vec<Message>) -> Vec<ArrayAxis> {
-    let rank = dataset.shape().len();
-    let mut axes = vec![ArrayAxis::named(""); rank];
-    // Time and channel precede the three spatial axes; vector components follow them.
-    if rank > 3 && dataset.shape()[rank - 1] <= 4 && dataset.shape()[..rank - 1].iter().filter(|n| **n > 4).count() >= 3
-    {
-        axes[rank - 1].role = Role::Channel;
-    }
-    let space: Vec<usize> = (0..rank).filter(|i| axes[*i].role == Role::Space).collect();
-    let last = &space[space.len().saturating_sub(3)..];
-    let mut set = |values: &[f64], unit: &str| {
-        for (axis, value) in last.iter().rev().zip(values.iter().rev()) {
-            axes[*axis].spacing = *value;
-            axes[*axis].unit = unit.into();
-        }
-    };
-    let is_positive = |values: &[f64]| values.len() >= 2 && values.iter().all(|v| *v > 0.0 && v.is_finite());
-    let sizes = dataset.attribute("element_size_um").ok().and_then(|a| a.read_1d::<f64>().or_else(|_| floats(&a)).ok());
-    if let Some(sizes) = sizes.filter(|sizes| is_positive(sizes)) {
-        set(&sizes, "um");
-        return axes;
-    }
-    if let Some(factors) = level_of_viewer(file, name).filter(|factors| is_positive(factors)) {
-        set(&factors, "");
-        let what = Message::from("BigDataViewer keeps the size of voxels in its XML file: open that, or give it with ");
-        notes.push(what.option(ReadOption::Spacing));
-    }
-    axes
-}
-
-fn floats(attribute: &hdf5_reader::Attribute) -> Result<Vec<f64>, Error> {
-    Ok(attribute.read_1d::<f32>()?.into_iter().map(f64::from).collect())
-}
-
-/// Factors along z, y and x by which a level of `BigDataViewer` is coarser (`tTTTTT/sSS/LEVEL/cells`).
-fn level_of_viewer(file: &Hdf5File, name: &str) -> Option<Vec<f64>> {
-    let parts: Vec<&str> = name.split('/').collect();
-    let [time, setup, level, "cells"] = parts[..] else { return None };
-    let level: u64 = level.parse().ok().filter(|_| time.starts_with('t') && setup.starts_with('s'))?;
-    let table = file.dataset(&format!("{setup}/resolutions")).ok()?;
-    if table.shape().len() != 2 || table.shape()[1] != 3 || level >= table.shape()[0] {
-        return None;
-    }
-    let row =
-        SliceInfo { selections: vec![SliceInfoElem::Index(level), SliceInfoElem::Slice { start: 0, end: 3, step: 1 }] };
-    let mut factors: Vec<f64> = table.read_slice::<f64>(&row).ok()?.into_iter().collect();
-    factors.reverse();
-    Some(factors)
 }
 
 /// The chunks of a dataset.

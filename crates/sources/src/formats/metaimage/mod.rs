@@ -185,11 +185,12 @@ fn geometry(
     let offsets = header.numbers(path, &["Offset", "Position", "Origin"], axes)?;
     let matrix = header.numbers(path, &["TransformMatrix", "Rotation", "Orientation"], axes * axes)?;
     let of_axis = |numbers: &Option<Vec<f64>>, i: usize| Some(numbers.as_ref()?[*chosen.axes.get(i)?]);
-    let mut spacing = [1.0; 3];
-    for (i, spacing) in spacing.iter_mut().enumerate() {
+    let (mut spacing, mut signs) = ([1.0; 3], [1.0; 3]);
+    for i in 0..3 {
         let stated = of_axis(&spacings, i).unwrap_or(1.0);
-        if stated.is_finite() && stated > 0.0 {
-            *spacing = stated;
+        if stated.is_finite() && stated != 0.0 {
+            // A negative spacing turns the axis round.
+            (spacing[i], signs[i]) = (stated.abs(), stated.signum());
         } else {
             notes.push(format!("spacing {stated} of axis {i} is impossible: replaced by 1").into());
         }
@@ -202,7 +203,7 @@ fn geometry(
         };
         matrix[column_axis * axes + row_axis]
     };
-    let column = |c: usize| DVec3::from_array(std::array::from_fn(|row| component(c, row)));
+    let column = |c: usize| DVec3::from_array(std::array::from_fn(|row| component(c, row) * signs[c] + 0.0));
     let direction = DMat3::from_cols(column(0), column(1), column(2)).transpose().to_cols_array();
     let origin = std::array::from_fn(|i| of_axis(&offsets, i).unwrap_or(0.0));
     let geometry = Geometry { spacing, origin, direction };

@@ -52,7 +52,9 @@ use std::path::{Path, PathBuf};
 use supervol_format::ByteSource;
 
 pub use self::options::{Offsets, SegyOptions};
+pub(crate) use self::position_fit::PositionFit;
 pub use self::source::SegySource;
+pub(crate) use self::survey::{direction, spacing};
 pub use self::text_header::{TEXT_BYTES, encode as encode_text};
 use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::input::file::SourceFile;

@@ -5,7 +5,7 @@
 /// sums accurate for map coordinates of millions of metres. Points (0, 0) are left out: they are what headers without
 /// a position hold.
 #[derive(Debug, Default, Clone)]
-pub(super) struct PositionFit {
+pub(crate) struct PositionFit {
     /// Line numbers and point of the first trace with a position.
     origin: Option<([i64; 2], [f64; 2])>,
     count: f64,
@@ -33,7 +33,7 @@ struct Solution {
 
 impl PositionFit {
     /// Adds one trace.
-    pub(super) fn add(&mut self, position: [i32; 2], point: [f64; 2]) {
+    pub(crate) fn add(&mut self, position: [i32; 2], point: [f64; 2]) {
         if point == [0.0; 2] {
             return;
         }
@@ -90,7 +90,7 @@ impl PositionFit {
     }
 
     /// The fitted position of a crossing and the fit's residual, or `None` if the traces do not determine it.
-    pub(super) fn at(&self, inline: i64, crossline: i64) -> Option<([f64; 2], f64)> {
+    pub(crate) fn at(&self, inline: i64, crossline: i64) -> Option<([f64; 2], f64)> {
         let (first, first_point) = self.origin?;
         let fit = self.solve()?;
         let offset = [inline - first[0], crossline - first[1]];

@@ -78,7 +78,7 @@ pub(super) fn place(
 
 /// Directions of the grid's axes in the local world. On a map with the first inline running to the right, inlines
 /// ascend upwards or downwards; the corners decide. Without corners, downwards is assumed.
-pub(super) fn direction(corners: Option<[[f64; 2]; 4]>) -> [f64; 9] {
+pub(crate) fn direction(corners: Option<[[f64; 2]; 4]>) -> [f64; 9] {
     let ascend_upwards = corners.is_some_and(|points| {
         let [along_x, along_y] = [1, 2].map(|c| [0, 1].map(|k| points[c][k] - points[0][k]));
         along_x[0] * along_y[1] - along_x[1] * along_y[0] > 0.0
@@ -140,7 +140,7 @@ fn corners(
 }
 
 /// Spacing along x and y from the corners, 1 along an axis with a single line; `None` if opposite edges disagree.
-fn spacing(corners: [[f64; 2]; 4], inline: LineNumbers, crossline: LineNumbers) -> Option<[f64; 2]> {
+pub(crate) fn spacing(corners: [[f64; 2]; 4], inline: LineNumbers, crossline: LineNumbers) -> Option<[f64; 2]> {
     let edge = |a: usize, b: usize| (corners[a][0] - corners[b][0]).hypot(corners[a][1] - corners[b][1]);
     let axis = |count: u64, edges: [f64; 2]| -> Option<f64> {
         if count == 1 {

@@ -8,9 +8,11 @@ use quick_xml::XmlVersion;
 use quick_xml::events::{BytesStart, Event};
 
 use crate::cast::index;
+use crate::grid::absent::{ALL_VALID, AbsentNumbers};
 use crate::input::selection::{Selection, first_of};
 use crate::input::text::shortened;
-use crate::{Message, ReadOption, SourceError};
+use crate::input::values::{in_few_digits, line};
+use crate::{Message, ReadOption, SourceError, SourceInfo};
 
 /// Largest number of slices of a volume, and of pages of a file.
 pub(super) const PAGES_LIMIT: usize = 1 << 16;
@@ -26,8 +28,56 @@ pub(super) struct Description {
     pub(super) unit: String,
     /// Whether the page's resolution is in pixels per unit.
     pub(super) has_resolution: bool,
+    /// Meaning of the numbers of 8 and 16 bits.
+    pub(super) calibration: Option<Calibration>,
     /// Notes for the user.
     pub(super) notes: Vec<Message>,
+}
+
+/// Meaning of stored numbers.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Calibration {
+    /// Value = stored * scale + offset.
+    pub(super) scale: f64,
+    pub(super) offset: f64,
+    /// Unit of the values; empty if unknown.
+    pub(super) unit: String,
+    /// Stored number that is absent.
+    pub(super) nodata: Option<f64>,
+}
+
+impl Default for Calibration {
+    fn default() -> Self {
+        Self { scale: 1.0, offset: 0.0, unit: String::new(), nodata: None }
+    }
+}
+
+impl Calibration {
+    /// ImageJ's calibration; `None` if there is none. Others than a straight line are noted.
+    fn of_image_j(fields: &HashMap<&str, &str>, notes: &mut Vec<Message>) -> Option<Self> {
+        let number = |name: &str| fields.get(name)?.trim().parse::<f64>().ok().filter(|n| n.is_finite());
+        let function = fields.get("cf")?.trim();
+        if function != "0" {
+            notes.push(format!("calibration function {} of ImageJ is not applied", shortened(function)).into());
+            return None;
+        }
+        let (offset, scale) = (number("c0")?, number("c1").filter(|scale| *scale != 0.0)?);
+        let unit = fields.get("vunit").map(|unit| shortened(unit.trim())).filter(|unit| unit != "Gray Value");
+        Some(Self { scale, offset, unit: unit.unwrap_or_default(), nodata: None })
+    }
+
+    /// Puts scale, offset, unit and absent value into the description of a volume, and notes them.
+    pub(super) fn apply(&self, info: &mut SourceInfo) {
+        (info.scale, info.offset) = (self.scale, self.offset);
+        info.unit.clone_from(&self.unit);
+        info.nodata = AbsentNumbers::new(info.voxel_type, self.nodata.as_slice(), ALL_VALID).and_then(|a| a.nodata());
+        let mut said: Vec<String> = line(self.scale, self.offset).into_iter().collect();
+        said.extend(info.nodata.map(|nodata| format!("absent: {}", in_few_digits(nodata, info.voxel_type))));
+        if !said.is_empty() {
+            let what = format!("tags of the file are applied ({}); ", said.join("; "));
+            info.notes.push(Message::from(what).option(ReadOption::Values).text(" ignores them"));
+        }
+    }
 }
 
 /// Sizes of a series besides x and y, and the number of pages between neighbours along each axis.
@@ -122,7 +172,9 @@ impl Description {
         let unit = fields.get("unit").map(|unit| unit_of(unit)).unwrap_or_default();
         let has_resolution = !unit.is_empty() && unit != "pixel";
         let spacing = [None, None, between.filter(|_| has_resolution).map(f64::abs)];
-        Ok(Self { slices, spacing, unit: if has_resolution { unit } else { String::new() }, has_resolution, notes })
+        let calibration = Calibration::of_image_j(&fields, &mut notes);
+        let unit = if has_resolution { unit } else { String::new() };
+        Ok(Self { slices, spacing, unit, has_resolution, calibration, notes })
     }
 
     fn of_ome(path: &Path, text: &str, samples: u64, selection: &Selection) -> Result<Self, SourceError> {
@@ -159,14 +211,23 @@ impl Description {
         let planes = series.slices(path, samples, selection, (&found.channels, &mut notes))?;
         let slices = planes.into_iter().map(|plane| found.page_of(plane)).collect::<Option<_>>();
         let slices = slices.ok_or_else(|| wrong("a slice that no `TiffData` has a page for".into()))?;
-        let units = &found.units;
-        let is_one_unit = units.iter().all(|unit| *unit == units[0]);
+        let units: Vec<&String> =
+            found.units.iter().zip(found.spacing).filter_map(|(unit, spacing)| spacing.map(|_| unit)).collect();
+        let is_one_unit = units.windows(2).all(|pair| pair[0] == pair[1]);
         if !is_one_unit {
             notes.push("voxel sizes have different units: not used".into());
         }
-        let spacing = if is_one_unit { found.spacing } else { [None; 3] };
-        let unit = if is_one_unit && spacing.iter().any(Option::is_some) { units[0].clone() } else { String::new() };
-        Ok(Self { slices: Some(slices), spacing, unit, has_resolution: false, notes })
+        let mut spacing = if is_one_unit { found.spacing } else { [None; 3] };
+        if let [Some(one), None, _] | [None, Some(one), _] = spacing {
+            notes.push("the size of pixels is stated along one axis only: taken for x and y".into());
+            [spacing[0], spacing[1]] = [Some(one); 2];
+        }
+        if let ([Some(_), _, None], Some(1..)) = (spacing, found.series.map(|series| series.sizes[0] - 1)) {
+            let what = Message::from("the distance of slices is not stated: replaced by 1; ");
+            notes.push(what.option(ReadOption::Spacing).text(" gives it"));
+        }
+        let unit = units.first().filter(|_| is_one_unit).map_or_else(String::new, |unit| (*unit).clone());
+        Ok(Self { slices: Some(slices), spacing, unit, has_resolution: false, calibration: None, notes })
     }
 }
 

@@ -8,10 +8,12 @@
 //! select others. The first of several OME series is used, or `series`. Colours give their luminance, or one
 //! channel. Pages that are smaller copies are skipped. Palette indices are the voxels. Single bits become the voxels 0
 //! and 1; 64-bit integers the smallest type that holds all of them. White-is-zero pages are inverted, so that greater
-//! is brighter. The crate `tiff` decodes all but JPEG and zstd (`coded`). This module selects the pages of the volume.
+//! is brighter, except masks by tifffile. Values are scaled as ImageJ's calibration or GDAL's metadata say; GDAL's nodata
+//! is absent. The crate `tiff` decodes all but JPEG and zstd (`coded`). This module selects the pages of the volume.
 
 mod coded;
 mod description;
+mod meaning;
 mod page;
 
 use std::fs::File;
@@ -21,7 +23,6 @@ use std::path::Path;
 use description::{Description, PAGES_LIMIT};
 use supervol_format::{ByteSource, Dims, Geometry, VoxelBox, VoxelType};
 use tiff::ColorType;
-use tiff::decoder::ifd::Value;
 use tiff::decoder::{ChunkType, Decoder, DecodingResult, Limits};
 use tiff::tags::{CompressionMethod, SampleFormat, Tag};
 
@@ -79,17 +80,22 @@ impl TiffSource {
         let described = pages.page()?;
         let description = Description::read(path, &pages.description()?, described.samples, selection)?;
         let mut notes = description.notes.clone();
-        let (slices, behind) = pages.slices(&description, &mut notes)?;
+        let (slices, behind) = pages.slices(&description, described, &mut notes)?;
         let first = pages.first_of(&slices, behind.is_some(), described)?;
         let channels = match first.samples {
             1 => Channels::ONE,
             samples => Channels::choose(path, samples, first.meaning, selection, &mut notes)?,
         };
         let geometry = pages.geometry(&description)?;
+        let of_gdal = pages.of_gdal(channels.wanted.unwrap_or_default())?;
+        if description == Description::default() {
+            pages.note_resolution(&mut notes)?;
+        }
+        pages.choose_bits(first, &mut notes)?;
         let dims = Dims([first.size[0], first.size[1], slices.len() as u64]);
         checked_bytes(path, dims, first.stored())?;
         let in_place = match behind {
-            Some(offset) => vec![offset],
+            Some(offsets) => offsets,
             None => pages.offsets_in_place(&slices, first)?,
         };
         let plain = GridLayout {
@@ -116,6 +122,11 @@ impl TiffSource {
         info.axes = ["x", "y", "z"].map(|name| Axis { name: name.into(), unit: description.unit.clone() });
         info.notes = notes;
         info.files = vec![source_file];
+        let calibration = description.calibration.as_ref().filter(|_| !first.stored().is_float()).unwrap_or(&of_gdal);
+        // The luminance of colours is no number of the file.
+        if channels.wanted.is_some() {
+            calibration.apply(&mut info);
+        }
         Ok(Self(GridSource::with_elements(info, grid, elements)))
     }
 }
@@ -135,6 +146,8 @@ pub(crate) struct Pages<'a> {
     path: &'a Path,
     decoder: Decoder<BufReader<File>>,
     file_bytes: u64,
+    /// Whether single bits are the voxels although white is zero.
+    keeps_bits: bool,
 }
 
 impl<'a> Pages<'a> {
@@ -146,7 +159,7 @@ impl<'a> Pages<'a> {
         // The crate allocates as many values as a field states, several times their bytes, before it reads them.
         limits.ifd_value_size = FIELD_LIMIT_BYTES.min(usize::try_from(file_bytes).unwrap_or(usize::MAX));
         let decoder = Decoder::new(BufReader::new(file)).map_err(|e| refusal(path, e))?.with_limits(limits);
-        Ok(Self { path, decoder, file_bytes })
+        Ok(Self { path, decoder, file_bytes, keeps_bits: false })
     }
 
     fn tag(&mut self, tag: Tag) -> Result<Option<u64>, SourceError> {
@@ -248,17 +261,20 @@ impl<'a> Pages<'a> {
         Ok(value.and_then(|value| value.into_string().ok()).unwrap_or_default())
     }
 
-    /// Numbers of the pages that are the slices of the volume. If the slices lie behind the only page, their offset.
+    /// Numbers of the pages that are the slices of the volume. If these lie behind the only page, the offset of each, or
+    /// of the first if they follow one another.
     fn slices(
         &mut self,
         description: &Description,
+        page: Page,
         notes: &mut Vec<Message>,
-    ) -> Result<(Vec<usize>, Option<u64>), SourceError> {
+    ) -> Result<(Vec<usize>, Option<Vec<u64>>), SourceError> {
         let wanted = description.slices.as_deref();
-        if let Some(slices) = wanted.filter(|slices| slices.len() > 1)
+        let is_behind = |slices: &&[usize]| slices.iter().any(|slice| *slice > 0);
+        if let Some(slices) = wanted.filter(is_behind)
             && !self.decoder.more_images()
         {
-            return Ok((slices.to_vec(), Some(self.behind_the_page(slices)?)));
+            return Ok((slices.to_vec(), Some(self.behind_the_page(slices, page)?)));
         }
         let whole = self.whole_pages(notes)?;
         let Some(wanted) = wanted else { return Ok((whole, None)) };
@@ -304,17 +320,27 @@ impl<'a> Pages<'a> {
         self.decoder.seek_to_image(page).map_err(|e| refusal(self.path, e))
     }
 
-    /// Offset of the first slice of an ImageJ stack of more than 4 GiB, which has one page, and all slices behind it.
-    fn behind_the_page(&mut self, slices: &[usize]) -> Result<u64, SourceError> {
-        let follow_one_another = slices.iter().enumerate().all(|(i, &slice)| i == slice);
-        let page = self.page()?;
-        match self.place_of_page(page)? {
-            Some(first) if follow_one_another => Ok(first),
-            _ => {
-                let expected = format!("{} pages, which its description speaks of", slices.len());
-                Err(SourceError::invalid(self.path, "pages", expected, "one"))
-            }
+    /// Offsets of the slices of an ImageJ stack of more than 4 GiB, which has one page, and all slices behind it.
+    fn behind_the_page(&mut self, slices: &[usize], page: Page) -> Result<Vec<u64>, SourceError> {
+        let (first, file_bytes) = (self.place_of_page(page)?, self.file_bytes);
+        let follow_one_another = slices.windows(2).all(|pair| pair[0].checked_add(1) == Some(pair[1]));
+        let offset = |slice: usize, first: u64| {
+            let start = page.bytes().checked_mul(slice as u64)?.checked_add(first)?;
+            // The length of the file is checked for a whole grid.
+            let is_inside = |end: &u64| follow_one_another || *end <= file_bytes;
+            start.checked_add(page.bytes()).filter(is_inside).map(|_| start)
+        };
+        let offsets: Option<Vec<u64>> =
+            first.and_then(|first| slices.iter().map(|&slice| offset(slice, first)).collect());
+        let Some(mut offsets) = offsets else {
+            let last = slices.iter().max().map_or(0, |slice| slice + 1);
+            let expected = format!("{last} pages, which its description speaks of");
+            return Err(SourceError::invalid(self.path, "pages", expected, "one"));
+        };
+        if follow_one_another {
+            offsets.truncate(1);
         }
+        Ok(offsets)
     }
 
     /// Offset of each slice, or a single offset if they are contiguous; empty if the pages must be decoded.
@@ -378,12 +404,7 @@ impl<'a> Pages<'a> {
         let mut spacing = description.spacing;
         if description.has_resolution {
             for (i, tag) in [Tag::XResolution, Tag::YResolution].into_iter().enumerate() {
-                let value = self.decoder.find_tag(tag).map_err(|e| refusal(self.path, e))?;
-                let per_unit = value.and_then(|value| match value {
-                    Value::Rational(above, below) => Some(f64::from(above) / f64::from(below)),
-                    other => other.into_f64().ok(),
-                });
-                spacing[i] = per_unit.map(|n| 1.0 / n).filter(|s| s.is_finite() && *s > 0.0);
+                spacing[i] = self.per_unit(tag)?.map(|n| 1.0 / n).filter(|s| s.is_finite() && *s > 0.0);
             }
         }
         // ImageJ omits the distance of slices if it is 1.
@@ -472,7 +493,11 @@ impl<'a> Pages<'a> {
                 (decoded, little_endian(self.decoder.read_chunk(chunk).map_err(|e| refusal(self.path, e))?))
             }
         };
-        let voxels = if page.packing == Packing::Bits { unpacked(&voxels, decoded) } else { voxels };
+        let mut voxels = if page.packing == Packing::Bits { unpacked(&voxels, decoded) } else { voxels };
+        if self.keeps_bits {
+            // The decoder has inverted them.
+            voxels.iter_mut().for_each(|bit| *bit = 1 - *bit);
+        }
         Ok(Piece { size, decoded, voxels })
     }
 

@@ -74,6 +74,15 @@ pub(super) struct Header {
 }
 
 impl Header {
+    /// Makes negative spacings positive: each turns its axis round.
+    pub(super) fn turn_negative_axes(&mut self) {
+        for axis in 0..3 {
+            let sign = if self.geometry.spacing[axis] < 0.0 { -1.0 } else { 1.0 };
+            self.geometry.spacing[axis] *= sign;
+            (0..3).for_each(|row| self.geometry.direction[3 * row + axis] *= sign);
+        }
+    }
+
     /// The named array, else the active one, else the first; arrays of points before those of cells.
     pub(super) fn choose(
         &self,

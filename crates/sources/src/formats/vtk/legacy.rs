@@ -94,6 +94,7 @@ pub(super) fn read(path: &Path, reader: impl BufRead + Seek) -> Result<Header, S
     if reading.header.points == [0; 3] {
         return Err(SourceError::invalid(path, "header", "a line DIMENSIONS", "none"));
     }
+    reading.header.turn_negative_axes();
     Ok(reading.header)
 }
 

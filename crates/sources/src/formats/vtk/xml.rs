@@ -245,12 +245,7 @@ impl Reading {
         if tag.get("Direction").is_some() {
             header.geometry.direction = tag.numbers(path, "Direction")?;
         }
-        // A negative spacing reverses the axis.
-        for axis in 0..3 {
-            let sign = if header.geometry.spacing[axis] < 0.0 { -1.0 } else { 1.0 };
-            header.geometry.spacing[axis] *= sign;
-            (0..3).for_each(|row| header.geometry.direction[3 * row + axis] *= sign);
-        }
+        header.turn_negative_axes();
         Ok(())
     }
 

@@ -10,7 +10,6 @@ use supervol_format::voxel_type::Voxel;
 use supervol_format::{VoxelType, with_voxel};
 
 use super::codecs::Codec;
-use super::ome::Attributes;
 use crate::cast::index;
 use crate::grid::chunked::{AXES_LIMIT, ArrayShape};
 use crate::grid::elements::Number;
@@ -28,7 +27,7 @@ pub(super) struct Version2 {
     #[serde(default)]
     filters: Option<Vec<Value>>,
     #[serde(default)]
-    fill_value: Value,
+    pub(super) fill_value: Value,
     #[serde(default)]
     order: Option<String>,
     #[serde(default)]
@@ -39,8 +38,9 @@ pub(super) struct Version2 {
 #[derive(Debug, Deserialize)]
 pub(super) struct Version3 {
     pub(super) node_type: String,
+    /// Attributes, of which an array or a group has other ones.
     #[serde(default)]
-    pub(super) attributes: Attributes,
+    pub(super) attributes: Value,
     #[serde(default)]
     shape: Vec<u64>,
     #[serde(default)]

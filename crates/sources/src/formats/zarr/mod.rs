@@ -9,8 +9,10 @@
 //! read.
 
 mod archive;
+mod attributes;
 mod blosc;
 mod codecs;
+mod coordinates;
 mod metadata;
 mod n5;
 pub(crate) mod ome;
@@ -20,13 +22,17 @@ mod store;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
+use serde::Deserialize;
+use serde_json::Value;
 use supervol_files::folder_of;
 use supervol_format::Dims;
 use supervol_format::readable::Mib;
 use supervol_format::recent::Recent;
 
 use crate::cast::{self, index};
+use crate::formats::array_survey::survey_axes;
 use crate::formats::format::{Certainty, Folder, Format, Found};
+use crate::grid::absent::AbsentColumns;
 use crate::grid::chunked::{ChunkGrid, ChunkMemory, ChunkedSource, Chunks, widened};
 use crate::grid::dense::{GridLayout, checked_bytes};
 use crate::grid::elements::{Channels, Elements, Frames};
@@ -35,6 +41,7 @@ use crate::input::folder::FolderOptions;
 use crate::input::selection::{Choice, Selection};
 use crate::input::spool::SpoolFolder;
 use crate::input::text::shortened;
+use crate::input::values::Values;
 use crate::{Axis, Endian, Message, ReadOption, SourceError, SourceInfo};
 use archive::Member;
 use metadata::{Array, Index, Version2, Version3};
@@ -47,12 +54,14 @@ const ZARR_FILES: [&str; 3] = ["zarr.json", ".zarray", ".zgroup"];
 const N5_FILE: &str = "attributes.json";
 /// Largest number of entries that a message lists.
 const LISTED_LIMIT: usize = 20;
+/// Largest number of arrays of a group that are examined.
+const ARRAYS_LIMIT: usize = 256;
 /// Number of shard indices that are kept, and the largest number of chunks of one.
 const TABLES_KEPT: usize = 8;
 const TABLE_LIMIT: u64 = 1 << 18;
 
 /// Parts of a Zarr or N5 that may be chosen.
-const CHOICES: &[Choice] = &[Choice::Level, Choice::Series, Choice::Array];
+const CHOICES: &[Choice] = &[Choice::Level, Choice::Series, Choice::Array, Choice::Axes];
 
 /// Row of the table of formats, for folders. A file that describes a folder is refused with the folder's name.
 pub const FORMAT: Format = Format {
@@ -138,34 +147,59 @@ struct Chosen {
     /// Names of the channels, as far as the image states them.
     channels: Vec<String>,
     format: &'static str,
+    /// Attributes of the array.
+    attributes: Value,
 }
 
 /// Contents of a folder.
 enum Node {
-    Array(Array, Option<Vec<Option<String>>>),
-    Group(Attributes),
+    Array(PlainArray),
+    Group(Attributes, Value),
     N5(n5::Attributes),
+}
+
+/// An array without the metadata of an image.
+struct PlainArray {
+    array: Array,
+    /// Names of the axes.
+    names: Option<Vec<Option<String>>>,
+    attributes: Value,
 }
 
 /// Reads a folder's metadata.
 fn node(store: &Store, folder: &Path) -> Result<Option<Node>, SourceError> {
     let path = folder.join("zarr.json");
     if let Some(found) = store.metadata::<Version3>(&path)? {
+        let attributes = found.attributes.clone();
         if found.node_type != "array" {
-            return Ok(Some(Node::Group(found.attributes)));
+            return Ok(Some(Node::Group(parsed(&path, &attributes)?, attributes)));
         }
         let names = found.dimension_names.clone();
-        return Ok(Some(Node::Array(found.array(&path)?, names)));
+        return Ok(Some(Node::Array(PlainArray { array: found.array(&path)?, names, attributes })));
     }
-    let attributes = store.metadata::<Attributes>(&folder.join(".zattrs"))?;
+    let of_attributes = folder.join(".zattrs");
+    let attributes = store.metadata::<Value>(&of_attributes)?;
+    let is_described = attributes.is_some();
+    let mut attributes = attributes.unwrap_or_default();
+    let known: Attributes = parsed(&of_attributes, &attributes)?;
     let path = folder.join(".zarray");
     if let Some(found) = store.metadata::<Version2>(&path)? {
-        return Ok(Some(Node::Array(found.array(&path)?, attributes.and_then(|a| a.dimensions))));
+        attributes::add_fill_of_xarray(&mut attributes, &found.fill_value);
+        return Ok(Some(Node::Array(PlainArray { array: found.array(&path)?, names: known.dimensions, attributes })));
     }
-    if attributes.is_some() || store.has(&folder.join(".zgroup")) {
-        return Ok(Some(Node::Group(attributes.unwrap_or_default())));
+    if is_described || store.has(&folder.join(".zgroup")) {
+        return Ok(Some(Node::Group(known, attributes)));
     }
     Ok(store.metadata::<n5::Attributes>(&folder.join(N5_FILE))?.map(Node::N5))
+}
+
+/// The attributes that images and arrays have.
+fn parsed(path: &Path, attributes: &Value) -> Result<Attributes, SourceError> {
+    if attributes.is_null() {
+        return Ok(Attributes::default());
+    }
+    let found = Attributes::deserialize(attributes);
+    found.map_err(|e| SourceError::invalid(path, "metadata", "what Zarr or N5 has there", e.to_string()))
 }
 
 /// Finds the selected array.
@@ -180,12 +214,12 @@ fn find(store: &Store, folder: &Path, selection: &Selection, notes: &mut Vec<Mes
                 "neither `zarr.json`, `.zarray` nor `attributes.json`",
             ))
         }
-        Some(Node::Array(array, names)) => {
+        Some(Node::Array(array)) => {
             selection.level_of(folder, 1)?;
-            Ok(plain(folder.into(), array, names))
+            Ok(plain(folder.into(), array))
         }
-        Some(Node::Group(attributes)) => match attributes.images() {
-            [] => one_below(store, folder, &attributes, selection),
+        Some(Node::Group(attributes, of_group)) => match attributes.images() {
+            [] => one_below(store, folder, (&attributes, &of_group), (selection, notes)),
             [image, others @ ..] => {
                 if !others.is_empty() {
                     notes.push(format!("{} images in one group; the first is used", others.len() + 1).into());
@@ -199,26 +233,45 @@ fn find(store: &Store, folder: &Path, selection: &Selection, notes: &mut Vec<Mes
 }
 
 /// An array about which only the names of its axes may be known.
-fn plain(folder: PathBuf, array: Array, names: Option<Vec<Option<String>>>) -> Chosen {
+fn plain(folder: PathBuf, PlainArray { array, names, attributes }: PlainArray) -> Chosen {
     let rank = array.shape.shape.len();
     let names = names.filter(|names| names.len() == rank).unwrap_or_else(|| vec![None; rank]);
     let axes = names.into_iter().map(|name| ArrayAxis::named(&name.unwrap_or_default())).collect();
-    Chosen { folder, array, axes, channels: Vec::new(), format: "zarr" }
+    Chosen { folder, array, axes, channels: Vec::new(), format: "zarr", attributes }
 }
 
-/// The only array below a group without image metadata.
+/// The only array below a group without image metadata, or its only volume: arrays of coordinates are none.
 fn one_below(
     store: &Store,
     folder: &Path,
-    attributes: &Attributes,
-    selection: &Selection,
+    (attributes, of_group): (&Attributes, &Value),
+    (selection, notes): (&Selection, &mut Vec<Message>),
 ) -> Result<Chosen, SourceError> {
     let names = store.nodes(folder, &ZARR_FILES);
-    if let ([name], None) = (&names[..], attributes.collection())
-        && let Some(Node::Array(array, dimensions)) = node(store, &folder.join(name))?
-    {
-        selection.level_of(folder, 1)?;
-        return Ok(plain(folder.join(name), array, dimensions));
+    if attributes.collection().is_none() && names.len() <= ARRAYS_LIMIT {
+        let (mut arrays, mut volumes) = (Vec::new(), Vec::new());
+        for name in &names {
+            let Ok(Some(Node::Array(array))) = node(store, &folder.join(name)) else { continue };
+            let is_volume = array.array.shape.shape.iter().filter(|n| **n > 1).count() >= 3;
+            if is_volume { volumes.push((name, array)) } else { arrays.push((name, array)) }
+        }
+        let usual = of_group["attributes"]["defaultVariableName"].as_str();
+        let is_usual = |(name, _): &(&String, PlainArray)| Some(name.as_str()) == usual;
+        let found = match (volumes.len(), volumes.iter().position(is_usual)) {
+            (1, _) => volumes.pop(),
+            (0, _) if names.len() == 1 => arrays.pop(),
+            (_, Some(at)) => {
+                notes.push(
+                    format!("{} volumes; `{}` is read, as the file advises", volumes.len(), volumes[at].0).into(),
+                );
+                Some(volumes.swap_remove(at))
+            }
+            _ => None,
+        };
+        if let Some((name, array)) = found {
+            selection.level_of(folder, 1)?;
+            return Ok(plain(folder.join(name), array));
+        }
     }
     Err(several(store, folder, attributes.collection().unwrap_or("group of Zarr"), &names))
 }
@@ -251,11 +304,11 @@ fn image_level(
     };
     let below = folder.strip_prefix(&store.path).unwrap_or(folder).join(&dataset.path);
     let at = store.inside(&below.to_string_lossy())?;
-    let Some(Node::Array(array, _)) = node(store, &at)? else {
+    let Some(Node::Array(PlainArray { array, attributes, .. })) = node(store, &at)? else {
         return Err(SourceError::invalid(&at, "dataset of the image", "an array", "none"));
     };
     let axes = image.axes(dataset, array.shape.shape.len(), notes);
-    Ok(Chosen { folder: at, array, axes, channels: Vec::new(), format: "ome-zarr" })
+    Ok(Chosen { folder: at, array, axes, channels: Vec::new(), format: "ome-zarr", attributes })
 }
 
 /// The selected level of an image.
@@ -277,7 +330,8 @@ fn n5_level(
 ) -> Result<Chosen, SourceError> {
     let found = |folder: PathBuf, own: &n5::Attributes, group: &n5::Attributes| {
         let array = own.array(&folder.join(N5_FILE))?;
-        Ok(Chosen { array, axes: own.axes(group), folder, channels: Vec::new(), format: "n5" })
+        let axes = own.axes(group);
+        Ok(Chosen { array, axes, folder, channels: Vec::new(), format: "n5", attributes: Value::Null })
     };
     if attributes.is_array() {
         selection.level_of(folder, 1)?;
@@ -297,11 +351,21 @@ fn n5_level(
 
 fn source(
     store: &Store,
-    found: Chosen,
+    mut found: Chosen,
     options: &FolderOptions<'_>,
     mut notes: Vec<Message>,
 ) -> Result<ChunkedSource, SourceError> {
     let path = found.folder.clone();
+    let explanation = (options.values == Values::Explained && found.format != "n5")
+        .then(|| attributes::explanation(&found.attributes));
+    if let Some(explanation) = &explanation {
+        found.array.number = explanation.number(found.array.number);
+    }
+    let along = match found.format {
+        "zarr" => coordinates::place_axes(store, &mut found, options, &mut notes),
+        _ => Vec::new(),
+    };
+    placement::rename(&path, &mut found.axes, options.selection)?;
     let placement = {
         let shown = (&found.array.shape.shape[..], &found.axes[..], &found.channels[..]);
         place(&path, shown, options.selection, &mut notes)?
@@ -351,8 +415,15 @@ fn source(
     let grid = ChunkGrid::new(layout, shape, placement, Box::new(chunks), memory);
     let elements = Elements::of(&path, &grid, number, (Channels::ONE, Frames::ONE), &mut notes)?;
     info.voxel_type = elements.voxel_type;
+    let absent = explanation.and_then(|explanation| explanation.apply(number, &mut info, &mut notes));
+    let survey =
+        survey_axes(&axes).map(|xyz| (xyz, coordinates::survey(store, &path, (xyz, &along), (&info, options))));
+    let order = survey.map(|(xyz, parts)| {
+        let mirrored = parts.describe(&mut info, xyz.map(|axis| &axes[axis]), &mut notes);
+        (mirrored, AbsentColumns::of(parts.live, &info, &mut notes))
+    });
     info.notes = notes;
-    Ok(ChunkedSource::new(info, grid, elements))
+    Ok(ChunkedSource::new(info, grid, elements).with_absent(absent).with_order(order))
 }
 
 /// Offset and length in bytes of each chunk of a shard.

@@ -201,14 +201,14 @@ pub(crate) fn unit_of(text: &str) -> String {
         "picometer" => "pm",
         "nanometer" => "nm",
         "micrometer" | "micron" | "µm" | "μm" => "um",
-        "millimeter" => "mm",
-        "centimeter" => "cm",
-        "meter" => "m",
-        "kilometer" => "km",
+        "millimeter" | "millimeters" => "mm",
+        "centimeter" | "centimeters" => "cm",
+        "meter" | "meters" | "metre" | "metres" => "m",
+        "kilometer" | "kilometers" => "km",
         "inch" => "in",
-        "foot" => "ft",
-        "second" => "s",
-        "millisecond" => "ms",
+        "foot" | "feet" => "ft",
+        "second" | "seconds" => "s",
+        "millisecond" | "milliseconds" => "ms",
         "microsecond" => "us",
         "pixel" | "pixels" => "",
         other => other,
@@ -216,12 +216,16 @@ pub(crate) fn unit_of(text: &str) -> String {
     .into()
 }
 
-/// Geometry of three axes, each along one world axis. Spacings must be positive; the check of the geometry refuses
-/// others.
+/// Geometry of three axes, each along one world axis. A negative spacing turns the axis round. Others than 0 are
+/// required; the check of the geometry refuses 0.
 pub(crate) fn geometry_of(axes: [Option<&ArrayAxis>; 3]) -> Geometry {
     let spacing = axes.map(|axis| axis.map_or(1.0, |axis| axis.spacing));
     let origin = axes.map(|axis| axis.map_or(0.0, |axis| axis.origin));
-    Geometry { spacing, origin, ..Geometry::IDENTITY }
+    let mut direction = Geometry::IDENTITY.direction;
+    for (axis, spacing) in spacing.iter().enumerate().filter(|(_, spacing)| **spacing < 0.0) {
+        direction[4 * axis] = spacing.signum();
+    }
+    Geometry { spacing: spacing.map(f64::abs), origin, direction }
 }
 
 #[cfg(test)]

@@ -144,7 +144,10 @@ impl Store {
     /// Metadata of this kind; `None` if the file does not exist.
     pub(super) fn metadata<T: DeserializeOwned>(&self, path: &Path) -> Result<Option<T>, SourceError> {
         let Some(text) = self.read(path, METADATA_LIMIT_BYTES)? else { return Ok(None) };
-        let found = serde_json::from_slice(&text);
+        let found = serde_json::from_slice(&text).or_else(|e| {
+            // Python writes NaN and infinities as words, which are no JSON.
+            serde_json::from_slice(&without_words(&text)).map_err(|_| e)
+        });
         found.map(Some).map_err(|e| SourceError::invalid(path, "metadata", "what Zarr or N5 has there", e.to_string()))
     }
 
@@ -181,6 +184,28 @@ impl Store {
         let is_node = |name: &String| metadata.iter().any(|file| self.has(&folder.join(name).join(file)));
         self.folders(folder).into_iter().filter(is_node).collect()
     }
+}
+
+/// Python's JSON with its words for NaN and infinities as strings.
+fn without_words(text: &[u8]) -> Vec<u8> {
+    let mut out = Vec::with_capacity(text.len());
+    let (mut rest, mut is_string) = (text, false);
+    while let Some((&byte, behind)) = rest.split_first() {
+        let word = [&b"NaN"[..], b"-Infinity", b"Infinity"].into_iter().find(|word| rest.starts_with(word));
+        if let Some(word) = word.filter(|_| !is_string) {
+            out.extend([b"\"", word, b"\""].concat());
+            rest = &rest[word.len()..];
+            continue;
+        }
+        out.push(byte);
+        rest = behind;
+        if is_string && byte == b'\\' {
+            out.extend(rest.split_off_first());
+        } else if byte == b'"' {
+            is_string = !is_string;
+        }
+    }
+    out
 }
 
 /// Adds the files of a folder; false if there are too many.

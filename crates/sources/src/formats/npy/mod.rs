@@ -6,18 +6,22 @@
 //! read in place; bytes behind them are noted.
 //! Written by hand: the crate `ndarray-npy` reads whole arrays into memory.
 
+mod axes;
+
 use std::fs::File;
 use std::path::Path;
 
 use supervol_format::{ByteSource, VoxelBox, VoxelType};
 
+use self::axes::Arranged;
+use super::array_survey::SurveyParts;
 use crate::cast::index;
 use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::grid::dense::shape::{FastestAxis, SplitAxes, split_axes};
 use crate::grid::dense::{GridFile, GridLayout, GridSource, checked_bytes};
 use crate::grid::elements::{Channels, Elements, Frames, Meaning, Number};
 use crate::input::file::SourceFile;
-use crate::input::selection::Selection;
+use crate::input::selection::{Choice, Selection};
 use crate::{Endian, Message, ReadOption, SourceError, SourceInfo, VolumeSource};
 
 /// Longest header that is read, in bytes. NumPy itself warns beyond 10,000.
@@ -36,7 +40,7 @@ pub const FORMAT: Format = Format {
     name: "npy",
     title: "npy",
     endings: ENDINGS,
-    choices: &[],
+    choices: &[Choice::Axes],
     sniff: |start, _| start.begins_with(b"\x93NUM") || start.is_named(ENDINGS),
     certainty: Certainty::Certain,
     folder: Folder::Never,
@@ -92,12 +96,15 @@ impl NpySource {
             SourceError::invalid(path, "npy header", wrong, found)
         })?;
         let (number, endian) = element_type(path, &header.descr)?;
-        let SplitAxes { channels, frames, chosen } = split_axes_of(path, &header, selection)?;
-        let mut notes = chosen.notes;
-        let channels = Channels::choose(path, channels, Meaning::Components, selection, &mut notes)?;
-        let frames = Frames { count: frames, wanted: selection.frame_of(path, frames)? };
-        let fastest_first = if header.fortran_order { [2, 1, 0] } else { GridLayout::X_FASTEST };
-        let plain = GridLayout { dims: chosen.dims, voxel_type: number.stored(), endian, fastest_first };
+        let mut notes = Vec::new();
+        let (arranged, frames) = match selection.axes.is_empty() {
+            true => Self::as_stored(path, &header, selection, &mut notes)?,
+            false => (axes::arrange(path, &header, selection, &mut notes)?, Frames::ONE),
+        };
+        let Arranged { dims, fastest_first, channels, skipped, survey } = arranged;
+        let offset = skipped.checked_mul(number.stored().bytes() as u64).and_then(|bytes| offset.checked_add(bytes));
+        let offset = offset.unwrap_or(u64::MAX);
+        let plain = GridLayout { dims, voxel_type: number.stored(), endian, fastest_first };
         let layout = Elements::widened(channels, frames, plain);
         let bytes = checked_bytes(path, layout.dims, layout.voxel_type)?;
         let end = offset.checked_add(bytes).filter(|end| *end - start <= length);
@@ -109,20 +116,40 @@ impl NpySource {
         let grid = GridFile::single(path, file, offset, layout)?;
         let elements = Elements::of(path, &grid, number, (channels, frames), &mut notes)?;
 
-        let mut info = SourceInfo::plain(format, chosen.dims, elements.voxel_type);
+        let mut info = SourceInfo::plain(format, dims, elements.voxel_type);
         info.files = vec![source_file];
+        if let Some(axes) = survey {
+            SurveyParts::default().describe(&mut info, axes.each_ref(), &mut notes);
+        }
         info.notes = notes;
-        if header.fortran_order {
+        if header.fortran_order && selection.axes.is_empty() {
             info.notes.push("Fortran order: z runs fastest in the file".into());
         }
         if header.descr.ends_with("b1") {
             info.notes.push("truth values are read as 0 and 1".into());
         }
         let excess = start + length - end;
-        if excess > 0 {
+        if excess > 0 && selection.axes.is_empty() {
             info.notes.push(format!("the file goes on after the array; bytes not read: {excess}").into());
         }
         Ok(Self(GridSource::with_elements(info, grid, elements)))
+    }
+}
+
+impl NpySource {
+    /// The volume whose axes are those of the array, slowest first.
+    fn as_stored(
+        path: &Path,
+        header: &NpyHeader,
+        selection: &Selection,
+        notes: &mut Vec<Message>,
+    ) -> Result<(Arranged, Frames), SourceError> {
+        let SplitAxes { channels, frames, mut chosen } = split_axes_of(path, header, selection)?;
+        notes.append(&mut chosen.notes);
+        let channels = Channels::choose(path, channels, Meaning::Components, selection, notes)?;
+        let frames = Frames { count: frames, wanted: selection.frame_of(path, frames)? };
+        let fastest_first = if header.fortran_order { [2, 1, 0] } else { GridLayout::X_FASTEST };
+        Ok((Arranged { dims: chosen.dims, fastest_first, channels, skipped: 0, survey: None }, frames))
     }
 }
 
