@@ -54,6 +54,10 @@ pub enum ReadOption {
     Values,
     /// Names of the axes of an array.
     Axes,
+    /// SEG-Y traces to leave out.
+    SkipTraces,
+    /// Rule for several SEG-Y traces at one place.
+    Duplicates,
 }
 
 impl ReadOption {
@@ -85,6 +89,8 @@ impl ReadOption {
             Self::Nodata => "nodata",
             Self::Values => "values",
             Self::Axes => "axes",
+            Self::SkipTraces => "skip_traces",
+            Self::Duplicates => "duplicates",
         }
     }
 }

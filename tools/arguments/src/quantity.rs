@@ -40,6 +40,19 @@ pub fn offset(text: &str) -> Result<Offset, String> {
     Ok(Offset::Given(text.into()))
 }
 
+/// A trace number, or a range of them: `81`, `1-12`.
+///
+/// # Errors
+/// If the text is neither, or numbers are not from 1 on.
+pub fn traces(text: &str) -> Result<[u64; 2], String> {
+    let (first, last) = text.split_once('-').unwrap_or((text, text));
+    let number = |text: &str| text.trim().parse::<u64>().ok().filter(|number| *number > 0);
+    match (number(first), number(last)) {
+        (Some(first), Some(last)) if first <= last => Ok([first, last]),
+        _ => Err("expected a trace number from 1 on, or a range such as 1-12".into()),
+    }
+}
+
 impl Offset {
     /// Bytes before the voxels.
     ///

@@ -12,7 +12,7 @@ use supervol_preprocess::BuildError;
 use supervol_preprocess::kept::Reading;
 use supervol_sources::formats::nrrd::Outside;
 use supervol_sources::formats::raw::RawOptions;
-use supervol_sources::formats::segy::{Offsets, SegyOptions};
+use supervol_sources::formats::segy::{Duplicates, Offsets, SegyOptions};
 use supervol_sources::grid::named::NamedSource;
 use supervol_sources::grid::placed::{Domain, Placing};
 use supervol_sources::input::selection::Selection;
@@ -185,6 +185,26 @@ struct SegyArguments {
     /// First byte of the source-receiver offset in the trace header, starting at 1; for --offset N or --offset stack
     #[arg(long, default_value_t = 37)]
     offset_byte: u16,
+    /// Traces to leave out, by their numbers in the file from 1 on, for example 81 or 1-12,500
+    ///
+    /// For padding traces, and traces with wrong line numbers. Error messages name such traces.
+    #[arg(long, value_name = "N|N-M,...", value_delimiter = ',', value_parser = quantity::traces)]
+    skip_trace: Vec<[u64; 2]>,
+    /// Trace to read where several have the same line numbers [default: refuse]
+    #[arg(long, value_enum)]
+    on_duplicate: Option<OnDuplicate>,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum OnDuplicate {
+    /// The first in the file
+    First,
+    /// The last in the file
+    Last,
+    /// The mean of all of them
+    Mean,
+    /// None: the file is refused
+    Refuse,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -241,6 +261,13 @@ impl SourceArguments {
                 Offsets::Single
             } else {
                 self.raw.offset.as_ref().map_or(Offsets::Single, Offset::traces)
+            },
+            skip_traces: self.segy.skip_trace.clone(),
+            duplicates: match self.segy.on_duplicate {
+                None | Some(OnDuplicate::Refuse) => Duplicates::Refuse,
+                Some(OnDuplicate::First) => Duplicates::First,
+                Some(OnDuplicate::Last) => Duplicates::Last,
+                Some(OnDuplicate::Mean) => Duplicates::Mean,
             },
             memory_bytes,
             endian: self.segy.endian.map(|e| match e {
@@ -309,6 +336,8 @@ pub fn flag(option: ReadOption) -> &'static str {
         ReadOption::Nodata => "--nodata",
         ReadOption::Values => "--stored-values",
         ReadOption::Axes => "--axes",
+        ReadOption::SkipTraces => "--skip-trace",
+        ReadOption::Duplicates => "--on-duplicate",
     }
 }
 
@@ -334,7 +363,7 @@ mod tests {
         source: SourceArguments,
     }
 
-    const OPTIONS: [ReadOption; 23] = [
+    const OPTIONS: [ReadOption; 25] = [
         ReadOption::Dims,
         ReadOption::VoxelType,
         ReadOption::HeaderBytes,
@@ -358,6 +387,8 @@ mod tests {
         ReadOption::Nodata,
         ReadOption::Values,
         ReadOption::Axes,
+        ReadOption::SkipTraces,
+        ReadOption::Duplicates,
     ];
 
     /// Commands define `--memory` themselves.

@@ -8,7 +8,7 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use half::f16;
 
-use super::zarr::ome::{ArrayAxis, unit_of};
+use super::zarr::ome::{ArrayAxis, Role, unit_of};
 use crate::cast::index;
 use crate::grid::absent::{ALL_VALID, AbsentNumbers};
 use crate::grid::elements::Number;
@@ -214,6 +214,22 @@ impl Coordinates {
             axis.origin = if only.is_finite() { only } else { 0.0 };
         }
     }
+}
+
+/// Notes that the units of axes differ.
+pub(crate) fn note_units(axes: &[ArrayAxis], notes: &mut Vec<Message>) {
+    let mut units: Vec<&str> =
+        axes.iter().filter(|axis| axis.role == Role::Space && !axis.unit.is_empty()).map(|a| a.unit.as_str()).collect();
+    units.dedup();
+    if units.iter().any(|unit| *unit != units[0] && !(is_angle(unit) && is_angle(units[0]))) {
+        let what = format!("the axes have different units ({}): lengths do not compare; ", units.join(", "));
+        notes.push(Message::from(what).option(ReadOption::Spacing).text(" sets them"));
+    }
+}
+
+/// Whether a unit is a degree of latitude or longitude.
+fn is_angle(unit: &str) -> bool {
+    unit.starts_with("deg")
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 //! If somebody writes to a file during reading, the voxels belong to neither version, and no checksum of the file
 //! describes them.
 
+use std::collections::HashSet;
 use std::fs::Metadata;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
@@ -47,6 +48,18 @@ impl SourceFile {
         supervol_format::byte_source::check_is_file(path).map_err(|e| SourceError::io(path, e))?;
         let metadata = std::fs::metadata(path).map_err(|e| SourceError::io(path, e))?;
         Ok(Self { path: path.into(), stamp: Stamp::of(&metadata), looked_at: SystemTime::now() })
+    }
+
+    /// The files without repetitions: a header's file may hold the voxels, too.
+    pub(crate) fn distinct(files: Vec<Self>) -> Vec<Self> {
+        let mut distinct: Vec<Self> = Vec::with_capacity(files.len());
+        let mut known = HashSet::new();
+        for file in files {
+            if known.insert(file.path.clone()) {
+                distinct.push(file);
+            }
+        }
+        distinct
     }
 
     /// Whether the file was old enough when examined that every later change shows in its times

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use supervol_format::voxel_type::voxels_as_f64;
 use supervol_format::{Dims, VoxelType};
+use supervol_sources::formats::segy::Duplicates;
 use supervol_sources::input::values::Values;
 use supervol_sources::open::{OpenOptions, open};
 use supervol_sources::{SourceError, VolumeSource};
@@ -185,4 +186,120 @@ fn values_that_the_user_calls_absent() {
     assert_eq!((found[4 * 14 + 5], found[4 * 14 + 6].is_some(), found[0]), (None, true, None));
     let axes = |o: &mut OpenOptions| o.selection.axes = vec!["x".into()];
     assert_refused(opened(&data_file("cases/neg.mha").unwrap(), axes).map(|_| ()), &["`axes`", "NumPy"]);
+}
+
+#[test]
+fn traces_that_are_left_out_and_traces_at_one_place() {
+    let Some(folder) = data_file("cases") else { return };
+    let (padded, double) = (folder.join("one_zero.sgy"), folder.join("dup_same.sgy"));
+    assert_refused(opened(&padded, |_| ()).map(|_| ()), &["trace 81", "`skip_traces` 81"]);
+    let source = opened(&padded, |o| o.segy.skip_traces = vec![[81, 81]]).unwrap();
+    assert_eq!(source.info().dims, Dims([10, 8, 12]));
+    assert!(notes(source.as_ref()).contains("1 traces were left out by hand"), "{}", notes(source.as_ref()));
+    assert_refused(opened(&padded, |o| o.segy.skip_traces = vec![[3, 2]]).map(|_| ()), &["`skip_traces` 3-2"]);
+    // Trace 43 repeats trace 18.
+    assert_refused(opened(&double, |_| ()).map(|_| ()), &["traces 18 and 43", "`duplicates`", "`skip_traces` 43"]);
+    let skipped = opened(&double, |o| o.segy.skip_traces = vec![[43, 43]]).unwrap();
+    let expected = read_all(skipped.as_ref()).unwrap();
+    for duplicates in [Duplicates::First, Duplicates::Last, Duplicates::Mean] {
+        let source = opened(&double, |o| o.segy.duplicates = duplicates).unwrap();
+        assert_eq!(source.info().dims, Dims([7, 6, 40]), "{duplicates:?}");
+        check_boxes(source.as_ref(), &expected, 3);
+        let said = source.info().reading.iter().find(|(name, _)| *name == "on_duplicate");
+        assert_eq!(said.map(|(_, said)| said.as_str()), Some(duplicates.name()));
+    }
+    // The repeated trace is 100 more: the choice decides.
+    let mut bytes = std::fs::read(&double).unwrap();
+    let at = bytes.len() - 160;
+    for sample in bytes[at..].as_chunks_mut::<4>().0 {
+        *sample = (f32::from_be_bytes(*sample) + 100.0).to_be_bytes();
+    }
+    let changed = tempfile::tempdir().unwrap();
+    let path = changed.path().join("a.sgy");
+    std::fs::write(&path, bytes).unwrap();
+    let first = value_at(skipped.as_ref(), [3, 2, 20]);
+    for (duplicates, more) in [(Duplicates::First, 0.0), (Duplicates::Last, 100.0), (Duplicates::Mean, 50.0)] {
+        let source = opened(&path, |o| o.segy.duplicates = duplicates).unwrap();
+        let found = value_at(source.as_ref(), [3, 2, 20]);
+        assert!((found - first - more).abs() < 1e-3, "{duplicates:?}: {found} is not {first} + {more}");
+        assert_eq!(value_at(source.as_ref(), [4, 2, 20]), value_at(skipped.as_ref(), [4, 2, 20]), "{duplicates:?}");
+    }
+}
+
+#[test]
+fn ibm_floats_that_are_declared_as_ieee() {
+    let Some(path) = data_file("cases/ibm_says_ieee.sgy") else { return };
+    assert_refused(opened(&path, |_| ()).map(|_| ()), &["the samples are IBM floats", "`format` 1"]);
+    let source = opened(&path, |o| o.segy.format = Some(1)).unwrap();
+    assert!((value_at(source.as_ref(), [1, 0, 0]) - 99.83).abs() < 0.01);
+}
+
+/// Segmentations leave out slices in which nothing is marked.
+#[test]
+fn segmentations_of_dicom() {
+    if let Some(path) = data_file("cases/two_sparse.dcm") {
+        assert_refused(opened(&path, |_| ()).map(|_| ()), &["a segmentation of single bits"]);
+    }
+    let frame = |z: f64, segment: Option<u16>| {
+        let place = Dicom::default().with(0x0020_0032, "DS", format!("0\\0\\{z}"));
+        let frame = Dicom::default().sequence(0x0020_9113, &[place], true);
+        segment.map_or(frame.clone(), |segment| {
+            frame.sequence(0x0062_000a, &[Dicom::default().word(0x0062_000b, segment)], true)
+        })
+    };
+    let segment = |number: u16, label: &str| Dicom::default().word(0x0062_0004, number).with(0x0062_0005, "LO", label);
+    let measures = Dicom::default().with(0x0018_0088, "DS", "2").with(0x0028_0030, "DS", "1\\1");
+    let shared = Dicom::default()
+        .sequence(0x0020_9116, &[Dicom::default().with(0x0020_0037, "DS", "1\\0\\0\\0\\1\\0")], true)
+        .sequence(0x0028_9110, &[measures], true);
+    let file = |frames: &[Dicom]| {
+        let pixels: Vec<u8> = (1..=frames.len()).flat_map(|number| vec![number as u8; 6]).collect();
+        Dicom::default()
+            .with(0x0008_0060, "CS", "SEG")
+            .with(0x0020_000e, "UI", "1.2.3")
+            .word(0x0028_0002, 1)
+            .with(0x0028_0004, "CS", "MONOCHROME2")
+            .with(0x0028_0008, "IS", frames.len().to_string())
+            .word(0x0028_0010, 2)
+            .word(0x0028_0011, 3)
+            .word(0x0028_0100, 8)
+            .word(0x0028_0101, 8)
+            .word(0x0028_0102, 7)
+            .word(0x0028_0103, 0)
+            .sequence(0x0062_0002, &[segment(1, "liver"), segment(2, "spleen")], true)
+            .sequence(0x5200_9229, std::slice::from_ref(&shared), true)
+            .sequence(0x5200_9230, frames, true)
+            .with(0x7fe0_0010, "OB", pixels)
+            .file(EXPLICIT)
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.dcm");
+    let slices = |path: &Path, channel: Option<u64>| {
+        let source = opened(path, |o| o.selection.channel = channel).unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!(source.info().geometry.spacing, [1.0, 1.0, 2.0]);
+        let found = read_all(source.as_ref()).unwrap();
+        (found.chunks(6).map(|slice| slice[0]).collect::<Vec<_>>(), notes(source.as_ref()))
+    };
+    // A label map without the slices at 4 mm and 8 mm.
+    std::fs::write(&path, file(&[0.0, 2.0, 6.0, 10.0].map(|z| frame(z, None)))).unwrap();
+    let (found, said) = slices(&path, None);
+    assert_eq!(found, [1, 2, 0, 3, 0, 4]);
+    assert!(said.contains("2 slices of the segmentation"), "{said}");
+    // Two segments, each in some slices.
+    let frames = [frame(0.0, Some(1)), frame(6.0, Some(1)), frame(2.0, Some(2)), frame(4.0, Some(2))];
+    std::fs::write(&path, file(&frames)).unwrap();
+    let (found, said) = slices(&path, None);
+    assert_eq!(found, [1, 0, 0, 2]);
+    assert!(said.contains("2 channels (liver, spleen)"), "{said}");
+    assert_eq!(slices(&path, Some(1)).0, [3, 4]);
+}
+
+/// A file that holds header and voxels counts once.
+#[test]
+fn files_count_once() {
+    let Some(path) = data_file("cases/slope0.nii") else { return };
+    let sizes: Vec<u64> = opened(&path, |_| ()).unwrap().info().files.iter().map(|file| file.bytes()).collect();
+    assert_eq!(sizes, [772]);
+    let Some(path) = data_file("nrrd/odd/small.nrrd") else { return };
+    assert_eq!(opened(&path, |_| ()).unwrap().info().files.len(), 1);
 }

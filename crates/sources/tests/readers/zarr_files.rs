@@ -254,6 +254,30 @@ fn what_is_wrong_or_not_read_is_said() {
     assert!(largest_allocation::largest_bytes() < 64 << 20);
 }
 
+/// Filters that round numbers change nothing when they are read. Attributes by Python may hold words that are no JSON.
+#[test]
+fn rounding_filters_and_attributes_of_python() {
+    for (filter, is_read) in [
+        (serde_json::json!({"id": "bitround", "keepbits": 8}), true),
+        (serde_json::json!({"id": "quantize", "digits": 2, "dtype": "<f4", "astype": "<f4"}), true),
+        (serde_json::json!({"id": "quantize", "digits": 2, "dtype": "<f4", "astype": "<i2"}), false),
+    ] {
+        let folder = array_with(|metadata| metadata["filters"] = serde_json::json!([filter]));
+        assert_eq!(open(folder.path(), &OpenOptions::default()).is_ok(), is_read, "{filter}");
+    }
+    let folder = array_with(|metadata| metadata["fill_value"] = 7.into());
+    let attributes = r#"{"_ARRAY_DIMENSIONS": ["z", "y", "x"], "title": "NaN \" NaN", "missing_value": NaN,
+                         "valid_range": [-Infinity, 100], "units": "m"}"#;
+    std::fs::write(folder.path().join(".zattrs"), attributes).unwrap();
+    let voxels: Vec<u8> = (0..=255).chain(0..=255).collect();
+    std::fs::write(folder.path().join("0.0.0"), &voxels).unwrap();
+    let source = open(folder.path(), &OpenOptions::default()).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!((source.info().nodata, source.info().unit.as_str()), (Some(7.0), "m"));
+    // 7 is the fill value, and replaces all that is not valid.
+    let expected: Vec<u8> = voxels.iter().map(|voxel| if *voxel > 100 { 7 } else { *voxel }).collect();
+    check_boxes(source.as_ref(), &expected, 5);
+}
+
 /// A stream that inflates to far more than its chunk is not inflated further.
 #[test]
 fn chunks_are_inflated_to_their_size_and_no_further() {

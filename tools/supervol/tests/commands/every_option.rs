@@ -238,6 +238,30 @@ fn one_channel_or_one_level_of_what_a_file_holds() {
     assert_eq!((&coarse["dims"], &coarse["value_range"][0]), (&serde_json::json!([4, 4, 4]), &98.0.into()));
 }
 
+/// Traces that are left out, and several at one place.
+#[test]
+fn traces_out_of_place() {
+    let folder = Folder::new();
+    Segy::default().write(&folder.path("a.sgy"));
+    let plain = folder.built("a.sgy", &[]);
+    // The file once more behind itself: each place has two traces.
+    let bytes = std::fs::read(folder.path("a.sgy")).expect("it was written");
+    std::fs::write(folder.path("b.sgy"), [&bytes[..], &bytes[3600..]].concat()).expect("room");
+    folder.refused("b.sgy", &[], &["--on-duplicate first, last or mean", "--skip-trace"]);
+    for which in ["first", "last", "mean"] {
+        let found = folder.built("b.sgy", &["--on-duplicate", which]);
+        assert_eq!((&found["dims"], &found["value_range"]), (&plain["dims"], &plain["value_range"]), "{which}");
+        assert_eq!(found["parameters"]["reader_on_duplicate"], which);
+    }
+    folder.refused("b.sgy", &["--on-duplicate", "refuse"], &["--on-duplicate"]);
+    let traces = (bytes.len() - 3600) / (240 + 4 * 8);
+    let copies = format!("{}-{}", traces + 1, 2 * traces);
+    let found = folder.built("b.sgy", &["--skip-trace", &copies]);
+    assert_eq!((&found["dims"], &found["value_range"]), (&plain["dims"], &plain["value_range"]));
+    assert_eq!(found["parameters"]["reader_skip_trace"], copies);
+    folder.expect(2, &["build", "b.sgy", "--skip-trace", "0", "-o", "v.svol"]);
+}
+
 /// A file that does not say all about itself, and the options that do.
 fn files_that_need_options(folder: &Folder) -> Vec<(&'static str, Vec<&'static str>)> {
     let words = |text: &'static str| text.split(' ').collect::<Vec<_>>();

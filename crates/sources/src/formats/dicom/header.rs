@@ -23,13 +23,16 @@ const INFLATED_LIMIT_BYTES: u64 = 4 << 30;
 const SHARED: u32 = 0x5200_9229;
 const PER_FRAME: u32 = 0x5200_9230;
 /// Nested sequences with requested elements: position, orientation, spacing, values, number of a frame.
-const MACROS: [u32; 6] = [0x0020_9113, 0x0020_9116, 0x0028_9110, 0x0028_9145, 0x0020_9111, REAL_WORLD];
+const MACROS: [u32; 7] = [0x0020_9113, 0x0020_9116, 0x0028_9110, 0x0028_9145, 0x0020_9111, REAL_WORLD, 0x0062_000a];
 /// Real-world value mappings, and the codes of their units.
 const REAL_WORLD: u32 = 0x0040_9096;
 const UNIT_CODES: u32 = 0x0040_08ea;
 
+/// Descriptions of the segments of a segmentation.
+const SEGMENTS: u32 = 0x0062_0002;
+
 /// Elements that are read, with their value representations for files that do not state them.
-const WANTED: [(u32, &[u8; 2]); 46] = [
+const WANTED: [(u32, &[u8; 2]); 51] = [
     (0x0002_0010, b"UI"),
     (0x0008_0060, b"CS"),
     (0x0008_0100, b"SH"),
@@ -76,6 +79,11 @@ const WANTED: [(u32, &[u8; 2]); 46] = [
     (MACROS[3], b"SQ"),
     (MACROS[4], b"SQ"),
     (MACROS[5], b"SQ"),
+    (MACROS[6], b"SQ"),
+    (SEGMENTS, b"SQ"),
+    (0x0062_0004, b"US"),
+    (0x0062_0005, b"LO"),
+    (0x0062_000b, b"US"),
 ];
 
 /// Placement of a frame, meaning of its numbers, and its order among frames at the same place; each `None` if unstated.
@@ -96,6 +104,8 @@ pub(super) struct Place {
     /// Slope and intercept of the first real-world value mapping, as far as stated.
     real_slope: Option<f64>,
     real_intercept: Option<f64>,
+    /// Number of the segment that a frame of a segmentation shows.
+    pub(super) segment: Option<f64>,
     /// Time point, echo, trigger time, acquisition.
     pub(super) times: [Option<f64>; 4],
 }
@@ -113,6 +123,7 @@ impl Place {
             intercept: self.intercept.or(other.intercept),
             real_slope: self.real_slope.or(other.real_slope),
             real_intercept: self.real_intercept.or(other.real_intercept),
+            segment: self.segment.or(other.segment),
             times: std::array::from_fn(|i| self.times[i].or(other.times[i])),
         }
     }
@@ -138,6 +149,7 @@ impl Place {
             // The first of several mappings counts.
             0x0040_9224 => self.real_intercept = self.real_intercept.or(first),
             0x0040_9225 => self.real_slope = self.real_slope.or(first),
+            0x0062_000b => self.segment = first,
             0x0020_0100 | 0x0020_9128 => self.times[0] = first,
             0x0018_0086 => self.times[1] = first,
             0x0018_1060 => self.times[2] = first,
@@ -183,6 +195,8 @@ pub(super) struct Header {
     pub(super) real_unit: String,
     pub(super) real_mappings: u64,
     pub(super) frame_count: u64,
+    /// Numbers and labels of the segments of a segmentation.
+    pub(super) segments: Vec<(f64, String)>,
     place: Place,
     shared: Place,
     frames: Vec<Place>,
@@ -207,6 +221,7 @@ impl Header {
             real_unit: String::new(),
             real_mappings: 0,
             frame_count: 1,
+            segments: Vec::new(),
             place: Place::default(),
             shared: Place::default(),
             frames: Vec::new(),
@@ -318,7 +333,7 @@ impl Visitor for Header {
             [] => true,
             [SHARED | PER_FRAME] => MACROS.contains(&tag),
             [SHARED | PER_FRAME, inside] => MACROS.contains(inside),
-            [REAL_WORLD] | [REAL_WORLD, UNIT_CODES] => true,
+            [REAL_WORLD] | [REAL_WORLD, UNIT_CODES] | [SEGMENTS] => true,
             [SHARED | PER_FRAME, REAL_WORLD, UNIT_CODES] => true,
             _ => false,
         };
@@ -343,6 +358,7 @@ impl Visitor for Header {
                 self.place.take(element.tag, &numbers);
                 self.take(element.tag, &bytes, &numbers);
             }
+            [SEGMENTS] => self.take_segment(element.tag, &bytes, &numbers(kind, endian, &bytes)),
             // The first of several mappings counts.
             [.., REAL_WORLD, UNIT_CODES] if element.tag == 0x0008_0100 && self.real_unit.is_empty() => {
                 self.real_unit = text(&bytes);
@@ -386,6 +402,21 @@ impl Header {
             0x0028_0120 => self.take_padding(first),
             0x0028_1054 | 0x0054_1001 | 0x3004_0002 => self.unit = text(bytes),
             0x3004_000c => self.offsets = numbers.to_vec(),
+            _ => {}
+        }
+    }
+
+    /// Takes the number or the label of a segment; numbers precede labels.
+    fn take_segment(&mut self, tag: u32, bytes: &[u8], numbers: &[f64]) {
+        match (tag, numbers.first()) {
+            (0x0062_0004, Some(number)) if (self.segments.len() as u64) < FRAMES_LIMIT => {
+                self.segments.push((*number, String::new()));
+            }
+            (0x0062_0005, _) => {
+                if let Some((_, label)) = self.segments.last_mut() {
+                    *label = text(bytes);
+                }
+            }
             _ => {}
         }
     }

@@ -24,7 +24,7 @@ use supervol_format::space::WorldSpace;
 use supervol_format::voxel_type::voxels_as_f64;
 use supervol_format::{Dims, VoxelBox, VoxelType};
 
-use crate::cast::single;
+use crate::cast::{index, single};
 use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::grid::dense::{GridFile, GridLayout, GridSource, Part, checked_bytes};
 use crate::grid::elements;
@@ -32,14 +32,14 @@ use crate::grid::elements::{Channels, Elements, Meaning, Numbers};
 use crate::input::data_files::open_data;
 use crate::input::file::SourceFile;
 use crate::input::folder::{FolderDepth, FolderOptions, Listing};
-use crate::input::selection::Choice;
+use crate::input::selection::{Choice, Selection};
 use crate::input::spool::Spool;
 use crate::input::values::{Values, line};
 use crate::{Axis, Message, ReadOption, SourceError, SourceInfo, VolumeSource};
 use data_set::{DOUBLE_PIXEL_DATA, FLOAT_PIXEL_DATA, PixelsAt};
 use frames::Frames;
 use header::{FRAMES_LIMIT, Header, Image};
-use series::{Member, Slice};
+use series::{Member, SEGMENTATION, Slice};
 use syntax::Compression;
 
 /// Copies of a frame in memory while it is decoded: encoded, decoded, as floats, as written.
@@ -95,6 +95,9 @@ impl DicomSource {
             let found = frames.to_string();
             return Err(SourceError::invalid(path, "frames of all files", format!("at most {FRAMES_LIMIT}"), found));
         }
+        // The reason why pixels cannot be read precedes defects of the stack.
+        let pixels = members[0].header.pixels.map_or(0, |pixels| pixels.tag);
+        voxel_type(&members[0].path, &members[0].header.image, pixels)?;
         let slices = series::slices(path, &members, options.selection, &mut notes)?;
         let geometry = series::geometry(path, &slices, &mut notes)?;
 
@@ -292,7 +295,11 @@ impl<'a> Volume<'a> {
         let stored = voxel_type(&members[0].path, image, pixels[0].tag)?;
         let is_raw = members[0].header.syntax.compression == Compression::None;
         let numbers = numbers(&members[0].path, image, pixels[0].tag, is_raw)?;
-        let mut channels = Channels::choose(path, image.samples.into(), Meaning::Colours, options.selection, notes)?;
+        // The channel of a segmentation is a segment.
+        let is_segmentation = members[0].header.modality == SEGMENTATION;
+        let of_pixels =
+            Selection { channel: options.selection.channel.filter(|_| !is_segmentation), ..Selection::default() };
+        let mut channels = Channels::choose(path, image.samples.into(), Meaning::Colours, &of_pixels, notes)?;
         if channels.wanted.is_none() && image.photometric.starts_with("YBR") && is_raw {
             // The first of the three is the luminance.
             channels.wanted = Some(0);
@@ -343,6 +350,7 @@ impl<'a> Volume<'a> {
     fn grid(&self) -> Result<(GridFile, Elements), SourceError> {
         let endian = self.members[0].header.syntax.spelling.endian;
         let is_in_place = self.scaling == Scaling::Same
+            && self.slices.iter().all(|slice| !slice.is_empty)
             && (!self.image.is_planar || self.image.samples == 1)
             && self.members.iter().all(|member| {
                 let syntax = member.header.syntax;
@@ -382,6 +390,15 @@ impl<'a> Volume<'a> {
         GridFile::parts(self.path, parts, layout)
     }
 
+    /// Size of a decoded slice in bytes.
+    fn slice_bytes(&self) -> usize {
+        let pixels = self.image.rows as usize * self.image.columns as usize;
+        match self.scaling {
+            Scaling::BySlice => pixels * size_of::<f32>(),
+            Scaling::Same => index(self.image.frame_bytes()),
+        }
+    }
+
     /// Decodes frame after frame into a spool file.
     fn decode(&self) -> Result<File, SourceError> {
         let needed = self.image.frame_bytes().saturating_mul(FRAME_COPIES);
@@ -396,6 +413,10 @@ impl<'a> Volume<'a> {
         let mut spool = Spool::create(self.options.spool)?;
         let mut opened: Option<(usize, Frames<'_>)> = None;
         for slice in self.slices {
+            if slice.is_empty {
+                spool.append(&vec![0; self.slice_bytes()])?;
+                continue;
+            }
             let (_, frames) = match opened.take().filter(|(file, _)| *file == slice.file) {
                 Some(same) => opened.insert(same),
                 None => {
@@ -439,6 +460,11 @@ fn voxel_type(path: &Path, image: &Image, tag: u32) -> Result<VoxelType, SourceE
         (_, 16, true) => Ok(VoxelType::I16),
         (_, 32, false) => Ok(VoxelType::U32),
         (_, 32, true) => Ok(VoxelType::I32),
+        (_, 1, _) => {
+            let what = "a segmentation of single bits, which is not read";
+            let advice = "convert it to one number per voxel first, for example with highdicom or 3D Slicer to NRRD";
+            Err(SourceError::unsupported(path, what, advice))
+        }
         (_, bits, _) => {
             let advice = "convert it first: segmentations for example with highdicom or 3D Slicer to NRRD";
             Err(SourceError::unsupported(path, format!("pixels of {bits} bits are not read"), advice))

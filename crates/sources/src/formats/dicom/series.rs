@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DVec3};
 use supervol_format::Geometry;
 
-use super::header::{Header, Place, normal};
-use crate::cast::index;
+use super::header::{FRAMES_LIMIT, Header, Place, normal};
+use crate::cast::{self, index};
 use crate::input::selection::Selection;
 use crate::{Message, ReadOption, SourceError};
 
@@ -22,6 +22,8 @@ const GAP_LIMIT: f64 = 1.5;
 /// is noted.
 const UNEVEN_LIMIT: f64 = 0.25;
 const UNEVEN_NOTED: f64 = 0.005;
+/// Modality of segmentations.
+pub(super) const SEGMENTATION: &str = "SEG";
 /// Largest number of series that are listed.
 const LISTED_LIMIT: usize = 20;
 
@@ -42,6 +44,8 @@ pub(super) struct Slice {
     instance: i64,
     /// Position along the normal in mm; 0 if unknown.
     along: f64,
+    /// Whether the file lacks the frame: a segmentation leaves out frames in which nothing is marked.
+    pub(super) is_empty: bool,
 }
 
 /// The members of the chosen series, or of the only one, and whether it is the only one.
@@ -132,7 +136,8 @@ pub(super) fn slices(
         for frame in 0..header.frame_count {
             let place = header.frame(frame);
             let along = place.position.zip(normal(&place)).map(|(p, n)| DVec3::from(p).dot(DVec3::from(n)));
-            all.push(Slice { file, frame, place, instance: header.instance, along: along.unwrap_or(0.0) });
+            let along = along.unwrap_or(0.0);
+            all.push(Slice { file, frame, place, instance: header.instance, along, is_empty: false });
         }
     }
     let placed = all.iter().filter(|slice| slice.place.position.is_some()).count();
@@ -149,7 +154,69 @@ pub(super) fn slices(
         return Ok(all);
     }
     all.sort_by(|a, b| a.along.total_cmp(&b.along));
-    one_volume(path, all, selection, notes)
+    if members[0].header.modality != SEGMENTATION {
+        return one_volume(path, all, selection, notes);
+    }
+    keep_segment(path, &members[0].header, &mut all, (selection, notes))?;
+    let present = one_volume(path, all, selection, notes)?;
+    Ok(with_empty_slices(present, notes))
+}
+
+/// Keeps the frames of the selected segment, by default the first that has any.
+fn keep_segment(
+    path: &Path,
+    header: &Header,
+    all: &mut Vec<Slice>,
+    (selection, notes): (&Selection, &mut Vec<Message>),
+) -> Result<(), SourceError> {
+    let mut numbers: Vec<f64> = all.iter().filter_map(|slice| slice.place.segment).collect();
+    numbers.sort_by(f64::total_cmp);
+    numbers.dedup();
+    if numbers.is_empty() {
+        // A label map: its values are the segments.
+        selection.channel_of(path, 1)?;
+        return Ok(());
+    }
+    let label =
+        |number: &f64| header.segments.iter().find(|(known, _)| known == number).map(|(_, label)| label.clone());
+    let labels: Vec<String> = numbers.iter().map(|number| label(number).unwrap_or_default()).collect();
+    let wanted = selection.noted_channel(path, numbers.len() as u64, &labels, notes)?;
+    all.retain(|slice| slice.place.segment.is_none_or(|segment| segment == numbers[index(wanted)]));
+    Ok(())
+}
+
+/// Fills the gaps of a segmentation with empty slices, if its slices stand on an even grid.
+fn with_empty_slices(present: Vec<Slice>, notes: &mut Vec<Message>) -> Vec<Slice> {
+    let gaps = || present.windows(2).map(|pair| pair[1].along - pair[0].along);
+    let stated = present[0].place.between;
+    let Some(step) = stated.into_iter().chain([gaps().fold(f64::INFINITY, f64::min)]).find(|step| step.is_finite())
+    else {
+        return present;
+    };
+    let steps = |gap: f64| (gap / step).round();
+    let is_even = step > SAME_PLACE_MM && gaps().all(|gap| (gap - steps(gap) * step).abs() <= UNEVEN_LIMIT * step);
+    let total: f64 = gaps().map(steps).sum();
+    if !is_even || total + 1.0 > FRAMES_LIMIT as f64 || total + 1.0 == present.len() as f64 {
+        return present;
+    }
+    let mut all: Vec<Slice> = Vec::new();
+    for slice in present {
+        if let Some(before) = all.last().copied() {
+            let (from, to) = (before.place.position.map(DVec3::from), slice.place.position.map(DVec3::from));
+            let count = cast::whole::<u64>(steps(slice.along - before.along));
+            for number in 1..count {
+                let share = number as f64 / count as f64;
+                let mut empty =
+                    Slice { is_empty: true, along: before.along + share * (slice.along - before.along), ..before };
+                empty.place.position = from.zip(to).map(|(from, to)| from.lerp(to, share).to_array());
+                all.push(empty);
+            }
+        }
+        all.push(slice);
+    }
+    let missing = all.iter().filter(|slice| slice.is_empty).count();
+    notes.push(format!("{missing} slices of the segmentation are left out in the file: they are empty").into());
+    all
 }
 
 /// The slices of the chosen volume. `all` is sorted by position, and each position must have equally many slices.

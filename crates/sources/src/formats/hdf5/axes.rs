@@ -9,7 +9,7 @@ use supervol_format::Geometry;
 
 use super::attributes::{coordinates, numbers, numbers_of};
 use crate::formats::array_survey::{MASKS, POSITIONS, SurveyParts, survey_axes};
-use crate::formats::cf::Coordinates;
+use crate::formats::cf::{Coordinates, note_units};
 use crate::formats::zarr::ome::{ArrayAxis, Role};
 use crate::input::selection::Selection;
 use crate::{Message, ReadOption, SourceInfo};
@@ -82,6 +82,7 @@ fn name_axes(
             coordinates.place(axis, notes);
         }
     }
+    note_units(axes, notes);
 }
 
 /// Parts of a survey in the datasets beside its volume. `xyz` are the axes of the volume, with their coordinates.

@@ -76,6 +76,8 @@ pub const FORMAT: Format = Format {
 };
 /// Filter number of LZF.
 const LZF: u16 = 32_000;
+/// Filters that round numbers when they are written (BitGroom, Granular BitRound): nothing is to be undone.
+const ROUNDINGS: [u16; 2] = [32_022, 32_023];
 /// Layout class of datasets that refer to other datasets.
 const VIRTUAL: u8 = 3;
 /// Largest number of datasets that are examined, largest depth of groups, and largest number of datasets that a message
@@ -132,6 +134,9 @@ fn filters(limit_bytes: usize) -> FilterRegistry {
         decoded.ok_or_else(|| Error::Other(format!("a chunk of LZF that holds no {length} bytes")))
     };
     filters.register(LZF, Box::new(decode));
+    for rounding in ROUNDINGS {
+        filters.register(rounding, Box::new(|_: &FilterDescription, stream: &[u8], _: usize| Ok(stream.to_vec())));
+    }
     filters
 }
 

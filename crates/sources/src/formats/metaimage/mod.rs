@@ -126,7 +126,7 @@ impl MetaImageSource {
         info.axes = ["x", "y", "z"].map(|name| Axis { name: name.into(), unit: unit.clone() });
         (info.scale, info.offset) = scaling(path, &header, &mut info.notes)?;
 
-        info.files = [vec![source_file], data_files].concat();
+        info.files = SourceFile::distinct([vec![source_file], data_files].concat());
         Ok(Self(GridSource::with_elements(info, grid, elements)))
     }
 }

@@ -117,7 +117,8 @@ impl NiftiSource {
         } else {
             info.space = WorldSpace::RightAnteriorSuperior;
         }
-        (info.scale, info.offset, info.notes, info.files) = (scale, offset, notes, files);
+        (info.scale, info.offset, info.notes) = (scale, offset, notes);
+        info.files = SourceFile::distinct(files);
         info.axes = ["x", "y", "z"].map(|name| Axis { name: name.into(), unit: length_unit(header.units).into() });
         Ok(Self(GridSource::with_elements(info, grid, elements)))
     }

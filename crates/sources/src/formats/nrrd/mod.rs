@@ -143,7 +143,7 @@ impl NrrdSource {
         info.axes = placement.axes;
         info.unit = header.field("sampleunits").map(|u| shortened(u.trim_matches('"'))).unwrap_or_default();
         info.notes = notes;
-        info.files = [vec![source_file], data_files].concat();
+        info.files = SourceFile::distinct([vec![source_file], data_files].concat());
         Ok(Self(GridSource::with_elements(info, grid, elements)))
     }
 }

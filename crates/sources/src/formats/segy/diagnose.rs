@@ -58,7 +58,7 @@ pub(super) fn refuse(input: Input<'_>, layout: &Layout, options: &SegyOptions, d
         Err(error) => return error,
     };
     let mut what = match defect {
-        NoGrid::Sparse { what } => format!("{what} (a 2D line through a survey, or a wrong line number)"),
+        NoGrid::Sparse { what, .. } => format!("{what} (a 2D line through a survey, or a wrong line number)"),
         NoGrid::Duplicate { traces, inline, crossline } => {
             let place = format!(
                 "traces {} and {} both stand at inline {inline} (byte {}) and crossline {crossline} (byte {})",
@@ -84,7 +84,18 @@ pub(super) fn refuse(input: Input<'_>, layout: &Layout, options: &SegyOptions, d
         }
     };
     what.push_str(&varying_words(&evidence));
-    input.unsupported(what, advice(&evidence, layout, options))
+    let or = match defect {
+        NoGrid::Sparse { suspect, .. } => {
+            let which = suspect.map_or("N".to_owned(), |trace| (trace + 1).to_string());
+            let skip = Message::from("; ").option(ReadOption::SkipTraces);
+            skip.text(format_args!(" {which} leaves a wrong trace out"))
+        }
+        NoGrid::Duplicate { traces, .. } => {
+            let which = Message::from("; ").option(ReadOption::Duplicates).text(" first, last or mean chooses; ");
+            which.option(ReadOption::SkipTraces).text(format_args!(" {} leaves one out", traces[1] + 1))
+        }
+    };
+    input.unsupported(what, advice(&evidence, layout, options).message(or))
 }
 
 /// Whether two traces have different source-receiver offsets.

@@ -41,7 +41,22 @@ pub(super) struct Grid {
     pub(super) missing: u64,
     /// Crossings whose trace is dead.
     pub(super) dead: u64,
+    /// Traces that were not read because others stand at their place.
+    pub(super) duplicates: u64,
     index: TraceIndex,
+}
+
+/// The trace that is read where several stand at one place. A live one precedes a dead one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Wanted {
+    /// There must not be several.
+    Only,
+    /// The first in the file.
+    First,
+    /// The last in the file.
+    Last,
+    /// The one with this number, counted from 0; a place without one is missing.
+    Number(u32),
 }
 
 /// Trace of each cell.
@@ -78,6 +93,8 @@ pub(super) enum NoGrid {
     Sparse {
         /// The numbers, for the message.
         what: String,
+        /// Trace, from 0, whose line numbers are extreme on both axes.
+        suspect: Option<u64>,
     },
 }
 
@@ -87,27 +104,36 @@ impl Grid {
         input: Input<'_>,
         scan: &Scan,
         layout: &Layout,
-        options: &SegyOptions,
+        (options, wanted): (&SegyOptions, Wanted),
     ) -> Result<Self, GridDefect> {
         let [Some(inline), Some(crossline)] = scan.lines else {
-            let what = "all traces are dead and have no position";
+            let what = match scan.skipped {
+                0 => "all traces are dead and have no position",
+                _ => "all traces are dead and have no position, or are left out",
+            };
             return Err(GridDefect::Refused(input.unsupported(what, "there is nothing to read")));
         };
         let (lines, spans) = ([inline, crossline].map(numbers), [inline, crossline]);
-        let positioned = layout.traces - scan.padding;
+        let positioned = layout.traces - scan.padding - scan.skipped;
         check_size(input, lines, spans, layout, positioned)?;
         let [inline, crossline] = lines;
-        if let Some(index) = regular_index(&scan.runs, inline, crossline) {
-            return Ok(Self { inline, crossline, missing: 0, dead: 0, index });
+        // A regular grid has one trace at each place.
+        let is_first = !matches!(wanted, Wanted::Number(1..));
+        if let Some(index) = regular_index(&scan.runs, inline, crossline).filter(|_| is_first) {
+            return Ok(Self { inline, crossline, missing: 0, dead: 0, duplicates: 0, index });
         }
-        let needed = run_bytes(scan.runs.len() as u64) + table_bytes(inline, crossline);
+        let tables = if let Wanted::Number(_) = wanted { 2 } else { 1 };
+        let needed = run_bytes(scan.runs.len() as u64) + tables * table_bytes(inline, crossline);
         if needed > options.memory_bytes {
             return Err(GridDefect::Refused(options.too_little_memory(needed)));
         }
         let mut table = vec![MISSING; index(inline.count * crossline.count)];
-        let dead = fill(&mut table, &scan.runs, inline, crossline).map_err(GridDefect::NoGrid)?;
-        let missing = inline.count * crossline.count - (positioned - scan.other_offsets);
-        Ok(Self { inline, crossline, missing, dead, index: TraceIndex::Table(table) })
+        fill(&mut table, &scan.runs, (inline, crossline), wanted).map_err(GridDefect::NoGrid)?;
+        let count = |mark: u32| table.iter().filter(|cell| **cell == mark).count() as u64;
+        let (missing, dead) = (count(MISSING), count(DEAD));
+        let duplicates = (positioned - scan.other_offsets).saturating_sub(table.len() as u64 - missing);
+        let duplicates = if matches!(wanted, Wanted::First | Wanted::Last) { duplicates } else { 0 };
+        Ok(Self { inline, crossline, missing, dead, duplicates, index: TraceIndex::Table(table) })
     }
 
     /// Bytes that it takes as long as the source is open.
@@ -171,7 +197,9 @@ fn check_size(
         || format!("{} and {}: {cells} places for {traces} traces", describe("inline", 0), describe("crossline", 1));
     if cells > traces.saturating_mul(MAX_CELLS_PER_TRACE) {
         let what = format!("the traces fill less than 1/{MAX_CELLS_PER_TRACE} of their grid: {}", found());
-        return Err(GridDefect::NoGrid(NoGrid::Sparse { what }));
+        let extremes = spans.map(|line| [line.extent.min.1, line.extent.max.1]);
+        let suspect = extremes[0].into_iter().find(|trace| extremes[1].contains(trace));
+        return Err(GridDefect::NoGrid(NoGrid::Sparse { what, suspect }));
     }
     if cells > MAX_CELLS || !dims.is_valid() {
         let what = format!("the grid is too large: {}, {} samples each", found(), layout.samples);
@@ -218,10 +246,15 @@ fn regular_index(runs: &[Run], inline: LineNumbers, crossline: LineNumbers) -> O
     Some(TraceIndex::Regular { first: start, per_x: per[1], per_y: per[0] })
 }
 
-/// Writes trace numbers and marks into the table; returns the number of dead traces.
-fn fill(table: &mut [u32], runs: &[Run], inline: LineNumbers, crossline: LineNumbers) -> Result<u64, NoGrid> {
-    let mut dead = 0;
-    // The positions of dead traces, in file order, are only needed for the message about duplicates.
+/// Writes trace numbers and marks into the table.
+fn fill(
+    table: &mut [u32],
+    runs: &[Run],
+    (inline, crossline): (LineNumbers, LineNumbers),
+    wanted: Wanted,
+) -> Result<(), NoGrid> {
+    // Traces seen at each place, where they are counted.
+    let mut seen = if let Wanted::Number(_) = wanted { vec![0u32; table.len()] } else { Vec::new() };
     let mut trace: u64 = 0;
     for run in runs {
         let mut position = run.start;
@@ -229,20 +262,34 @@ fn fill(table: &mut [u32], runs: &[Run], inline: LineNumbers, crossline: LineNum
             if run.kind.is_on_grid() {
                 let [y, x] = [(position[0], inline), (position[1], crossline)]
                     .map(|(number, line)| ((i64::from(number) - line.first) / line.step).unsigned_abs());
-                let cell = &mut table[index(y * crossline.count + x)];
-                if *cell != MISSING {
+                let at = index(y * crossline.count + x);
+                let cell = &mut table[at];
+                // Positions of dead traces are only needed for the message about duplicates.
+                if *cell != MISSING && wanted == Wanted::Only {
                     let earlier = if *cell == DEAD { find(runs, position) } else { u64::from(*cell) };
                     let [inline, crossline] = position.map(i64::from);
                     return Err(NoGrid::Duplicate { traces: [earlier, trace], inline, crossline });
                 }
-                dead += u64::from(run.kind == TraceKind::Dead);
-                *cell = if run.kind == TraceKind::Dead { DEAD } else { low_32(trace) };
+                let is_dead = run.kind == TraceKind::Dead;
+                let is_taken = match wanted {
+                    Wanted::Number(number) => {
+                        seen[at] += 1;
+                        seen[at] - 1 == number
+                    }
+                    // A dead trace gives way to a live one.
+                    _ if *cell == MISSING || (*cell == DEAD && !is_dead) => true,
+                    Wanted::Only | Wanted::First => false,
+                    Wanted::Last => !is_dead || *cell == DEAD,
+                };
+                if is_taken {
+                    *cell = if is_dead { DEAD } else { low_32(trace) };
+                }
             }
             trace += 1;
             position = [0, 1].map(|a| position[a].wrapping_add(run.step[a]));
         }
     }
-    Ok(dead)
+    Ok(())
 }
 
 /// The first trace with this position.
@@ -277,8 +324,8 @@ mod tests {
     fn assert_regular(runs: &[Run], inline: LineNumbers, crossline: LineNumbers) {
         let index = regular_index(runs, inline, crossline).expect("regular");
         let mut table = vec![MISSING; (inline.count * crossline.count) as usize];
-        fill(&mut table, runs, inline, crossline).expect("no duplicates");
-        let regular = Grid { inline, crossline, missing: 0, dead: 0, index };
+        fill(&mut table, runs, (inline, crossline), Wanted::Only).expect("no duplicates");
+        let regular = Grid { inline, crossline, missing: 0, dead: 0, duplicates: 0, index };
         for y in 0..inline.count {
             for x in 0..crossline.count {
                 let expected = table[(y * crossline.count + x) as usize];
@@ -322,7 +369,20 @@ mod tests {
     fn duplicates_name_both_traces() {
         let runs = [run([1, 20], [0, 1], 3), run([1, 22], [1, 0], 2)];
         let mut table = vec![MISSING; 6];
-        let defect = fill(&mut table, &runs, line(1, 1, 2), line(20, 1, 3)).unwrap_err();
+        let lines = (line(1, 1, 2), line(20, 1, 3));
+        let defect = fill(&mut table, &runs, lines, Wanted::Only).unwrap_err();
         assert!(matches!(defect, NoGrid::Duplicate { traces: [2, 3], inline: 1, crossline: 22 }), "{defect:?}");
+        let filled = |wanted, runs: &[Run]| {
+            let mut table = vec![MISSING; 6];
+            fill(&mut table, runs, lines, wanted).expect("one is wanted");
+            table
+        };
+        assert_eq!(filled(Wanted::First, &runs), [0, 1, 2, MISSING, MISSING, 4]);
+        assert_eq!(filled(Wanted::Last, &runs), [0, 1, 3, MISSING, MISSING, 4]);
+        assert_eq!(filled(Wanted::Number(1), &runs), [MISSING, MISSING, 3, MISSING, MISSING, MISSING]);
+        // A live trace precedes a dead one.
+        let mut dead = runs;
+        dead[1].kind = TraceKind::Dead;
+        assert_eq!(filled(Wanted::Last, &dead)[2], 2);
     }
 }

@@ -51,7 +51,7 @@ use std::path::{Path, PathBuf};
 
 use supervol_format::ByteSource;
 
-pub use self::options::{Offsets, SegyOptions};
+pub use self::options::{Duplicates, Offsets, SegyOptions};
 pub(crate) use self::position_fit::PositionFit;
 pub use self::source::SegySource;
 pub(crate) use self::survey::{direction, spacing};
@@ -126,7 +126,7 @@ pub fn open(
     };
     // Messages name the opened file or folder.
     let path = folder.unwrap_or(first);
-    if options.offsets == Offsets::Stack {
+    if options.offsets == Offsets::Stack || options.duplicates == Duplicates::Mean {
         let mut stack = stack::Stack::from_bytes(bytes, path, options)?;
         complete(&mut stack.info);
         return Ok(Box::new(stack));

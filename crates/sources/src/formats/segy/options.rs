@@ -25,6 +25,10 @@ pub struct SegyOptions {
     pub offset_byte: u16,
     /// Selected traces of a pre-stack file, which has several offsets at one place.
     pub offsets: Offsets,
+    /// Traces to leave out: ranges of trace numbers, counted from 1, with their last ones.
+    pub skip_traces: Vec<[u64; 2]>,
+    /// Rule for several traces at one place.
+    pub duplicates: Duplicates,
     /// Largest memory for the table of traces, in bytes. A file that needs more is refused.
     pub memory_bytes: u64,
 }
@@ -41,6 +45,33 @@ pub enum Offsets {
     Stack,
 }
 
+/// Rule for several traces with the same line numbers. A live trace always precedes a dead one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Duplicates {
+    /// The file is refused.
+    #[default]
+    Refuse,
+    /// The first of them in the file is read.
+    First,
+    /// The last of them in the file is read.
+    Last,
+    /// Their mean is read.
+    Mean,
+}
+
+impl Duplicates {
+    /// Name, as in a command line and in containers.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Refuse => "refuse",
+            Self::First => "first",
+            Self::Last => "last",
+            Self::Mean => "mean",
+        }
+    }
+}
+
 impl Default for SegyOptions {
     fn default() -> Self {
         Self {
@@ -52,6 +83,8 @@ impl Default for SegyOptions {
             interval: None,
             offset_byte: 37,
             offsets: Offsets::Single,
+            skip_traces: Vec::new(),
+            duplicates: Duplicates::Refuse,
             memory_bytes: u64::MAX,
         }
     }
@@ -72,9 +105,23 @@ impl SegyOptions {
             ("interval", self.interval.map(|interval| interval.to_string())),
             ("offset_byte", offset.is_some().then(|| self.offset_byte.to_string())),
             ("offset", offset),
+            ("skip_trace", (!self.skip_traces.is_empty()).then(|| self.said_skips())),
+            ("on_duplicate", (self.duplicates != Duplicates::Refuse).then(|| self.duplicates.name().into())),
         ];
         let places = [("il_byte", self.inline_byte.to_string()), ("xl_byte", self.crossline_byte.to_string())];
         places.into_iter().chain(overruled.into_iter().filter_map(|(name, said)| Some((name, said?)))).collect()
+    }
+
+    /// Whether a trace, counted from 0, is left out.
+    pub(super) fn skips(&self, trace: u64) -> bool {
+        self.skip_traces.iter().any(|[first, last]| (*first..=*last).contains(&(trace + 1)))
+    }
+
+    /// The traces that are left out, as in a command line.
+    fn said_skips(&self) -> String {
+        let range =
+            |[first, last]: &[u64; 2]| if first == last { first.to_string() } else { format!("{first}-{last}") };
+        self.skip_traces.iter().map(range).collect::<Vec<_>>().join(",")
     }
 
     /// Error for a table of traces that needs more memory than allowed.
@@ -112,6 +159,10 @@ impl SegyOptions {
         }
         if let Some(interval) = self.interval.filter(|i| !(i.is_finite() && *i > 0.0)) {
             return wrong(ReadOption::Interval, format_args!("{interval}: expected a number above 0"));
+        }
+        if let Some([first, last]) = self.skip_traces.iter().find(|[first, last]| *first == 0 || first > last) {
+            let expected = format_args!("{first}-{last}: expected trace numbers from 1 on, the smaller one first");
+            return wrong(ReadOption::SkipTraces, expected);
         }
         match self.format {
             Some(code) if SampleFormat::from_code(code).is_none() => {

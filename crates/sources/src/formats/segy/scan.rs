@@ -49,6 +49,8 @@ pub(super) enum TraceKind {
     Dead,
     /// Marked dead, with inline and crossline number 0: padding outside the grid.
     Padding,
+    /// Left out by the user's wish.
+    Skipped,
     /// Has another offset than the one that is wanted: on the grid, and left out.
     OtherOffset,
 }
@@ -99,6 +101,8 @@ pub(super) struct Scan {
     pub(super) steps_along: [u64; 2],
     /// Dead traces without a position.
     pub(super) padding: u64,
+    /// Traces that the user leaves out.
+    pub(super) skipped: u64,
     /// Traces with another offset than the one that is wanted.
     pub(super) other_offsets: u64,
     /// Their offsets.
@@ -128,11 +132,15 @@ impl Scan {
         let mut scan = Self::default();
         let mut last = None;
         for_each_header(input, layout, |trace, fields| {
-            scan.check_samples(input, layout, header, trace, fields)?;
+            let is_skipped = options.skips(trace);
+            if !is_skipped {
+                scan.check_samples(input, layout, header, trace, fields)?;
+            }
             let position =
                 [usize::from(options.inline_byte), usize::from(options.crossline_byte)].map(|b| fields.i32(b));
             let offset = fields.i32(options.offset_byte.into());
             let kind = match (fields.i16(29), position) {
+                _ if is_skipped => TraceKind::Skipped,
                 (DEAD, [0, 0]) => TraceKind::Padding,
                 _ if matches!(options.offsets, Offsets::One(wanted) if wanted != offset) => {
                     Extent::add(&mut scan.offsets_left_out, offset, trace);
@@ -225,6 +233,10 @@ impl Scan {
 
     /// Adds a trace to the summary.
     fn summarise(&mut self, trace: u64, position: [i32; 2], kind: TraceKind, fields: Fields<'_>) {
+        if kind == TraceKind::Skipped {
+            self.skipped += 1;
+            return;
+        }
         let interval = fields.i16(117);
         if interval != 0 {
             Extent::add(&mut self.interval_us, interval, trace);

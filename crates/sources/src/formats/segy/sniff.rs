@@ -37,6 +37,8 @@ struct Words {
     wild_ibm: u64,
     /// IEEE exponents among the words counted in `even_exponent`.
     even_exponents: HashSet<u32>,
+    /// IEEE exponents among all words.
+    exponents: HashSet<u32>,
     distinct: HashSet<u32>,
 }
 
@@ -49,6 +51,7 @@ impl Words {
         self.zero_nibble += u64::from(word & 0x00F0_0000 == 0);
         self.zero_byte += u64::from(word >> 24 == 0);
         let ieee_exponent = (word >> 23) & 0xFF;
+        self.exponents.insert(ieee_exponent);
         if ieee_exponent.is_multiple_of(2) {
             self.even_exponent += 1;
             self.even_exponents.insert(ieee_exponent);
@@ -69,13 +72,24 @@ impl Words {
             && self.wild_ieee * 1000 <= self.total
     }
 
+    /// Whether the words with an even exponent span enough exponents to be judged.
+    fn spans_exponents(&self) -> bool {
+        let [Some(least), Some(greatest)] = [self.even_exponents.iter().min(), self.even_exponents.iter().max()] else {
+            return false;
+        };
+        let are_neighbours = *greatest == least + 2 && self.exponents.contains(&(least + 1));
+        self.even_exponents.len() >= 3 || (are_neighbours && self.even_exponent >= 1024)
+    }
+
     /// Surely IBM: not one zero nibble, where IEEE would have made one in about eight of at least 256 words, over
-    /// several exponents and many values (so that no single binade or set of labels explains it).
+    /// several exponents and many values (so that no single binade or set of labels explains it). Two exponents are
+    /// enough for four times as many words if the exponent between them occurs: IEEE numbers that pass from one to the
+    /// other would have zero nibbles.
     fn surely_ibm(&self) -> bool {
         self.total >= 1024
             && self.zero_nibble == 0
             && self.even_exponent >= 256
-            && self.even_exponents.len() >= 3
+            && self.spans_exponents()
             && self.distinct.len() >= 100
             && self.wild_ibm == 0
     }
@@ -173,6 +187,9 @@ mod tests {
     fn narrow_data_are_not_judged() {
         // Velocities of one binade, and a few labels: too little to be sure of anything.
         let velocity = words((0..5000).map(|i| (1500.0 + 0.1 * i as f32).to_bits()));
+        assert!(!velocity.surely_ibm());
+        // Two binades and the one between them.
+        let velocity = words((0..5000).map(|i| (600.0 + 0.5 * i as f32).to_bits()));
         assert!(!velocity.surely_ibm());
         let labels = words((0..5000).map(|i| ([1.0_f32, 3.0, 5.0, 6.0, 7.0][i % 5]).to_bits()));
         assert!(!labels.surely_ibm());

@@ -7,11 +7,11 @@ use supervol_format::{ByteSource, Dims, Geometry, VoxelBox};
 
 use super::binary_header::BinaryHeader;
 use super::file_header::read_file_header;
-use super::grid::{Grid, GridDefect};
+use super::grid::{Grid, GridDefect, Wanted};
 use super::input::Input;
 use super::layout::Layout;
 use super::nodata::{self, Absent};
-use super::options::SegyOptions;
+use super::options::{Duplicates, SegyOptions};
 use super::read::{Neighbours, Reader};
 use super::samples::SampleFormat;
 use super::scan::Scan;
@@ -37,6 +37,11 @@ impl std::fmt::Debug for SegySource {
 }
 
 impl SegySource {
+    /// Number of live traces of the grid.
+    pub(super) fn live_traces(&self) -> u64 {
+        self.grid.inline.count * self.grid.crossline.count - self.grid.missing - self.grid.dead
+    }
+
     /// Opens a file: reads its headers, and the header of every trace.
     ///
     /// Integer files whose grid has holes are read once more, to find an unused value for absent voxels.
@@ -56,6 +61,21 @@ impl SegySource {
     /// # Errors
     /// As [`Self::open`].
     pub fn from_bytes(bytes: Box<dyn ByteSource>, path: &Path, options: &SegyOptions) -> Result<Self, SourceError> {
+        let wanted = match options.duplicates {
+            Duplicates::Refuse => Wanted::Only,
+            Duplicates::First | Duplicates::Mean => Wanted::First,
+            Duplicates::Last => Wanted::Last,
+        };
+        Self::of_wanted(bytes, path, options, wanted)
+    }
+
+    /// As [`Self::from_bytes`], with the wanted one of several traces at one place.
+    pub(super) fn of_wanted(
+        bytes: Box<dyn ByteSource>,
+        path: &Path,
+        options: &SegyOptions,
+        wanted: Wanted,
+    ) -> Result<Self, SourceError> {
         options.check()?;
         let input = Input { path, bytes: bytes.as_ref() };
         let (text, header) = read_file_header(input, options)?;
@@ -65,7 +85,7 @@ impl SegySource {
             sniff::check_format(input, &layout)?;
         }
         let scan = Scan::run(input, &layout, &header, options)?;
-        let grid = Grid::build(input, &scan, &layout, options).map_err(|defect| match defect {
+        let grid = Grid::build(input, &scan, &layout, (options, wanted)).map_err(|defect| match defect {
             GridDefect::Refused(error) => error,
             GridDefect::NoGrid(why) => diagnose::refuse(input, &layout, options, &why),
         })?;
@@ -121,6 +141,12 @@ fn note_traces(layout: &Layout, scan: &Scan, grid: &Grid, (absent, given): (Abse
     }
     if scan.other_offsets > 0 {
         notes.push(format!("{} traces of other offsets were left out", scan.other_offsets).into());
+    }
+    if scan.skipped > 0 {
+        notes.push(format!("{} traces were left out by hand", scan.skipped).into());
+    }
+    if grid.duplicates > 0 {
+        notes.push(format!("{} traces stand where others do; one was read at each place", grid.duplicates).into());
     }
     if scan.padding > 0 {
         notes.push(format!("{} dead traces without line numbers were left out", scan.padding).into());

@@ -14,6 +14,7 @@ use supervol_format::{ByteSource, VoxelBox, VoxelType, with_voxel};
 
 use super::fields::Fields;
 use super::file_header::read_file_header;
+use super::grid::Wanted;
 use super::input::Input;
 use super::layout::Layout;
 use super::options::{Offsets, SegyOptions};
@@ -53,6 +54,9 @@ impl Stack {
         options: &SegyOptions,
     ) -> Result<Self, SourceError> {
         let bytes = Shared(bytes.into());
+        if options.offsets != Offsets::Stack {
+            return Self::of_duplicates(&bytes, path, options);
+        }
         let numbers = offsets(Input { path, bytes: &bytes }, options)?;
         let memory_bytes = options.memory_bytes / numbers.len() as u64;
         let one = |number: &i32| {
@@ -60,6 +64,35 @@ impl Stack {
             SegySource::from_bytes(Box::new(bytes.clone()), path, &options)
         };
         let offsets = numbers.iter().map(one).collect::<Result<Vec<_>, _>>()?;
+        let what = format!("the mean of {} offsets, {} to {}", numbers.len(), numbers[0], numbers[numbers.len() - 1]);
+        Ok(Self::of_parts(offsets, options, what))
+    }
+
+    /// The mean of all traces at each place.
+    fn of_duplicates(bytes: &Shared, path: &Path, options: &SegyOptions) -> Result<Self, SourceError> {
+        let mut parts: Vec<SegySource> = Vec::new();
+        loop {
+            let number = u32::try_from(parts.len()).unwrap_or(u32::MAX);
+            // Each part has its own table; the number of parts is not known beforehand.
+            let memory_bytes = options.memory_bytes / (parts.len() as u64 + 2);
+            let of_part = SegyOptions { memory_bytes, ..options.clone() };
+            let part = SegySource::of_wanted(Box::new(bytes.clone()), path, &of_part, Wanted::Number(number))?;
+            if !parts.is_empty() && part.live_traces() == 0 {
+                break;
+            }
+            if parts.len() == OFFSETS_LIMIT {
+                let what = format!("more than {OFFSETS_LIMIT} traces at one place");
+                let advice = Message::from("choose one with ").option(ReadOption::Duplicates).text(" first or last");
+                return Err(SourceError::unsupported(path, what, advice));
+            }
+            parts.push(part);
+        }
+        let most = parts.len();
+        Ok(Self::of_parts(parts, options, format!("the mean of the traces at each place, of {most} at most")))
+    }
+
+    /// The mean of these volumes.
+    fn of_parts(offsets: Vec<SegySource>, options: &SegyOptions, what: String) -> Self {
         let mut info = offsets[0].info().clone();
         info.voxel_type = match info.voxel_type {
             VoxelType::F64 | VoxelType::I32 | VoxelType::U32 => VoxelType::F64,
@@ -68,15 +101,13 @@ impl Stack {
         info.nodata = None;
         info.memory_bytes = offsets.iter().map(|o| o.info().memory_bytes).sum::<u64>() + 16 * PART_VOXELS;
         info.reading = options.describe();
-        // These notes hold for one offset only.
+        // These notes hold for one offset only; the first part of duplicates has all places.
         info.notes.retain(|note| {
             let note = note.to_string();
-            !note.contains("no trace") && !note.contains("other offsets")
+            options.offsets != Offsets::Stack || (!note.contains("no trace") && !note.contains("other offsets"))
         });
-        info.notes.push(
-            format!("the mean of {} offsets, {} to {}", numbers.len(), numbers[0], numbers[numbers.len() - 1]).into(),
-        );
-        Ok(Self { offsets, info })
+        info.notes.push(what.into());
+        Self { offsets, info }
     }
 }
 

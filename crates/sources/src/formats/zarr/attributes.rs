@@ -12,7 +12,9 @@ pub(super) fn explanation(attributes: &Value) -> Explanation {
 /// An attribute of numbers or of text.
 pub(super) fn attribute(value: &Value) -> Option<Attribute> {
     let of_numbers = |values: &[Value]| {
-        let numbers: Option<Vec<f64>> = values.iter().map(Value::as_f64).collect();
+        // Words for NaN and infinities have become strings.
+        let number = |value: &Value| value.as_f64().or_else(|| value.as_str()?.parse().ok());
+        let numbers: Option<Vec<f64>> = values.iter().map(number).collect();
         Some(Attribute::Numbers { numbers: numbers?, is_float: values.iter().any(Value::is_f64) })
     };
     match value {

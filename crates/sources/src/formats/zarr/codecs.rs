@@ -21,6 +21,8 @@ pub(super) enum Codec {
     Crc32c,
     /// Byte shuffle of elements with this many bytes.
     Shuffle(usize),
+    /// Rounding of numbers before they were written: nothing is to be undone.
+    Rounding,
 }
 
 /// Largest size of an intermediate result in bytes, for `bytes` bytes of voxels: adds checksums, headers,
@@ -42,7 +44,7 @@ pub(super) fn decode(stages: &[Codec], data: Vec<u8>, wanted: usize) -> Result<V
     let mut data = data;
     for (left, stage) in stages.iter().enumerate().rev() {
         // Only the first stage's input has a known length; intermediate results may be longer.
-        let exact = stages[..left].iter().all(|s| matches!(s, Codec::Shuffle(_)));
+        let exact = stages[..left].iter().all(|s| matches!(s, Codec::Shuffle(_) | Codec::Rounding));
         let wanted = if exact { Length::Exactly(wanted) } else { Length::AtMost(with_overhead(wanted)) };
         data = stage.undo(data, wanted).map_err(|what| format!("{stage:?}: {what}"))?;
     }
@@ -81,6 +83,7 @@ impl Codec {
                 let found = crc32c::crc32c(&data).to_le_bytes();
                 if found == sum[..] { Ok(data) } else { Err("the checksum differs".into()) }
             }
+            Self::Rounding => Ok(data),
             Self::Shuffle(element) => {
                 let whole = data.len() / element * element;
                 let mut out = data.clone();

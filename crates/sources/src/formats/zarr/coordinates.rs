@@ -8,7 +8,7 @@ use super::ome::Role;
 use super::store::Store;
 use super::{Array, ArrayChunks, Chosen, Node, PlainArray, attributes, node};
 use crate::formats::array_survey::{MASKS, POSITIONS, SurveyParts, survey_axes};
-use crate::formats::cf::{COORDINATES_LIMIT, Coordinates};
+use crate::formats::cf::{COORDINATES_LIMIT, Coordinates, note_units};
 use crate::grid::chunked::{ChunkGrid, ChunkMemory, Placement};
 use crate::grid::dense::GridLayout;
 use crate::grid::elements::NumberGrid;
@@ -40,6 +40,9 @@ pub(super) fn place_axes(
             coordinates.place(axis, notes);
         }
         along.push(coordinates);
+    }
+    if !is_survey {
+        note_units(&found.axes, notes);
     }
     along
 }

@@ -228,6 +228,8 @@ impl Array {
                 "sharding_indexed" => {
                     return Err(at.unsupported("shards inside shards, or beside other codecs".into()));
                 }
+                "numcodecs.bitround" | "bitround" if !has_bytes => {}
+                "numcodecs.quantize" if !has_bytes && keeps_type(options) => {}
                 "transpose" if !has_bytes => self.transpose(at, options)?,
                 "bytes" | "endian" if !has_bytes => {
                     has_bytes = true;
@@ -362,9 +364,16 @@ fn codec_of_version_2(at: At<'_>, codec: &Value) -> Result<Codec, SourceError> {
         "blosc" => Codec::Blosc,
         "lz4" => Codec::Lz4,
         "crc32c" => Codec::Crc32c,
+        "bitround" => Codec::Rounding,
+        "quantize" if keeps_type(codec) => Codec::Rounding,
         "shuffle" => Codec::Shuffle(element_bytes(at, &codec["elementsize"])?),
         _ => return Err(at.unsupported(format!("it is encoded by {}", shortened(&codec.to_string())))),
     })
+}
+
+/// Whether a filter writes the type that it reads.
+fn keeps_type(options: &Value) -> bool {
+    options["astype"].is_null() || options["astype"] == options["dtype"]
 }
 
 fn codec_of_version_3(at: At<'_>, name: &str, options: &Value) -> Result<Codec, SourceError> {

@@ -28,6 +28,7 @@ use supervol_files::folder_of;
 use supervol_format::Dims;
 use supervol_format::readable::Mib;
 use supervol_format::recent::Recent;
+use supervol_format::space::WorldSpace;
 
 use crate::cast::{self, index};
 use crate::formats::array_survey::survey_axes;
@@ -393,6 +394,9 @@ fn source(
     let mut info = SourceInfo::plain(format, dims, stored);
     let of = placement.axes.map(|axis| axis.map(|axis| &axes[axis]));
     info.geometry = ome::geometry_of(of);
+    if let Some(geometry) = ome::geometry_of_patient(of) {
+        (info.geometry, info.space) = (geometry, WorldSpace::LeftPosteriorSuperior);
+    }
     if let Some(defect) = info.geometry.defect() {
         return Err(SourceError::invalid(&path, "place of the image", "spacings above 0, and finite numbers", defect));
     }

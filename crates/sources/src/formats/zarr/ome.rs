@@ -82,6 +82,9 @@ enum OmeAxis {
         kind: Option<String>,
         #[serde(default)]
         unit: Option<String>,
+        /// Anatomical orientation: `{"type": "anatomical", "value": "left-to-right"}`, or only the value.
+        #[serde(default)]
+        orientation: serde_json::Value,
     },
 }
 
@@ -122,6 +125,8 @@ pub(crate) struct ArrayAxis {
     /// Distance between neighbours, and position of the first element.
     pub(crate) spacing: f64,
     pub(crate) origin: f64,
+    /// Direction of the axis in a patient, left-posterior-superior.
+    pub(crate) direction: Option<[f64; 3]>,
 }
 
 impl ArrayAxis {
@@ -132,7 +137,7 @@ impl ArrayAxis {
             "c" | "ch" | "channel" | "channels" | "rgb" => Role::Channel,
             _ => Role::Space,
         };
-        Self { name: name.into(), role, unit: String::new(), spacing: 1.0, origin: 0.0 }
+        Self { name: name.into(), role, unit: String::new(), spacing: 1.0, origin: 0.0, direction: None }
     }
 }
 
@@ -158,10 +163,11 @@ impl Multiscale {
 
 impl OmeAxis {
     fn plain(&self) -> ArrayAxis {
-        let (name, kind, unit) = match self {
-            Self::Name(name) => (name, None, None),
-            Self::Full { name, kind, unit } => (name, kind.as_deref(), unit.as_deref()),
+        let (name, kind, unit, orientation) = match self {
+            Self::Name(name) => (name, None, None, &serde_json::Value::Null),
+            Self::Full { name, kind, unit, orientation } => (name, kind.as_deref(), unit.as_deref(), orientation),
         };
+        let direction = orientation["value"].as_str().or(orientation.as_str()).and_then(direction_of);
         let axis = ArrayAxis::named(name);
         let role = match kind {
             Some("space") => Role::Space,
@@ -169,7 +175,7 @@ impl OmeAxis {
             Some("channel") => Role::Channel,
             _ => axis.role,
         };
-        ArrayAxis { role, unit: unit_of(unit.unwrap_or_default()), ..axis }
+        ArrayAxis { role, unit: unit_of(unit.unwrap_or_default()), direction, ..axis }
     }
 }
 
@@ -192,6 +198,32 @@ impl Transform {
             }
         }
     }
+}
+
+/// Direction of an anatomical orientation, left-posterior-superior.
+fn direction_of(orientation: &str) -> Option<[f64; 3]> {
+    Some(match orientation {
+        "right-to-left" => [1.0, 0.0, 0.0],
+        "left-to-right" => [-1.0, 0.0, 0.0],
+        "anterior-to-posterior" => [0.0, 1.0, 0.0],
+        "posterior-to-anterior" => [0.0, -1.0, 0.0],
+        "inferior-to-superior" => [0.0, 0.0, 1.0],
+        "superior-to-inferior" => [0.0, 0.0, -1.0],
+        _ => return None,
+    })
+}
+
+/// Geometry in a patient, left-posterior-superior, of three axes that state their anatomical orientation. Origins are
+/// distances along the axes.
+pub(crate) fn geometry_of_patient(axes: [Option<&ArrayAxis>; 3]) -> Option<Geometry> {
+    let directions = axes.map(|axis| axis.and_then(|axis| axis.direction));
+    let [Some(x), Some(y), Some(z)] = directions else { return None };
+    let Geometry { spacing, origin, direction } = geometry_of(axes);
+    let columns = [x, y, z];
+    let along = |row: usize| (0..3).map(|axis| columns[axis][row] * origin[axis]).sum::<f64>() + 0.0;
+    let turned = |at: usize| columns[at % 3][at / 3] * direction[4 * (at % 3)] + 0.0;
+    let geometry = Geometry { spacing, origin: std::array::from_fn(along), direction: std::array::from_fn(turned) };
+    geometry.defect().is_none().then_some(geometry)
 }
 
 /// Unit in our spelling.
@@ -231,6 +263,21 @@ pub(crate) fn geometry_of(axes: [Option<&ArrayAxis>; 3]) -> Geometry {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn anatomical_orientations() {
+        let axis = |value: &str| ArrayAxis { direction: direction_of(value), origin: 5.0, ..ArrayAxis::named("") };
+        let axes = ["left-to-right", "inferior-to-superior", "anterior-to-posterior"].map(axis);
+        let geometry = geometry_of_patient(axes.each_ref().map(Some)).expect("three directions");
+        assert_eq!(geometry.direction, [-1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0]);
+        assert_eq!(geometry.origin, [-5.0, 5.0, 5.0]);
+        // Two axes along one direction span no volume.
+        let axes = ["left-to-right", "right-to-left", "anterior-to-posterior"].map(axis);
+        assert_eq!(geometry_of_patient(axes.each_ref().map(Some)), None);
+        let text = r#"{"name": "x", "type": "space", "orientation": {"type": "anatomical", "value": "left-to-right"}}"#;
+        let axis = serde_json::from_str::<OmeAxis>(text).expect("an axis").plain();
+        assert_eq!(axis.direction, Some([-1.0, 0.0, 0.0]));
+    }
 
     #[test]
     fn channels_are_called_what_the_image_says() {
