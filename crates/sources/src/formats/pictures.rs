@@ -13,7 +13,7 @@ use jpeg_decoder::PixelFormat;
 use png::{BitDepth, ColorType};
 use supervol_format::{Dims, VoxelBox, VoxelType};
 
-use super::tiff::{Page, Pages, RATIO_LIMIT, is_tiff};
+use super::tiff::{Calibration, Page, Pages, RATIO_LIMIT, is_tiff};
 use crate::cast::index;
 use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::grid::dense::{GridFile, GridLayout, GridSource, Part, checked_bytes, swap_bytes};
@@ -104,7 +104,9 @@ impl PicturesSource {
         };
         let elements = Elements::of(path, &grid, first.number, (channels, Frames::ONE), &mut notes)?;
         let mut info = SourceInfo::plain("pictures", dims, elements.voxel_type);
+        let calibration = calibration(&files, (kind, first), channels, &mut notes)?;
         info.notes = notes;
+        calibration.apply(&mut info);
         info.memory_bytes = (size_of::<Part>() + size_of::<SourceFile>() + 256) as u64 * files.len() as u64;
         info.folder = path.is_dir().then(|| path.into());
         info.files = source_files;
@@ -120,6 +122,28 @@ impl VolumeSource for PicturesSource {
     fn read_box(&self, voxels: VoxelBox, out: &mut [u8]) -> Result<(), SourceError> {
         self.0.read_box(voxels, out)
     }
+}
+
+/// Meaning of the numbers of all slices, if the first and the last agree. Other pictures than TIFF state none.
+fn calibration(
+    files: &[PathBuf],
+    (kind, page): (Kind, Page),
+    channels: Channels,
+    notes: &mut Vec<Message>,
+) -> Result<Calibration, SourceError> {
+    let of = |file: &PathBuf, notes: &mut Vec<Message>| {
+        let (Picture::Tiff(mut pages), Some(channel)) = (Picture::open(file, kind)?, channels.wanted) else {
+            return Ok(Calibration::default());
+        };
+        pages.note_bits(page, notes)?;
+        pages.calibration(page, channel, notes)
+    };
+    let first = of(&files[0], notes)?;
+    if of(&files[files.len() - 1], &mut Vec::new())? == first {
+        return Ok(first);
+    }
+    notes.push("slices are calibrated differently: values are as stored".into());
+    Ok(Calibration::default())
 }
 
 /// The pictures of a folder, which must have the same format.

@@ -216,6 +216,31 @@ fn nodata_scale_and_unit_of_gdal() {
     }
 }
 
+/// Slices in files of their own are explained as stacks are, if all agree.
+#[test]
+fn folders_of_calibrated_slices() {
+    let folder = tempfile::tempdir().unwrap();
+    let bytes: Vec<u8> = [-9999i16, 1, 2, 3].iter().flat_map(|n| n.to_le_bytes()).collect();
+    let page = Page { texts: &[(42113, "-9999")], ..Page::grey([2, 2], 16, SIGNED, &bytes) };
+    let write = |name: &str, page: &Page, text: &str| {
+        std::fs::write(folder.path().join(name), tiff(std::slice::from_ref(page), text)).unwrap();
+    };
+    let found = || {
+        let source = chosen(folder.path(), None, None).unwrap();
+        let info = source.info();
+        assert_eq!((info.format, info.dims), ("pictures", Dims([2, 2, 2])));
+        (info.nodata, info.scale, info.offset, info.notes.iter().map(ToString::to_string).collect::<String>())
+    };
+    write("s0.tif", &page, "");
+    write("s1.tif", &page, "");
+    assert_eq!((found().0, found().1), (Some(-9999.0), 1.0));
+    let line = "ImageJ=1.54f\nimages=1\ncf=0\nc0=-5.0\nc1=2.0\nvunit=HU\n";
+    write("s1.tif", &page, line);
+    assert!(found().0.is_none() && found().3.contains("calibrated differently"), "{:?}", found());
+    write("s0.tif", &page, line);
+    assert_eq!((found().0, found().1, found().2), (None, 2.0, -5.0));
+}
+
 #[test]
 fn numbers_in_planes_of_their_own() {
     let folder = tempfile::tempdir().unwrap();

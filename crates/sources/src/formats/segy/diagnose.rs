@@ -57,6 +57,7 @@ pub(super) fn refuse(input: Input<'_>, layout: &Layout, options: &SegyOptions, d
         Ok(evidence) => evidence,
         Err(error) => return error,
     };
+    let one_place = evidence.asked.iter().all(|(min, max)| min == max);
     let mut what = match defect {
         NoGrid::Sparse { what, .. } => format!("{what} (a 2D line through a survey, or a wrong line number)"),
         NoGrid::Duplicate { traces, inline, crossline } => {
@@ -67,7 +68,6 @@ pub(super) fn refuse(input: Input<'_>, layout: &Layout, options: &SegyOptions, d
                 options.inline_byte,
                 options.crossline_byte
             );
-            let one_place = evidence.asked.iter().all(|(min, max)| min == max);
             if !one_place && differ_in_offset(input, (layout, options), *traces) {
                 let byte = options.offset_byte;
                 let mut offsets: Vec<i32> = evidence.offsets.into_iter().collect();
@@ -90,6 +90,7 @@ pub(super) fn refuse(input: Input<'_>, layout: &Layout, options: &SegyOptions, d
             let skip = Message::from("; ").option(ReadOption::SkipTraces);
             skip.text(format_args!(" {which} leaves a wrong trace out"))
         }
+        NoGrid::Duplicate { .. } if one_place => Message::default(),
         NoGrid::Duplicate { traces, .. } => {
             let which = Message::from("; ").option(ReadOption::Duplicates).text(" first, last or mean chooses; ");
             which.option(ReadOption::SkipTraces).text(format_args!(" {} leaves one out", traces[1] + 1))

@@ -36,7 +36,7 @@ pub(super) struct Description {
 
 /// Meaning of stored numbers.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Calibration {
+pub(crate) struct Calibration {
     /// Value = stored * scale + offset.
     pub(super) scale: f64,
     pub(super) offset: f64,
@@ -54,7 +54,7 @@ impl Default for Calibration {
 
 impl Calibration {
     /// ImageJ's calibration; `None` if there is none. Others than a straight line are noted.
-    fn of_image_j(fields: &HashMap<&str, &str>, notes: &mut Vec<Message>) -> Option<Self> {
+    pub(super) fn of_image_j(fields: &HashMap<&str, &str>, notes: &mut Vec<Message>) -> Option<Self> {
         let number = |name: &str| fields.get(name)?.trim().parse::<f64>().ok().filter(|n| n.is_finite());
         let function = fields.get("cf")?.trim();
         if function != "0" {
@@ -67,7 +67,7 @@ impl Calibration {
     }
 
     /// Puts scale, offset, unit and absent value into the description of a volume, and notes them.
-    pub(super) fn apply(&self, info: &mut SourceInfo) {
+    pub(crate) fn apply(&self, info: &mut SourceInfo) {
         (info.scale, info.offset) = (self.scale, self.offset);
         info.unit.clone_from(&self.unit);
         info.nodata = AbsentNumbers::new(info.voxel_type, self.nodata.as_slice(), ALL_VALID).and_then(|a| a.nodata());
@@ -78,6 +78,11 @@ impl Calibration {
             info.notes.push(Message::from(what).option(ReadOption::Values).text(" ignores them"));
         }
     }
+}
+
+/// Fields of ImageJ's description.
+pub(super) fn fields_of_image_j(text: &str) -> HashMap<&str, &str> {
+    text.lines().filter_map(|line| line.split_once('=')).collect()
 }
 
 /// Sizes of a series besides x and y, and the number of pages between neighbours along each axis.
@@ -145,7 +150,7 @@ impl Description {
     }
 
     fn of_image_j(path: &Path, text: &str, samples: u64, selection: &Selection) -> Result<Self, SourceError> {
-        let fields: HashMap<&str, &str> = text.lines().filter_map(|line| line.split_once('=')).collect();
+        let fields = fields_of_image_j(text);
         let count = |name: &str| match fields.get(name) {
             None => Ok(None),
             Some(text) => {

@@ -5,7 +5,7 @@ use quick_xml::events::Event;
 use tiff::decoder::ifd::Value;
 use tiff::tags::Tag;
 
-use super::description::Calibration;
+use super::description::{Calibration, fields_of_image_j};
 use super::page::{Packing, refusal};
 use super::{Page, Pages};
 use crate::{Message, ReadOption, SourceError};
@@ -29,12 +29,31 @@ impl Pages<'_> {
         Ok(calibration)
     }
 
-    /// Decides whether single bits are the voxels although white is zero, and notes it: tifffile writes truth values so.
-    pub(super) fn choose_bits(&mut self, page: Page, notes: &mut Vec<Message>) -> Result<(), SourceError> {
+    /// Meaning of the numbers of a slice in a file of its own.
+    pub(crate) fn calibration(
+        &mut self,
+        page: Page,
+        channel: u64,
+        notes: &mut Vec<Message>,
+    ) -> Result<Calibration, SourceError> {
+        let text = self.description()?;
+        let of_image_j = (text.starts_with("ImageJ=") && !page.stored().is_float())
+            .then(|| Calibration::of_image_j(&fields_of_image_j(&text), notes));
+        of_image_j.flatten().map_or_else(|| self.of_gdal(channel), Ok)
+    }
+
+    /// Finds out whether single bits are the voxels although white is zero: tifffile writes truth values so.
+    pub(super) fn choose_bits(&mut self) -> Result<(), SourceError> {
+        self.keeps_bits = self.tag(Tag::PhotometricInterpretation)? == Some(0)
+            && self.text(Tag::Software).is_ok_and(|program| program.starts_with("tifffile"));
+        Ok(())
+    }
+
+    /// Notes the meaning of single bits where white is zero.
+    pub(crate) fn note_bits(&mut self, page: Page, notes: &mut Vec<Message>) -> Result<(), SourceError> {
         if page.packing != Packing::Bits || self.tag(Tag::PhotometricInterpretation)? != Some(0) {
             return Ok(());
         }
-        self.keeps_bits = self.text(Tag::Software)?.starts_with("tifffile");
         notes.push(if self.keeps_bits {
             "bits of a mask by tifffile, white is zero: true is 1, as stored".into()
         } else {
@@ -52,12 +71,14 @@ impl Pages<'_> {
         };
         let [x, y] = [self.per_unit(Tag::XResolution)?, self.per_unit(Tag::YResolution)?];
         let (Some(x), Some(y)) = (x, y) else { return Ok(()) };
+        // One pixel per unit states no size.
         let is_of_paper =
-            |n: f64| OF_PAPER.iter().any(|known| (n * per_inch - f64::from(*known)).abs() < 0.6) || !n.is_finite();
+            |n: f64| OF_PAPER.iter().any(|known| (n * per_inch - f64::from(*known)).abs() < 0.6) || n == 1.0;
         if n_is_none(x) || n_is_none(y) || is_of_paper(x) || is_of_paper(y) {
             return Ok(());
         }
-        let size = |n: f64| format!("{:.6}", 25.4 / (n * per_inch)).trim_end_matches('0').to_owned();
+        let size =
+            |n: f64| format!("{:.6}", 25.4 / (n * per_inch)).trim_end_matches('0').trim_end_matches('.').to_owned();
         let what = format!("its resolution makes pixels of {} x {} mm, which is not used: ", size(x), size(y));
         notes.push(Message::from(what).option(ReadOption::Spacing).text(" gives voxels a size"));
         Ok(())

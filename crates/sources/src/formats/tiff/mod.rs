@@ -36,6 +36,7 @@ use crate::input::selection::{Choice, Selection};
 use crate::input::spool::{Spool, SpoolFolder};
 use crate::{Axis, Endian, Message, SourceError, SourceInfo, VolumeSource};
 use coded::{CodedChunks, Compression};
+pub(crate) use description::Calibration;
 use page::{CHUNK_LIMIT_BYTES, Packing, refusal};
 pub(crate) use page::{Page, RATIO_LIMIT};
 
@@ -91,7 +92,7 @@ impl TiffSource {
         if description == Description::default() {
             pages.note_resolution(&mut notes)?;
         }
-        pages.choose_bits(first, &mut notes)?;
+        pages.note_bits(first, &mut notes)?;
         let dims = Dims([first.size[0], first.size[1], slices.len() as u64]);
         checked_bytes(path, dims, first.stored())?;
         let in_place = match behind {
@@ -159,7 +160,9 @@ impl<'a> Pages<'a> {
         // The crate allocates as many values as a field states, several times their bytes, before it reads them.
         limits.ifd_value_size = FIELD_LIMIT_BYTES.min(usize::try_from(file_bytes).unwrap_or(usize::MAX));
         let decoder = Decoder::new(BufReader::new(file)).map_err(|e| refusal(path, e))?.with_limits(limits);
-        Ok(Self { path, decoder, file_bytes, keeps_bits: false })
+        let mut pages = Self { path, decoder, file_bytes, keeps_bits: false };
+        pages.choose_bits()?;
+        Ok(pages)
     }
 
     fn tag(&mut self, tag: Tag) -> Result<Option<u64>, SourceError> {
@@ -494,7 +497,7 @@ impl<'a> Pages<'a> {
             }
         };
         let mut voxels = if page.packing == Packing::Bits { unpacked(&voxels, decoded) } else { voxels };
-        if self.keeps_bits {
+        if self.keeps_bits && page.packing == Packing::Bits {
             // The decoder has inverted them.
             voxels.iter_mut().for_each(|bit| *bit = 1 - *bit);
         }
