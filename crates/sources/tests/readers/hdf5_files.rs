@@ -102,6 +102,38 @@ fn spacings_are_read_where_they_are_written() {
 }
 
 #[test]
+fn places_by_other_programs() {
+    let levels = file("levels.h5");
+    for setup in ["s00", "s01"] {
+        let coarse = opened(&named(&levels, &format!("t00000/{setup}/1/cells"))).unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!((coarse.info().geometry.spacing, value_at(coarse.as_ref(), [0; 3])), ([2.0, 2.0, 1.0], 40_000.0));
+    }
+    let sized = opened(&named(&levels, "sized")).unwrap();
+    assert_eq!((sized.info().geometry.spacing, sized.info().axes[0].unit.as_str()), ([1.0, 2.0, 3.0], "um"));
+    let itk = opened(&file("itk.h5")).unwrap_or_else(|e| panic!("{e}"));
+    let (info, geometry) = (itk.info(), itk.info().geometry);
+    assert_eq!((info.dims, value_at(itk.as_ref(), [4, 3, 2])), (Dims([5, 4, 3]), 59.0));
+    assert_eq!((geometry.spacing, geometry.origin), ([0.5, 1.5, 2.5], [10.0, 20.0, 30.0]));
+    assert_eq!(geometry.direction, [0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]);
+    assert_eq!(info.space, supervol_format::space::WorldSpace::LeftPosteriorSuperior);
+}
+
+/// Inlines descend in the file: they are read in reverse.
+#[test]
+fn a_survey_of_segysak() {
+    let source = opened(&file("survey.nc")).unwrap_or_else(|e| panic!("{e}"));
+    let info = source.info();
+    let survey = info.survey.as_ref().expect("a survey");
+    assert_eq!((survey.inline.first, survey.inline.step, survey.crossline.first), (6, 2, 20));
+    assert_eq!(survey.corners.map(|corners| corners[0]), Some([1000.0, 5100.0]));
+    assert_eq!((info.geometry.spacing, info.axes[2].name.as_str()), ([12.5, 25.0, 4.0], "time"));
+    let inlines = 0..30u32;
+    let of_slice = |z: u32| inlines.clone().map(move |at| ((4 - at / 6) * 42 + at % 6 * 7 + z) as f32);
+    let expected: Vec<u8> = (0..7).flat_map(of_slice).flat_map(f32::to_le_bytes).collect();
+    check_boxes(source.as_ref(), &expected, 5);
+}
+
+#[test]
 fn files_with_several_datasets_ask_for_a_name() {
     for name in FILES {
         let refused = |path: &Path, words: &[&str]| assert_refused(opened(path).map(|_| ()), words);

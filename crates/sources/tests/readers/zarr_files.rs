@@ -278,6 +278,43 @@ fn rounding_filters_and_attributes_of_python() {
     check_boxes(source.as_ref(), &expected, 5);
 }
 
+/// MDIO 0 states line numbers and samples at its root, and the traces that there are beside the data.
+#[test]
+fn a_survey_of_mdio_0() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mdio");
+    let write = |name: &str, bytes: &[u8]| {
+        let file = path.join(name);
+        std::fs::create_dir_all(file.parent().unwrap()).unwrap();
+        std::fs::write(file, bytes).unwrap();
+    };
+    let array = |shape: &[u64], dtype: &str| {
+        serde_json::json!({"zarr_format": 2, "shape": shape, "chunks": shape, "dtype": dtype, "compressor": null, "fill_value": 0,
+                           "order": "C", "filters": null})
+        .to_string()
+    };
+    let root = serde_json::json!({"dimension": [{"name": "inline", "coords": [10, 12]}, {"name": "crossline", "coords": [7, 8, 9]},
+                                                {"name": "sample", "coords": [100.0, 104.0]}]});
+    for group in ["", "data/", "metadata/"] {
+        write(&format!("{group}.zgroup"), br#"{"zarr_format": 2}"#);
+    }
+    write(".zattrs", root.to_string().as_bytes());
+    write("data/chunked_012/.zarray", array(&[2, 3, 2], "<f4").as_bytes());
+    let samples: Vec<u8> = (0..12u8).flat_map(|n| f32::from(n).to_le_bytes()).collect();
+    write("data/chunked_012/0.0.0", &samples);
+    write("metadata/live_mask/.zarray", array(&[2, 3], "|b1").as_bytes());
+    write("metadata/live_mask/0.0", &[1, 1, 0, 1, 1, 1]);
+    for name in [path.clone(), named(&path, "data/chunked_012")] {
+        let source = opened(&name).unwrap_or_else(|e| panic!("{e}"));
+        let (info, survey) = (source.info(), source.info().survey.as_ref().expect("a survey"));
+        assert_eq!((info.dims, survey.missing_traces), (Dims([3, 2, 2]), 1));
+        assert_eq!((survey.inline.first, survey.inline.step, survey.crossline.first), (10, 2, 7));
+        assert_eq!((survey.first_sample, survey.sample_interval), (100.0, 4.0));
+        assert_eq!((value_at(source.as_ref(), [1, 1, 1]), value_at(source.as_ref(), [1, 0, 0])), (9.0, 2.0));
+        assert!(value_at(source.as_ref(), [2, 0, 1]).is_nan(), "a trace that is not there");
+    }
+}
+
 /// A stream that inflates to far more than its chunk is not inflated further.
 #[test]
 fn chunks_are_inflated_to_their_size_and_no_further() {

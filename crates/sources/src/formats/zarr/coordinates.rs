@@ -4,7 +4,7 @@ use std::path::Path;
 
 use supervol_format::Dims;
 
-use super::ome::Role;
+use super::ome::{ArrayAxis, Role};
 use super::store::Store;
 use super::{Array, ArrayChunks, Chosen, Node, PlainArray, attributes, node};
 use crate::formats::array_survey::{MASKS, POSITIONS, SurveyParts, survey_axes};
@@ -29,6 +29,13 @@ pub(super) fn place_axes(
     notes: &mut Vec<Message>,
 ) -> Vec<Option<Coordinates>> {
     let Some(group) = group_of(store, &found.folder) else { return Vec::new() };
+    let of_root = of_mdio_0(&root_attributes(store));
+    let is_of_root = of_root.len() == found.axes.len();
+    // An array of MDIO 0 does not name its axes itself.
+    for (axis, (name, _)) in found.axes.iter_mut().zip(&of_root).filter(|(axis, _)| is_of_root && axis.name.is_empty())
+    {
+        *axis = ArrayAxis::named(name);
+    }
     let is_survey = survey_axes(&found.axes).is_some();
     let mut along = Vec::new();
     for (axis, count) in found.axes.iter_mut().zip(&found.array.shape.shape) {
@@ -36,6 +43,8 @@ pub(super) fn place_axes(
             notes.push(format!("coordinates along {} are not used: {error}", axis.name).into());
             None
         });
+        let stated = || of_root.iter().find(|(name, _)| *name == axis.name && is_of_root);
+        let coordinates = coordinates.or_else(|| stated().map(|(_, coordinates)| coordinates.clone()));
         if let Some(coordinates) = coordinates.as_ref().filter(|_| !is_survey && axis.role == Role::Space) {
             coordinates.place(axis, notes);
         }
@@ -45,6 +54,21 @@ pub(super) fn place_axes(
         note_units(&found.axes, notes);
     }
     along
+}
+
+/// Attributes of the root of a store of version 2.
+fn root_attributes(store: &Store) -> serde_json::Value {
+    store.metadata(&store.path.join(".zattrs")).ok().flatten().unwrap_or_default()
+}
+
+/// Names and coordinates of the dimensions that the root of MDIO 0 states.
+pub(super) fn of_mdio_0(root: &serde_json::Value) -> Vec<(String, Coordinates)> {
+    let dimension = |stated: &serde_json::Value| {
+        let values: Option<Vec<f64>> = stated["coords"].as_array()?.iter().map(serde_json::Value::as_f64).collect();
+        Some((stated["name"].as_str()?.to_owned(), Coordinates { values: values?, unit: String::new() }))
+    };
+    let all = root["dimension"].as_array().map(|list| list.iter().map(dimension).collect::<Option<Vec<_>>>());
+    all.flatten().unwrap_or_default()
 }
 
 /// Parts of a survey in the arrays beside its volume. `xyz` are the axes of the volume, with their coordinates.
@@ -65,8 +89,11 @@ pub(super) fn survey(
     let Some(group) = group_of(store, folder) else { return parts };
     let [crosslines, inlines, _] = info.dims.0;
     let lines = if xyz[1] < xyz[0] { [inlines, crosslines] } else { [crosslines, inlines] };
+    // MDIO 0 has a group of metadata beside that of the data.
+    let metadata = group.parent().map(|root| root.join("metadata")).filter(|_| group != store.path);
     let of_traces = |name: &str| {
-        let found = beside(store, group, name, &lines, options).ok().flatten()?;
+        let groups = [Some(group), metadata.as_deref()].into_iter().flatten();
+        let found = groups.filter_map(|group| beside(store, group, name, &lines, options).ok().flatten()).next()?;
         Some(found.transposed_unless(xyz[1] < xyz[0], lines))
     };
     parts.positions = POSITIONS.iter().find_map(|[x, y]| Some([of_traces(x)?, of_traces(y)?]));

@@ -220,7 +220,13 @@ fn find(store: &Store, folder: &Path, selection: &Selection, notes: &mut Vec<Mes
             Ok(plain(folder.into(), array))
         }
         Some(Node::Group(attributes, of_group)) => match attributes.images() {
-            [] => one_below(store, folder, (&attributes, &of_group), (selection, notes)),
+            [] => match of_mdio_0(store, folder, &of_group)? {
+                Some(found) => {
+                    selection.level_of(folder, 1)?;
+                    Ok(found)
+                }
+                None => one_below(store, folder, (&attributes, &of_group), (selection, notes)),
+            },
             [image, others @ ..] => {
                 if !others.is_empty() {
                     notes.push(format!("{} images in one group; the first is used", others.len() + 1).into());
@@ -239,6 +245,19 @@ fn plain(folder: PathBuf, PlainArray { array, names, attributes }: PlainArray) -
     let names = names.filter(|names| names.len() == rank).unwrap_or_else(|| vec![None; rank]);
     let axes = names.into_iter().map(|name| ArrayAxis::named(&name.unwrap_or_default())).collect();
     Chosen { folder, array, axes, channels: Vec::new(), format: "zarr", attributes }
+}
+
+/// The finest array of a survey by MDIO 0, whose root states the dimensions.
+fn of_mdio_0(store: &Store, folder: &Path, of_group: &Value) -> Result<Option<Chosen>, SourceError> {
+    let dimensions = coordinates::of_mdio_0(of_group);
+    let data = folder.join("data");
+    let whole = format!("chunked_{}", (0..dimensions.len()).map(|axis| axis.to_string()).collect::<String>());
+    if dimensions.is_empty() || !store.has(&data.join(&whole).join(".zarray")) {
+        return Ok(None);
+    }
+    let Some(Node::Array(array)) = node(store, &data.join(&whole))? else { return Ok(None) };
+    let names = dimensions.into_iter().map(|(name, _)| Some(name)).collect();
+    Ok(Some(plain(data.join(whole), PlainArray { names: Some(names), ..array })))
 }
 
 /// The only array below a group without image metadata, or its only volume: arrays of coordinates are none.
