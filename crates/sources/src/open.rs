@@ -35,7 +35,8 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn VolumeSource>,
         open_file(&path, &options)?
     };
     let source = if options.values == Values::Stored { StoredSource::new(source) } else { source };
-    Ok(match options.nodata.filter(|_| options.raw.is_none()) {
+    // Numbers that are not finite are absent anyway.
+    Ok(match options.nodata.filter(|value| options.raw.is_none() && value.is_finite()) {
         Some(nodata) => Box::new(AbsentSource::new(source, nodata)?),
         None => source,
     })

@@ -7,7 +7,7 @@
 //! Spacings come from the attributes `element_size_um` (Fiji, ilastik) and `resolutions` (BigDataViewer), from ITK's
 //! datasets beside the voxels, or from dimension scales (netCDF). BigDataViewer stores its voxel sizes in a separate XML
 //! file, which can be opened instead: [`crate::formats::bigdataviewer`].
-//! Attributes of CF explain the numbers ([`crate::formats::cf`]).
+//! Attributes of CF explain the numbers (`formats/cf.rs`).
 //! 16-bit floats are refused: the crate does not distinguish half precision from other formats.
 //! The crate `hdf5-reader` reads the files through positional reads. Links to other files, and data in other files, are
 //! followed into the file's folder, or anywhere if files outside are allowed.
