@@ -213,10 +213,11 @@ fn choose(path: &Path, (file, linked): (&Hdf5File, &Linked), wanted: Option<&str
     match (wanted.filter(|_| !is_whole), &found[..]) {
         (Some(wanted), _) => {
             let wanted = shortened(wanted);
-            let no_link =
-                linked.refusal().map(|error| format!("; a link is not followed: {error}")).unwrap_or_default();
-            let what = format!("{}: no dataset `{wanted}`; there are: {list}{no_link}", path.display());
-            Err(SourceError::options(what))
+            let what = Message::from(format!("{}: no dataset `{wanted}`; there are: {list}", path.display()));
+            Err(SourceError::options(match linked.refusal() {
+                Some(refusal) => what.text("; a link is not followed: ").message(refusal.message()),
+                None => what,
+            }))
         }
         (None, [one]) => Ok(one.name.clone()),
         (None, []) => {
