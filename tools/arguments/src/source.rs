@@ -141,7 +141,7 @@ struct SelectionArguments {
     /// Time point, echo or other count of volumes in the file, starting at 0
     #[arg(long, value_name = "T")]
     frame: Option<u64>,
-    /// Channel, component or colour, starting at 0 [default for colours: their luminance]
+    /// Channel, component, colour or segment, starting at 0 [default for colours: their luminance]
     #[arg(long, value_name = "C")]
     channel: Option<u64>,
     /// Level of the pyramid of the input (OME-Zarr, N5); 0 is the finest

@@ -108,10 +108,10 @@ impl Explanation {
     }
 
     /// Puts scale, offset, unit and absent value into the description of a volume with numbers of a type, and notes
-    /// them. Returns the rule for absent numbers, if there is one.
+    /// them. `marker` is the voxel that stands for absent 64-bit integers. Returns the rule for absent numbers, if there is one.
     pub(crate) fn apply(
         &self,
-        number: Number,
+        (number, marker): (Number, Option<f64>),
         info: &mut SourceInfo,
         notes: &mut Vec<Message>,
     ) -> Option<AbsentNumbers> {
@@ -126,7 +126,9 @@ impl Explanation {
             _ => value,
         };
         let values: Vec<f64> = self.absent.iter().map(|value| held(*value)).collect();
-        let absent = AbsentNumbers::new(info.voxel_type, &values, self.valid_numbers(info.voxel_type.is_float(), held));
+        let of_voxels = marker.map_or_else(|| values.clone(), |marker| vec![marker]);
+        let absent =
+            AbsentNumbers::new(info.voxel_type, &of_voxels, self.valid_numbers(info.voxel_type.is_float(), held));
         info.nodata = absent.as_ref().and_then(AbsentNumbers::nodata);
         let mut said: Vec<String> = line(self.scale, self.offset).into_iter().collect();
         let plain = |value: f64| in_few_digits(value, info.voxel_type);
@@ -265,7 +267,7 @@ mod tests {
         assert_eq!(number, Number::Voxel(VoxelType::U8));
         let mut info = SourceInfo::plain("zarr", Dims([4, 1, 1]), VoxelType::U8);
         let mut notes = Vec::new();
-        let absent = explanation.apply(number, &mut info, &mut notes).expect("a fill value");
+        let absent = explanation.apply((number, None), &mut info, &mut notes).expect("a fill value");
         assert_eq!((info.scale, info.offset, info.nodata), (0.5, 10.0, Some(255.0)));
         let mut voxels = [0, 1, 20, 21];
         absent.mark(&mut voxels);

@@ -23,6 +23,9 @@ const LUMINANCE: [f64; 3] = [299.0, 587.0, 114.0];
 /// Largest integer up to which a double represents all integers.
 const EXACT_IN_DOUBLES: i128 = 1 << 53;
 
+/// Largest number of absent 64-bit integers that are told apart.
+const ABSENT_LIMIT: usize = 4;
+
 /// Numbers that can be read box by box, in a file or in chunks.
 pub(crate) trait NumberGrid {
     /// Dims and type of the numbers.
@@ -149,12 +152,35 @@ pub(crate) enum Numbers {
     Half,
 }
 
+/// Absent 64-bit integers, which need not fit the type of the voxels, and the voxel that replaces them.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct AbsentWhole {
+    /// Absent numbers as doubles; unused places are NaN.
+    values: [f64; ABSENT_LIMIT],
+    /// Voxel of absent numbers.
+    marker: f64,
+}
+
+impl AbsentWhole {
+    /// Rule for these numbers, without a marker.
+    fn of(absent: &[f64]) -> Self {
+        let values = std::array::from_fn(|i| absent.get(i).copied().unwrap_or(f64::NAN));
+        Self { values, marker: f64::NAN }
+    }
+
+    fn is_absent(&self, number: i128) -> bool {
+        self.values.contains(&(number as f64))
+    }
+}
+
 /// Conversion of a grid's numbers to voxels.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Elements {
     pub(crate) channels: Channels,
     pub(crate) frames: Frames,
     pub(crate) numbers: Numbers,
+    /// Absent 64-bit integers, if there are any.
+    pub(crate) absent: Option<AbsentWhole>,
     /// Type of the voxels.
     pub(crate) voxel_type: VoxelType,
 }
@@ -162,7 +188,7 @@ pub(crate) struct Elements {
 impl Elements {
     /// No conversion: the numbers are the voxels.
     pub(crate) fn plain(voxel_type: VoxelType) -> Self {
-        Self { channels: Channels::ONE, frames: Frames::ONE, numbers: Numbers::AsStored, voxel_type }
+        Self { channels: Channels::ONE, frames: Frames::ONE, numbers: Numbers::AsStored, absent: None, voxel_type }
     }
 
     /// Layout of the grid of all numbers: `channels.count` numbers per voxel along x, `frames.count` volumes along z.
@@ -179,10 +205,26 @@ impl Elements {
         (channels, frames): (Channels, Frames),
         notes: &mut Vec<Message>,
     ) -> Result<Self, SourceError> {
+        Self::of_explained(path, grid, (number, &[]), (channels, frames), notes)
+    }
+
+    /// Voxel that stands for absent 64-bit integers, if there are any.
+    pub(crate) fn marker(&self) -> Option<f64> {
+        self.absent.map(|absent| absent.marker)
+    }
+
+    /// As [`Self::of`], for numbers of which some are absent: those of 64 bits need not fit the type of the others.
+    pub(crate) fn of_explained(
+        path: &Path,
+        grid: &impl NumberGrid,
+        (number, absent): (Number, &[f64]),
+        (channels, frames): (Channels, Frames),
+        notes: &mut Vec<Message>,
+    ) -> Result<Self, SourceError> {
         let elements = Self { channels, frames, ..Self::plain(number.stored()) };
         match number {
             Number::Voxel(_) => Ok(elements),
-            Number::Whole { signed } => elements.narrowed(path, grid, signed, notes),
+            Number::Whole { signed } => elements.narrowed(path, grid, (signed, absent), notes),
             Number::Half => {
                 notes.push("half-precision floats: kept as f32, which holds all of them".into());
                 Ok(Self { numbers: Numbers::Half, voxel_type: VoxelType::F32, ..elements })
@@ -201,32 +243,40 @@ impl Elements {
         self,
         path: &Path,
         grid: &impl NumberGrid,
-        signed: bool,
+        (signed, absent): (bool, &[f64]),
         notes: &mut Vec<Message>,
     ) -> Result<Self, SourceError> {
+        let mut absent = AbsentWhole::of(absent);
+        let mut has_absent = false;
         let [mut least, mut greatest] = [i128::MAX, i128::MIN];
         for part in grid.parts(grid.layout().dims.full_box()) {
             let mut numbers = vec![0; part.voxels() * 8];
             grid.read_box(part, &mut numbers)?;
             for number in numbers.as_chunks::<8>().0 {
                 let value = whole(*number, signed);
+                if absent.is_absent(value) {
+                    has_absent = true;
+                    continue;
+                }
                 (least, greatest) = (least.min(value), greatest.max(value));
             }
         }
-        let holds = |t: &VoxelType| {
-            let (low, high) = t.limits();
-            cast::whole::<i128>(low) <= least && greatest <= cast::whole::<i128>(high)
-        };
-        let integers = VoxelType::ALL.into_iter().filter(|t| !t.is_float());
-        let is_exact = -EXACT_IN_DOUBLES <= least && greatest <= EXACT_IN_DOUBLES;
-        let fitting = integers.clone().find(holds).or_else(|| is_exact.then_some(VoxelType::F64));
-        let Some(voxel_type) = fitting else {
+        if least > greatest {
+            (least, greatest) = (0, 0);
+        }
+        // Absent numbers become a neighbour of the others: the one with the smaller type.
+        let markers = if has_absent { vec![least - 1, greatest + 1] } else { vec![least] };
+        let fitting = |marker: &i128| Some((fitting(least.min(*marker), greatest.max(*marker))?, *marker));
+        let Some((voxel_type, marker)) = markers.iter().filter_map(fitting).min_by_key(|(fitting, _)| fitting.bytes())
+        else {
             let what = format!("64-bit integers of {least} to {greatest} fit no voxel type");
             return Err(SourceError::unsupported(path, what, "subtract or divide what they have in common first"));
         };
         let name = if signed { "int64" } else { "uint64" };
         notes.push(format!("{name}, of {least} to {greatest}: kept as {voxel_type}, which holds all of them").into());
-        Ok(Self { numbers: Numbers::Whole { signed }, voxel_type, ..self })
+        absent.marker = marker as f64;
+        let absent = has_absent.then_some(absent);
+        Ok(Self { numbers: Numbers::Whole { signed }, absent, voxel_type, ..self })
     }
 
     /// As [`crate::VolumeSource::read_box`].
@@ -279,7 +329,11 @@ impl Elements {
             for (group, voxel) in groups.zip(voxels) {
                 let mut number = [0; 8];
                 picked(group, &mut number);
-                let value = whole(number, signed) as f64;
+                let number = whole(number, signed);
+                let value = match self.absent {
+                    Some(absent) if absent.is_absent(number) => absent.marker,
+                    _ => number as f64,
+                };
                 with_voxel!(self.voxel_type, V => V::from_f64(value).write_le(voxel));
             }
             return;
@@ -340,6 +394,17 @@ fn luminances_of_bytes(numbers: &[u8], count: usize, out: &mut [u8]) {
     }
 }
 
+/// The smallest type that holds all integers of a range; doubles where they are exact.
+fn fitting(least: i128, greatest: i128) -> Option<VoxelType> {
+    let holds = |t: &VoxelType| {
+        let (low, high) = t.limits();
+        cast::whole::<i128>(low) <= least && greatest <= cast::whole::<i128>(high)
+    };
+    let is_exact = -EXACT_IN_DOUBLES <= least && greatest <= EXACT_IN_DOUBLES;
+    let mut integers = VoxelType::ALL.into_iter().filter(|t| !t.is_float());
+    integers.find(holds).or_else(|| is_exact.then_some(VoxelType::F64))
+}
+
 /// A 64-bit integer from its little-endian bytes.
 fn whole(bytes: [u8; 8], signed: bool) -> i128 {
     if signed { i64::from_le_bytes(bytes).into() } else { u64::from_le_bytes(bytes).into() }
@@ -363,6 +428,22 @@ mod tests {
         assert_eq!(kept(0x1830, 0, 13, true) as i16, 0x1830 - 0x2000);
         assert_eq!(kept(0x1230, 4, 12, false), 0x123);
         assert_eq!(kept(0x8000, 0, 16, true) as i16, i16::MIN);
+    }
+
+    #[test]
+    fn absent_whole_numbers_become_a_neighbour_of_the_others() {
+        assert_eq!(
+            [fitting(0, 255), fitting(-1, 60), fitting(0, 1 << 40)],
+            [Some(VoxelType::U8), Some(VoxelType::I8), Some(VoxelType::F64)]
+        );
+        let absent = AbsentWhole { marker: -1.0, ..AbsentWhole::of(&[i64::MIN as f64]) };
+        let numbers = Numbers::Whole { signed: true };
+        let elements = Elements { numbers, absent: Some(absent), ..Elements::plain(VoxelType::I8) };
+        let bytes = [7, i64::MIN, i64::MIN + 2].map(i64::to_le_bytes);
+        let mut out = [0; 3];
+        elements.convert(VoxelType::F64, bytes.as_flattened(), &mut out);
+        // Doubles cannot tell the fill value of netCDF from the least number.
+        assert_eq!(out.map(u8::cast_signed), [7, -1, -1]);
     }
 
     #[test]

@@ -376,9 +376,11 @@ fn source(
     let (path_is, shape) = (path.into(), array.clone());
     let chunks = DatasetChunks { path: path_is, dataset, array: shape, number: of_dataset, bytes, contiguous };
     let grid = ChunkGrid::new(layout, array, placement, Box::new(chunks), memory);
-    let elements = Elements::of(path, &grid, number, (Channels::ONE, Frames::ONE), &mut notes)?;
+    let absent = explanation.as_ref().map_or(&[][..], |explanation| &explanation.absent);
+    let elements = Elements::of_explained(path, &grid, (number, absent), (Channels::ONE, Frames::ONE), &mut notes)?;
     info.voxel_type = elements.voxel_type;
-    let absent = explanation.and_then(|explanation| explanation.apply(number, &mut info, &mut notes));
+    let absent =
+        explanation.and_then(|explanation| explanation.apply((number, elements.marker()), &mut info, &mut notes));
     let survey = survey_axes(&axes).map(|xyz| (xyz, axes::survey(&file, name, (xyz, &along), &info)));
     let order = survey.map(|(xyz, parts)| {
         let mirrored = parts.describe(&mut info, xyz.map(|axis| &axes[axis]), &mut notes);

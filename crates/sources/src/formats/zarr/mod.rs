@@ -436,9 +436,11 @@ fn source(
     let shape = array.shape.clone();
     let chunks = ArrayChunks { store: store.clone(), folder: path.clone(), array, bytes, tables: Mutex::default() };
     let grid = ChunkGrid::new(layout, shape, placement, Box::new(chunks), memory);
-    let elements = Elements::of(&path, &grid, number, (Channels::ONE, Frames::ONE), &mut notes)?;
+    let absent = explanation.as_ref().map_or(&[][..], |explanation| &explanation.absent);
+    let elements = Elements::of_explained(&path, &grid, (number, absent), (Channels::ONE, Frames::ONE), &mut notes)?;
     info.voxel_type = elements.voxel_type;
-    let absent = explanation.and_then(|explanation| explanation.apply(number, &mut info, &mut notes));
+    let absent =
+        explanation.and_then(|explanation| explanation.apply((number, elements.marker()), &mut info, &mut notes));
     let survey =
         survey_axes(&axes).map(|xyz| (xyz, coordinates::survey(store, &path, (xyz, &along), (&info, options))));
     let order = survey.map(|(xyz, parts)| {
