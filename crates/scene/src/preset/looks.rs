@@ -138,7 +138,7 @@ fn is_flat(facts: &VolumeFacts) -> bool {
 
 /// Whether the volume has a dark or empty background.
 fn has_background(facts: &VolumeFacts) -> bool {
-    let range = facts.value_range;
+    let range = facts.central_range;
     let fullest = Histogram::new(&facts.histogram, range).fullest();
     fullest >= BACKGROUND || ramps::percentile(facts, 25.0) <= range.min + DARK * range.width()
 }
@@ -153,13 +153,13 @@ pub fn default_surface(facts: &VolumeFacts) -> IsoSpec {
         DataKind::CtOffset => Some(1324.0),
         _ => None,
     };
-    let usual = usual.filter(|value| (facts.value_range.min..=facts.value_range.max).contains(value));
+    let usual = usual.filter(|value| (facts.central_range.min..=facts.central_range.max).contains(value));
     let value = usual.unwrap_or_else(|| ramps::Classes::of(facts).ground);
     IsoSpec { value, color: SURFACE, alpha: 1.0 }
 }
 
 fn middle(facts: &VolumeFacts) -> f64 {
-    0.5 * facts.value_range.min + 0.5 * facts.value_range.max
+    0.5 * facts.central_range.min + 0.5 * facts.central_range.max
 }
 
 /// The transfer function of mode `dvr` for kinds whose default mode is a projection: transparent background, and

@@ -155,7 +155,7 @@ impl Overview {
     #[must_use]
     pub fn visible(&self, facts: &VolumeFacts, kept: [[f64; 3]; 2], shown: &TransferFunction) -> Option<Framed> {
         if self.cells.is_none()
-            && shown.loses(&self.values, Histogram::new(&facts.histogram, facts.value_range).shares())
+            && shown.loses(&self.values, Histogram::new(&facts.histogram, facts.central_range).shares())
         {
             return None;
         }

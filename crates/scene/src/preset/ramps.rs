@@ -26,7 +26,7 @@ pub(super) fn point(value: f64, color: [f64; 3], alpha: f64) -> ControlPoint {
 
 /// Value at a percentile, interpolated. If no percentiles are known, they are taken as linear over the range.
 pub(super) fn percentile(facts: &VolumeFacts, percent: f64) -> f64 {
-    let range = facts.value_range;
+    let range = facts.central_range;
     let ends = [(0.0, range.min), (100.0, range.max)];
     let known = if facts.percentiles.is_empty() { &ends[..] } else { &facts.percentiles[..] };
     let above = known.partition_point(|&(p, _)| p < percent);
@@ -46,7 +46,7 @@ pub(super) fn window(facts: &VolumeFacts) -> [f64; 2] {
 pub(super) fn window_between(facts: &VolumeFacts, percents: [f64; 2]) -> [f64; 2] {
     let [mut low, mut high] = percents.map(|p| percentile(facts, p));
     // In a mostly empty volume both percentiles are the background value; use the whole range then.
-    let range = facts.value_range;
+    let range = facts.central_range;
     if !range.is_empty() && high - low <= 1e-3 * range.width() {
         (low, high) = (range.min, range.max);
     }
@@ -94,7 +94,7 @@ pub(super) fn seismic(facts: &VolumeFacts) -> Vec<ControlPoint> {
 /// The window of maximum projections of tomography in Hounsfield units, with or without offset. `None` if the values
 /// are not in these units, or all lie on one side.
 pub(super) fn projected_tissue(facts: &VolumeFacts) -> Option<[f64; 2]> {
-    let range = facts.value_range;
+    let range = facts.central_range;
     let [low, high] = match facts.kind {
         DataKind::CtOffset => HOUNSFIELD_PROJECTED.map(|value| value + HOUNSFIELD_OFFSET),
         DataKind::Ct if is_hounsfield(range) => HOUNSFIELD_PROJECTED,
@@ -109,7 +109,7 @@ pub(super) fn projected_tissue(facts: &VolumeFacts) -> Option<[f64; 2]> {
 /// values in other units the classes of the histogram are used: matter faint and warm, dense matter white.
 pub(super) fn ct(facts: &VolumeFacts) -> Vec<ControlPoint> {
     let offset = if facts.kind == DataKind::CtOffset { HOUNSFIELD_OFFSET } else { 0.0 };
-    if offset == 0.0 && !is_hounsfield(facts.value_range) {
+    if offset == 0.0 && !is_hounsfield(facts.central_range) {
         return ct_by_classes(facts);
     }
     let [first, face, last] = HOUNSFIELD_FACES.map(|value| value + offset);
@@ -127,7 +127,7 @@ pub(super) fn ct(facts: &VolumeFacts) -> Vec<ControlPoint> {
 fn ct_by_classes(facts: &VolumeFacts) -> Vec<ControlPoint> {
     let Classes { ground, dense, top } = Classes::of(facts);
     let soft = 0.5 * ground + 0.5 * dense;
-    let metal = facts.value_range.max.max(top + 0.1 * (top - ground));
+    let metal = facts.central_range.max.max(top + 0.1 * (top - ground));
     vec![
         point(ground, [0.55, 0.25, 0.15], 0.0),
         point(ground + 0.6 * (soft - ground), [0.75, 0.35, 0.22], 0.002),
@@ -193,11 +193,11 @@ pub(super) fn solid(facts: &VolumeFacts, [dark, middle, light]: [[f64; 3]; 3]) -
 /// background of one value, as scanners write outside their reconstructed region; noise would be taken for matter.
 fn faint_above(facts: &VolumeFacts, ground: f64) -> Option<f64> {
     const CLEAN_BACKGROUND: f64 = 0.5;
-    let histogram = Histogram::new(&facts.histogram, facts.value_range);
+    let histogram = Histogram::new(&facts.histogram, facts.central_range);
     if facts.kind != DataKind::MicroCt || histogram.fullest() < CLEAN_BACKGROUND {
         return None;
     }
-    let range = facts.value_range;
+    let range = facts.central_range;
     let background = range.min + range.width() / facts.histogram.len() as f64;
     histogram.threshold_between(background, ground)
 }
@@ -238,12 +238,12 @@ pub(super) struct Classes {
 impl Classes {
     /// Thresholds from the histogram, or from percentiles if there is none. `ground < dense < top`.
     pub(super) fn of(facts: &VolumeFacts) -> Self {
-        let histogram = Histogram::new(&facts.histogram, facts.value_range);
+        let histogram = Histogram::new(&facts.histogram, facts.central_range);
         let [low, high] = window(facts);
         let ground = histogram.threshold_above(f64::NEG_INFINITY).unwrap_or(low + 0.2 * (high - low));
         let dense = histogram.threshold_above(ground).unwrap_or(low + 0.7 * (high - low));
         let top = histogram.quantile_above(ground, 0.995);
-        let least = 1e-6 * facts.value_range.width().max(f64::MIN_POSITIVE);
+        let least = 1e-6 * facts.central_range.width().max(f64::MIN_POSITIVE);
         let dense = dense.max(ground + least);
         Self { ground, dense, top: top.max(dense + least) }
     }

@@ -12,7 +12,7 @@ use crate::pipeline::plan::BuildPlan;
 use crate::pipeline::plan::lod_axes::LevelPlan;
 use crate::pipeline::plan::max_error::MaxError;
 use crate::report::LevelReport;
-use crate::statistics::{self, Statistics, Values};
+use crate::statistics::{self, Form, Statistics, Values};
 
 /// Limits of the manifest: characters of a name or unit, characters of a note, number of notes.
 const LABEL_CHARACTERS: usize = 256;
@@ -62,7 +62,7 @@ pub(crate) fn manifest(
     levels: &[LevelReport],
 ) -> Manifest {
     let BuildPlan { options, descriptor, levels: axes, .. } = plan;
-    let values = Values::of(descriptor, statistics);
+    let values = Values::of(descriptor, statistics, Form::Resolved);
     let codec = options.codec.name();
     // Manifests of exact containers do not have this parameter.
     let max_error = (options.max_error != MaxError::Exact).then(|| ("max_error", options.max_error.describe()));
@@ -94,9 +94,10 @@ pub(crate) fn manifest(
         present_voxels: values.present,
         histogram: values.histogram,
         percentiles: values.percentiles,
+        distribution: values.distribution,
         level_errors: levels.iter().map(|l| statistics::finite(l.error)).collect(),
         survey: info.survey.as_ref().and_then(|s| serde_json::to_value(s).and_then(|s| Json::of(&s)).ok()),
-        notes: bounded_notes(&info.notes),
+        notes: bounded_notes(&info.notes).into_iter().chain(values.note).collect(),
         others: std::collections::BTreeMap::default(),
     }
 }
