@@ -114,7 +114,15 @@ impl Units {
     pub fn facts(&self, world: &VolumeFacts) -> VolumeFacts {
         let [value_range, central_range] = [world.value_range, world.central_range].map(|range| self.range(range));
         let geometry = self.geometry(&world.geometry);
-        VolumeFacts { geometry, value_range, central_range, percentiles: vec![], histogram: vec![], ..world.clone() }
+        VolumeFacts {
+            geometry,
+            value_range,
+            central_range,
+            percentiles: vec![],
+            histogram: vec![],
+            labels: vec![],
+            ..world.clone()
+        }
     }
 
     fn range(&self, ValueRange { min, max }: ValueRange) -> ValueRange {

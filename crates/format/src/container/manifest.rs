@@ -12,6 +12,9 @@ use crate::ValueRange;
 /// hundred times its size, so no manifest takes more than 25 MiB of memory.
 pub const BYTES_LIMIT: u64 = 256 << 10;
 
+/// Most labels that a manifest lists.
+pub const LABELS_LISTED: usize = 1000;
+
 /// The manifest of a container. Values are data values: scale and offset applied.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Manifest {
@@ -58,6 +61,9 @@ pub struct Distribution {
     pub distinct_values: Option<u64>,
     /// Values without those that lie far from all others; null if no value does.
     pub central: Option<Central>,
+    /// The labels that occur, ascending. Only for volumes of labels with at most [`LABELS_LISTED`] different ones.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub labels: Vec<f64>,
 }
 
 /// Statistics of the values without those that lie far from all others: outliers, and numbers that stand for "no value".

@@ -2,13 +2,14 @@
 
 use supervol_format::ValueRange;
 use supervol_format::container::header::Descriptor;
-use supervol_format::container::manifest::{Central, Distribution, Manifest};
+use supervol_format::container::manifest::{Central, Distribution, LABELS_LISTED, Manifest};
 use supervol_format::readable::Number;
 
 use super::bins::key;
 use super::central::central;
 use super::sketch::Interval;
 use super::{Statistics, has_exact_bins, histogram, percentiles};
+use crate::pipeline::record::manifest::LABELS;
 
 /// Form of the statistics in a manifest.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -17,13 +18,19 @@ pub enum Form {
     Binned,
     /// Percentiles and histogram from the finest intervals, with a distribution.
     Resolved,
+    /// As [`Form::Resolved`], for labels: no value is far, and the labels are listed.
+    Labels,
 }
 
 impl Form {
     /// The form of a manifest's statistics.
     #[must_use]
     pub fn of(manifest: &Manifest) -> Self {
-        if manifest.distribution.is_some() { Self::Resolved } else { Self::Binned }
+        match manifest.distribution {
+            None => Self::Binned,
+            Some(_) if manifest.parameters.contains_key(LABELS) => Self::Labels,
+            Some(_) => Self::Resolved,
+        }
     }
 }
 
@@ -59,10 +66,10 @@ impl Values {
         let (present, range) = (statistics.present(), (!stored.is_empty()).then(|| units.range(stored)));
         let intervals = match form {
             Form::Binned => statistics.binned(),
-            Form::Resolved => statistics.intervals(),
+            Form::Resolved | Form::Labels => statistics.intervals(),
         };
         let mut found = percentiles(&intervals);
-        if form == Form::Resolved && !has_exact_bins(statistics.voxel_type) {
+        if form != Form::Binned && !has_exact_bins(statistics.voxel_type) {
             refine(&mut found, statistics);
         }
         let mut values = Self {
@@ -73,11 +80,15 @@ impl Values {
             distribution: None,
             note: None,
         };
-        if form == Form::Resolved {
-            let places = central(&intervals);
+        if form != Form::Binned {
+            let distinct_values = statistics.distinct();
+            let places = (form == Form::Resolved).then(|| central(&intervals)).flatten();
             values.note = places.clone().map(|places| units.note(&intervals, places));
             let central = places.map(|places| units.central(&intervals, places));
-            values.distribution = Some(Distribution { distinct_values: statistics.distinct(), central });
+            let is_listed = form == Form::Labels && distinct_values.is_some_and(|count| count <= LABELS_LISTED as u64);
+            let listed = intervals.iter().filter(|_| is_listed);
+            let labels = listed.map(|interval| units.value(interval.low)).collect();
+            values.distribution = Some(Distribution { distinct_values, central, labels });
         }
         values
     }

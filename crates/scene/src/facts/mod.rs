@@ -44,10 +44,14 @@ pub struct VolumeFacts {
     /// Range of the central values, data units: those without the few that lie far from all others. Usually it equals
     /// `value_range`.
     pub central_range: ValueRange,
+    /// Share of the present voxels that have no central value.
+    pub far_share: f64,
     /// Pairs (percent in [0, 100], data value) of the central values, ascending; may be empty.
     pub percentiles: Vec<(f64, f64)>,
     /// Counts of voxels in equal parts of `central_range`; may be empty.
     pub histogram: Vec<u64>,
+    /// The labels that occur, ascending; empty if the container lists none.
+    pub labels: Vec<f64>,
     /// Kind of data; it decides the default picture.
     pub kind: DataKind,
     /// Whether central values of both signs occur, so that zero is the neutral value.
@@ -82,8 +86,12 @@ impl VolumeFacts {
             frame,
             value_range,
             central_range,
+            far_share: manifest
+                .central()
+                .map_or(0.0, |central| (central.below + central.above) as f64 / manifest.present_voxels.max(1) as f64),
             percentiles: percentiles.iter().map(|&[percent, value]| (percent, value)).collect(),
             histogram: histogram.clone(),
+            labels: manifest.distribution.as_ref().map_or_else(Vec::new, |distribution| distribution.labels.clone()),
             kind,
             has_zero_centre: central_range.min < 0.0 && central_range.max > 0.0,
         }
@@ -98,8 +106,10 @@ impl VolumeFacts {
             frame: Frame::Unknown,
             value_range,
             central_range: value_range,
+            far_share: 0.0,
             percentiles: Vec::new(),
             histogram: Vec::new(),
+            labels: Vec::new(),
             kind: DataKind::Generic,
             has_zero_centre: false,
         }

@@ -116,3 +116,96 @@ fn a_null_is_named_and_left_out_however_much_it_fills() {
         assert!(note.contains("perhaps a null") && note.contains("(1.00026 to 4.99974)"), "{null}: {note}");
     }
 }
+
+/// Labels of cubes of 6 voxels, with numbers by `number`.
+fn cubes(number: impl Fn(usize) -> u32) -> Vec<f64> {
+    let cube = |i: usize| i % EDGE / 6 + i / EDGE % EDGE / 6 * 4 + i / EDGE / EDGE / 6 * 16;
+    (0..EDGE.pow(3)).map(|i| f64::from(number(cube(i)))).collect()
+}
+
+/// A sparse number of 31 bits.
+fn sparse(cube: usize) -> u32 {
+    (cube as u32 + 1).wrapping_mul(2_654_435_761) >> 1
+}
+
+impl Folder {
+    /// The voxels of a level, in little endian.
+    fn level(&self, level: &str) -> Vec<u32> {
+        self.expect(0, &["extract", "v.svol", "--level", level, "-o", "v.npy", "--force"]);
+        let bytes = std::fs::read(self.path("v.npy")).expect("extract wrote it");
+        let header = 10 + usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
+        bytes[header..].chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect()
+    }
+
+    /// The different colours of a picture, besides the background.
+    fn colors(&self, options: &[&str]) -> std::collections::BTreeSet<[u8; 3]> {
+        let output = self.path("p.npy");
+        let size = ["--size", "120x120", "--backend", "cpu", "--force"];
+        self.expect(0, &[&["render", "v.svol", "-o", &output], &size[..], options].concat());
+        let bytes = std::fs::read(&output).expect("render wrote it");
+        let header = 10 + usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
+        let floats: Vec<f32> =
+            bytes[header..].chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
+        let shown = floats.chunks_exact(4).filter(|pixel| pixel[3] > 0.0);
+        shown.map(|pixel| [0, 1, 2].map(|c| (pixel[c] * 255.0).round() as u8)).collect()
+    }
+}
+
+#[test]
+fn labels_with_sparse_numbers_are_labels_everywhere() {
+    let values = cubes(sparse);
+    let folder = Folder::new();
+    let bytes: Vec<u8> = values.iter().flat_map(|v| (*v as u32).to_le_bytes()).collect();
+    std::fs::write(folder.path("v.raw"), bytes).expect("room");
+    let build = ["build", "v.raw", "--dims", "24,24,24", "--dtype", "u32", "-o", "v.svol", "--force", "--brick", "16"];
+    folder.expect(0, &[&build, &["--max-error", "0.1%"][..]].concat());
+    let info = folder.info();
+    assert_eq!(info["kind"], "labels", "{}", info["kind_because"]);
+    assert_eq!((&info["parameters"]["reduce"], &info["max_error"]), (&"majority".into(), &0.0.into()));
+    assert_eq!(info["distinct_values"], 64);
+    // No level holds a number that level 0 does not have, and level 0 is unchanged.
+    let ids: std::collections::BTreeSet<u32> = values.iter().map(|v| *v as u32).collect();
+    assert_eq!(folder.level("0"), values.iter().map(|v| *v as u32).collect::<Vec<_>>());
+    assert!(folder.level("1").iter().all(|id| ids.contains(id)));
+    // A slice meets 16 cubes, and shows 16 colours and no others.
+    for slice in ["k=3", "i=9", "j=20"] {
+        assert_eq!(folder.colors(&["--slice", slice]).len(), 16, "{slice}");
+    }
+    folder.expect(0, &["verify", "v.svol"]);
+    // Told that they are measured values, they are averaged, and `info` says so, too.
+    folder.expect(0, &[&build, &["--kind", "generic"][..]].concat());
+    let info = folder.info();
+    assert_eq!((&info["kind"], &info["parameters"]["reduce"]), (&"generic".into(), &"mean".into()));
+}
+
+#[test]
+fn a_kind_that_is_named_at_the_build_is_kept() {
+    let folder = Folder::new();
+    let values = cubes(|cube| cube as u32 % 2 * 300);
+    std::fs::write(folder.path("v.raw"), values.iter().flat_map(|v| (*v as f32).to_le_bytes()).collect::<Vec<u8>>())
+        .expect("room");
+    let build = ["build", "v.raw", "--dims", "24,24,24", "--dtype", "f32", "-o", "v.svol", "--force"];
+    folder.expect(0, &build);
+    assert_eq!(folder.info()["kind"], "mask");
+    folder.expect(0, &[&build, &["--kind", "labels", "--max-error", "5%"][..]].concat());
+    let info = folder.info();
+    assert_eq!((&info["kind"], &info["parameters"]["reduce"]), (&"labels".into(), &"majority".into()));
+    assert_eq!(info["max_error"], 0.0);
+    assert_eq!(folder.colors(&["--slice", "k=3"]).len(), 1, "label 0 is clear");
+    let refused = folder.expect(2, &[&build, &["--kind", "jpeg"][..]].concat());
+    assert!(refused.contains("jpeg") && refused.contains("labels"), "{refused}");
+}
+
+#[test]
+fn more_labels_than_fit_a_volume_are_shown_on_slices() {
+    let number = |i: usize| sparse(i % EDGE / 3 + i / EDGE % EDGE / 3 * 8 + i / EDGE / EDGE / 3 * 64);
+    let values: Vec<f64> = (0..EDGE.pow(3)).map(|i| f64::from(number(i))).collect();
+    let folder = Folder::with_values("u32", &values);
+    assert_eq!(folder.info()["kind"], "labels");
+    // Three planes of 64 labels each; lines where planes meet belong to both.
+    let colors = folder.colors(&[]);
+    assert!((100..=192).contains(&colors.len()), "{}", colors.len());
+    let scene = json(&folder.expect(0, &["render", "v.svol", "--print-scene"]));
+    assert_eq!(scene["slices"].as_array().map(Vec::len), Some(3));
+    assert!(scene["slices"].as_array().is_some_and(|slices| slices.iter().all(|slice| slice["labels"] == true)));
+}

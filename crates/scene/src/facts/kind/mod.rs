@@ -158,7 +158,15 @@ impl<'a> Evidence<'a> {
     }
 
     fn recognise(&self) -> Recognised {
-        let rules = [Self::degenerate, Self::seismic, Self::few_values, Self::tomography, Self::patient, Self::image];
+        let rules = [
+            Self::degenerate,
+            Self::named,
+            Self::seismic,
+            Self::few_values,
+            Self::tomography,
+            Self::patient,
+            Self::image,
+        ];
         let found = rules.iter().find_map(|rule| rule(self));
         let (kind, because) =
             found.unwrap_or((DataKind::Generic, "nothing says what it is, and its values do not either".into()));
@@ -180,6 +188,15 @@ impl<'a> Evidence<'a> {
             return Some((DataKind::Empty, "no voxel is present".into()));
         }
         (self.range.width() <= 0.0).then(|| (DataKind::Constant, format!("every voxel is {}", Number(self.range.min))))
+    }
+
+    /// The kind that was named or recognised when the container was built.
+    fn named(&self) -> Option<(DataKind, String)> {
+        let parameters = &self.manifest.parameters;
+        if let Some(kind) = parameters.get("kind").and_then(|name| name.parse().ok()) {
+            return Some((kind, "named when the container was built".into()));
+        }
+        parameters.get("labels").map(|because| (DataKind::Labels, because.clone()))
     }
 
     fn seismic(&self) -> Option<(DataKind, String)> {
@@ -210,8 +227,9 @@ impl<'a> Evidence<'a> {
             let because = format!("every voxel is {} or {}", Number(all.min), Number(all.max));
             return Some((DataKind::Mask, because));
         }
-        // Bins narrower than 1 hold at most one whole number each.
-        let labels = self.integral
+        // Newer containers say whether they hold labels. Bins narrower than 1 hold at most one whole number each.
+        let labels = manifest.distribution.is_none()
+            && self.integral
             && all.min >= 0.0
             && all.max <= LABEL_LIMIT
             && (2..=LABELS).contains(&used)

@@ -138,6 +138,8 @@ struct Chosen {
     /// Names of the channels, as far as the image states them.
     channels: Vec<String>,
     format: &'static str,
+    /// Whether the image is one of labels.
+    is_labels: bool,
 }
 
 /// Contents of a folder.
@@ -191,7 +193,7 @@ fn find(store: &Store, folder: &Path, selection: &Selection, notes: &mut Vec<Mes
                     notes.push(format!("{} images in one group; the first is used", others.len() + 1).into());
                 }
                 let found = image_level(store, folder, image, selection, notes)?;
-                Ok(Chosen { channels: attributes.channels(), ..found })
+                Ok(Chosen { channels: attributes.channels(), is_labels: attributes.is_labels(), ..found })
             }
         },
         Some(Node::N5(attributes)) => n5_level(store, folder, attributes, selection, notes),
@@ -203,7 +205,7 @@ fn plain(folder: PathBuf, array: Array, names: Option<Vec<Option<String>>>) -> C
     let rank = array.shape.shape.len();
     let names = names.filter(|names| names.len() == rank).unwrap_or_else(|| vec![None; rank]);
     let axes = names.into_iter().map(|name| ArrayAxis::named(&name.unwrap_or_default())).collect();
-    Chosen { folder, array, axes, channels: Vec::new(), format: "zarr" }
+    Chosen { folder, array, axes, channels: Vec::new(), format: "zarr", is_labels: false }
 }
 
 /// The only array below a group without image metadata.
@@ -255,7 +257,7 @@ fn image_level(
         return Err(SourceError::invalid(&at, "dataset of the image", "an array", "none"));
     };
     let axes = image.axes(dataset, array.shape.shape.len(), notes);
-    Ok(Chosen { folder: at, array, axes, channels: Vec::new(), format: "ome-zarr" })
+    Ok(Chosen { folder: at, array, axes, channels: Vec::new(), format: "ome-zarr", is_labels: false })
 }
 
 /// The selected level of an image.
@@ -277,7 +279,7 @@ fn n5_level(
 ) -> Result<Chosen, SourceError> {
     let found = |folder: PathBuf, own: &n5::Attributes, group: &n5::Attributes| {
         let array = own.array(&folder.join(N5_FILE))?;
-        Ok(Chosen { array, axes: own.axes(group), folder, channels: Vec::new(), format: "n5" })
+        Ok(Chosen { array, axes: own.axes(group), folder, channels: Vec::new(), format: "n5", is_labels: false })
     };
     if attributes.is_array() {
         selection.level_of(folder, 1)?;
@@ -306,7 +308,7 @@ fn source(
         let shown = (&found.array.shape.shape[..], &found.axes[..], &found.channels[..]);
         place(&path, shown, options.selection, &mut notes)?
     };
-    let Chosen { array, axes, format, .. } = found;
+    let Chosen { array, axes, format, is_labels, .. } = found;
     let dims = Dims(placement.axes.map(|axis| axis.map_or(1, |axis| array.shape.shape[axis])));
     let stored = array.number.stored();
     checked_bytes(&path, dims, stored)?;
@@ -329,6 +331,7 @@ fn source(
     let mut info = SourceInfo::plain(format, dims, stored);
     let of = placement.axes.map(|axis| axis.map(|axis| &axes[axis]));
     info.geometry = ome::geometry_of(of);
+    info.labels = is_labels.then_some("the attribute `image-label` of the image says labels");
     if let Some(defect) = info.geometry.defect() {
         return Err(SourceError::invalid(&path, "place of the image", "spacings above 0, and finite numbers", defect));
     }
