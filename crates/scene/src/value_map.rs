@@ -38,7 +38,7 @@ pub struct ValueMap {
 impl ValueMap {
     /// The map for a container of this voxel type: data value = container value * `scale` + `offset`.
     ///
-    /// `range` is the range of the volume's central values in data units. If it lies far from zero relative to its width,
+    /// `range` is the value range of the whole volume in data units. If it lies far from zero relative to its width,
     /// its middle becomes the shift, so that `f32` resolves it.
     #[must_use]
     pub fn for_container(
@@ -100,8 +100,8 @@ impl ValueMap {
 #[must_use]
 pub fn value_map(container: &Container) -> ValueMap {
     let d = container.descriptor();
-    let InUnits { scale, offset, central_range, .. } = InUnits::of(container);
-    let range = if container.manifest().value_range.is_some() { central_range } else { ValueRange::EMPTY };
+    let InUnits { scale, offset, value_range, .. } = InUnits::of(container);
+    let range = if container.manifest().value_range.is_some() { value_range } else { ValueRange::EMPTY };
     ValueMap::for_container(d.voxel_type, scale, offset, d.absence.nodata, range)
 }
 

@@ -71,9 +71,8 @@ impl ResidentBricks {
     /// The frame of a scene over these bricks.
     #[must_use]
     pub fn frame(&self, scene: &ResolvedScene, quality: CpuQuality) -> CpuFrame {
-        let InUnits { geometry, central_range, .. } = InUnits::of(&self.container);
-        let (pyramid, map) = (self.container.pyramid(), self.map);
-        let volume = DrawnVolume { pyramid, geometry: &geometry, map, value_range: central_range };
+        let InUnits { geometry, value_range, .. } = InUnits::of(&self.container);
+        let volume = DrawnVolume { pyramid: self.container.pyramid(), geometry: &geometry, map: self.map, value_range };
         CpuFrame::new(scene, &volume, quality)
     }
 

@@ -38,7 +38,7 @@ pub struct DrawnVolume<'a> {
     pub geometry: &'a Geometry,
     /// Stored numbers to render values.
     pub map: ValueMap,
-    /// Range of the volume's central values, data units. Shading compares gradients with it.
+    /// Range of the whole volume, data units.
     pub value_range: ValueRange,
 }
 

@@ -54,7 +54,7 @@ pub struct ReferenceVolume {
     pub geometry: Geometry,
     /// Data values, x fastest; NaN is absent.
     pub values: Vec<f64>,
-    /// Range of the central values. Shading compares gradients with it.
+    /// Range of the present values.
     pub value_range: ValueRange,
 }
 

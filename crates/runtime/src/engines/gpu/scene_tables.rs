@@ -30,7 +30,7 @@ pub struct GpuVolume<'a> {
     pub geometry: &'a Geometry,
     /// Map from stored numbers to render values.
     pub value_map: &'a ValueMap,
-    /// Range of the volume's central values, data units. Shading compares gradients with it.
+    /// Range of all present values, data units.
     pub value_range: ValueRange,
     /// Storage of its decoded bricks.
     pub storage: VoxelStorage,

@@ -47,9 +47,6 @@ pub fn load_level(
     let values = reader.values(reader.whole(), |stored| in_units.value(stored))?;
     let mut value_range = ValueRange::EMPTY;
     values.iter().filter(|v| !v.is_nan()).for_each(|&v| value_range.include(v));
-    if container.manifest().central().is_some() {
-        value_range = in_units.central_range;
-    }
     let geometry = level_geometry(&in_units.geometry, container.pyramid().level_at(lod));
     Ok(ReferenceVolume { dims: reader.whole().extent(), geometry, values, value_range })
 }

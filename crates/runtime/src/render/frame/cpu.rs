@@ -43,10 +43,10 @@ pub(crate) fn cpu_frame_of(
     lod: LodChoice,
     (made_bytes, plans): Made,
 ) -> CpuFrame {
-    let InUnits { geometry, central_range, .. } = InUnits::of(container);
+    let InUnits { geometry, value_range, .. } = InUnits::of(container);
     let quality = CpuQuality { lod, skipping: options.skipping, caster: options.ray_caster(), made_bytes, plans };
     let (pyramid, map) = (container.pyramid(), value_map(container));
-    let volume = DrawnVolume { pyramid, geometry: &geometry, map, value_range: central_range };
+    let volume = DrawnVolume { pyramid, geometry: &geometry, map, value_range };
     let frame = CpuFrame::new(scene, &volume, quality);
     let frame = frame.counting(options.rays_finished.clone());
     if !options.predict_error {

@@ -170,12 +170,12 @@ impl GpuBackend {
         let container = streamer.container();
         let descriptor = container.descriptor();
         let map = value_map(container);
-        let InUnits { geometry, central_range, .. } = InUnits::of(container);
+        let InUnits { geometry, value_range, .. } = InUnits::of(container);
         let volume = GpuVolume {
             pyramid: &descriptor.pyramid,
             geometry: &geometry,
             value_map: &map,
-            value_range: central_range,
+            value_range,
             storage: storage(descriptor.voxel_type),
         };
         let lod = options.lod();
