@@ -32,6 +32,8 @@ use crate::report::Progress;
 
 /// Default limit in bytes of the containers in a cache folder.
 pub const CACHE_LIMIT_BYTES: u64 = 32 << 30;
+/// Number that grows when builds make other statistics or levels of the same source.
+const GENERATION: u32 = 2;
 /// Subfolder of the cache folder. Files outside it are never removed.
 const CONTAINERS: &str = "containers";
 /// Ending of the names of containers.
@@ -206,6 +208,8 @@ impl Cache {
     }
 
     /// Path of the container of a source in its present state, built or not.
+    ///
+    /// The name depends on [`GENERATION`], so that containers of earlier programs are not used.
     fn path_of(&self, source: &Path, reading: &Reading) -> Result<PathBuf, SourceError> {
         let (file, array) = split_array(source);
         let whole = std::fs::canonicalize(&file).map_err(|e| SourceError::io(&file, e))?;
@@ -214,7 +218,7 @@ impl Cache {
         } else {
             vec![whole.clone()]
         };
-        let mut identity = format!("{}\n{array:?}\n{}\n", env!("CARGO_PKG_VERSION"), reading.describe());
+        let mut identity = format!("{} {GENERATION}\n{array:?}\n{}\n", env!("CARGO_PKG_VERSION"), reading.describe());
         for file in &files {
             identity += &line_of(file).map_err(|e| SourceError::io(file, e))?;
         }

@@ -35,7 +35,7 @@ use crate::pipeline::record::manifest::{reduce_of, steps_of};
 use crate::pipeline::reduce::downsample::{Reduce, VoxelBlock, downsample, finer_box};
 use crate::pipeline::reduce::error_bound::{brick_error, step_error};
 use crate::pipeline::reduce::quantizer_of;
-use crate::statistics::{Statistics, Values, finite};
+use crate::statistics::{Form, Statistics, Values, finite};
 
 /// Width in voxels of the apron around a core.
 const APRON: u64 = supervol_format::brick::APRON as u64;
@@ -167,13 +167,14 @@ impl Counts {
         let (descriptor, manifest) = (container.descriptor(), container.manifest());
         let mut whole = Statistics::new(descriptor.voxel_type);
         self.statistics.iter().for_each(|part| whole.merge(&lock(part)));
-        let values = Values::of(descriptor, &whole);
+        let values = Values::of(descriptor, &whole, Form::of(manifest));
         let errors: Vec<f64> = self.errors.iter().map(|e| finite(*lock(e) * descriptor.scale.abs())).collect();
         let said = [
             ("value range", format!("{:?}", values.range), format!("{:?}", manifest.value_range)),
             ("present voxels", values.present.to_string(), manifest.present_voxels.to_string()),
             ("percentiles", format!("{:?}", values.percentiles), format!("{:?}", manifest.percentiles)),
             ("histogram", format!("{:?}", values.histogram), format!("{:?}", manifest.histogram)),
+            ("distribution", format!("{:?}", values.distribution), format!("{:?}", manifest.distribution)),
             ("errors of levels", format!("{errors:?}"), format!("{:?}", manifest.level_errors)),
         ];
         match said.into_iter().find(|(_, expected, found)| expected != found) {

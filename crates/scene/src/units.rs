@@ -112,9 +112,17 @@ impl Units {
     /// Facts of a volume in units. Percentiles and histogram are left out; only presets need these, in data units.
     #[must_use]
     pub fn facts(&self, world: &VolumeFacts) -> VolumeFacts {
-        let value_range = self.range(world.value_range);
+        let [value_range, central_range] = [world.value_range, world.central_range].map(|range| self.range(range));
         let geometry = self.geometry(&world.geometry);
-        VolumeFacts { geometry, value_range, percentiles: vec![], histogram: vec![], ..world.clone() }
+        VolumeFacts {
+            geometry,
+            value_range,
+            central_range,
+            percentiles: vec![],
+            histogram: vec![],
+            labels: vec![],
+            ..world.clone()
+        }
     }
 
     fn range(&self, ValueRange { min, max }: ValueRange) -> ValueRange {
@@ -165,6 +173,8 @@ pub struct InUnits {
     pub offset: f64,
     /// Least and greatest value of the volume. If no voxel is present, the range [0, 1] of data values.
     pub value_range: ValueRange,
+    /// Range of the central values, see [`VolumeFacts::central_range`].
+    pub central_range: ValueRange,
 }
 
 impl InUnits {
@@ -179,6 +189,7 @@ impl InUnits {
             scale: descriptor.scale / units.value,
             offset: descriptor.offset / units.value,
             value_range: units.range(facts.value_range),
+            central_range: units.range(facts.central_range),
         }
     }
 

@@ -32,6 +32,8 @@ pub struct SourceInfo {
     pub nodata: Option<f64>,
     /// Unit of the values; empty if unknown.
     pub unit: String,
+    /// Reason why the values are labels, if the file says so, as the end of a sentence.
+    pub labels: Option<&'static str>,
     /// The three axes, x first.
     pub axes: [Axis; 3],
     /// Geometry of the seismic survey, for seismic data.
@@ -65,6 +67,7 @@ impl SourceInfo {
             offset: 0.0,
             nodata: None,
             unit: String::new(),
+            labels: None,
             axes: ["x", "y", "z"].map(|name| Axis { name: name.into(), unit: String::new() }),
             survey: None,
             access_order: AccessOrder::X_FASTEST,

@@ -226,13 +226,14 @@ fn nothing_is_a_container_too() {
 #[test]
 fn false_manifests() {
     type Falsify = fn(&mut Manifest);
-    let falsify: [(&str, Falsify); 7] = [
+    let falsify: [(&str, Falsify); 8] = [
         ("value range", |m| m.value_range = Some(ValueRange { min: -1e9, max: 1e9 })),
         ("value range", |m| m.value_range = None),
         ("present voxels", |m| m.present_voxels += 1),
         ("percentiles", |m| m.percentiles.reverse()),
         ("percentiles", |m| m.percentiles.clear()),
         ("histogram", |m| m.histogram[0] += 1),
+        ("distribution", |m| m.distribution.iter_mut().for_each(|d| d.distinct_values = Some(1))),
         ("errors of levels", |m| m.level_errors[1] *= 0.5),
     ];
     for (rule, falsify) in falsify {

@@ -35,6 +35,7 @@ use supervol_scene::camera::{Camera, Projection};
 use supervol_scene::facts::{Frame, VolumeFacts};
 use supervol_scene::image::Image;
 use supervol_scene::scene::{Mode, ResolvedScene};
+use supervol_scene::slices::SliceColors;
 use supervol_scene::units::Units;
 use supervol_sources::Survey;
 
@@ -189,7 +190,12 @@ fn draw_colors(canvas: &mut Canvas<'_>, container: &Container, scene: &ResolvedS
     if slice.is_some_and(|slice| slice.filter.is_some_and(|filter| !filter.kind.keeps_values())) {
         return;
     }
-    let colors = slice.and_then(|slice| slice.colors.as_ref()).unwrap_or(&scene.transfer_function);
+    let colors = match slice.and_then(|slice| slice.colors.as_ref()) {
+        // Colours of labels have no order.
+        Some(SliceColors::Labels { .. }) => return,
+        Some(SliceColors::Values(colors)) => colors,
+        None => &scene.transfer_function,
+    };
     let points = colors.points();
     let (Some(first), Some(last)) = (points.first(), points.last()) else { return };
     let (low, high) = (first.value, last.value);

@@ -23,6 +23,7 @@ use supervol_preprocess::lod_axes::LodAxes;
 use supervol_preprocess::naming::container_beside;
 use supervol_preprocess::report::BuildReport;
 use supervol_preprocess::{BuildError, BuildOptions, Existing, MaxError};
+use supervol_scene::facts::DataKind;
 use supervol_sources::VolumeSource;
 use supervol_sources::formats;
 use supervol_sources::open::split_array;
@@ -69,6 +70,11 @@ pub struct OutputArguments {
     /// With auto, averages of float voxels are rounded to the precision that the error bound justifies.
     #[arg(long, default_value = "auto", value_enum)]
     lod_axes: LodAxesName,
+    /// Kind of data, if it is not recognised correctly, for example labels; see `render`
+    ///
+    /// Labels are whole numbers that name objects. Coarser levels hold the most frequent one, and no voxel changes.
+    #[arg(long, value_name = "KIND")]
+    kind: Option<DataKind>,
     /// How coarser levels combine voxels; auto uses the majority for labels, and the mean for all other data
     #[arg(long, default_value = "auto", value_enum)]
     reduce: ReduceName,
@@ -167,6 +173,7 @@ impl OutputArguments {
             codec,
             max_error,
             lod_axes,
+            kind: self.kind.map(|kind| kind.name().into()),
             reduce: match self.reduce {
                 ReduceName::Auto => None,
                 ReduceName::Mean => Some(Reduce::Mean),

@@ -126,7 +126,8 @@ fn sections(
         let at = (facts.dims.0[AXIS] - 1) as f64 * step as f64 / (SECTION_STEPS - 1) as f64;
         let (normal, offset) = plane_across(facts, AXIS, at.round());
         let interpolation = Interpolation::Linear;
-        let slice = SliceSpec { normal, offset, opacity: 1.0, interpolation, filter: None, colors: Vec::new() };
+        let slice =
+            SliceSpec { normal, offset, opacity: 1.0, interpolation, filter: None, colors: Vec::new(), labels: false };
         let mut open = Scene { samples_per_pixel: Some(1), ..Scene::default() };
         (open.image.width, open.image.height) = (width, height);
         let scene = face_on(&open, facts, slice, 1.0).ok_or("there is no such section")?.complete(facts, None);

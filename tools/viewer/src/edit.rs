@@ -98,7 +98,7 @@ pub fn with_mode(scene: &Scene, opened: &OpenVolume, mode: Mode) -> Scene {
 pub fn add_inner_surface(scene: &mut Scene, facts: &VolumeFacts) {
     let mut surface = looks::default_surface(facts);
     if let Some(last) = scene.iso.last() {
-        surface.value = 0.5 * last.value + 0.5 * facts.value_range.max;
+        surface.value = 0.5 * last.value + 0.5 * facts.central_range.max;
     } else if scene.shading == Some(None) {
         scene.shading = Some(Some(ShadingSpec::default()));
     }

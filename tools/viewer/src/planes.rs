@@ -72,7 +72,15 @@ pub fn add(scene: &mut Scene, facts: &VolumeFacts, axis: Option<usize>) -> Resul
         }
     };
     let interpolation = Interpolation::default();
-    scene.slices.push(SliceSpec { normal, offset, opacity: 1.0, interpolation, filter: None, colors: Vec::new() });
+    scene.slices.push(SliceSpec {
+        normal,
+        offset,
+        opacity: 1.0,
+        interpolation,
+        filter: None,
+        colors: Vec::new(),
+        labels: false,
+    });
     Ok(())
 }
 

@@ -138,6 +138,7 @@ impl Default for Sections {
             interpolation: Interpolation::default(),
             filter: None,
             colors: Vec::new(),
+            labels: false,
         };
         Self {
             layout: Layout::Alone,

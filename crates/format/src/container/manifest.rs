@@ -12,6 +12,9 @@ use crate::ValueRange;
 /// hundred times its size, so no manifest takes more than 25 MiB of memory.
 pub const BYTES_LIMIT: u64 = 256 << 10;
 
+/// Most labels that a manifest lists.
+pub const LABELS_LISTED: usize = 1000;
+
 /// The manifest of a container. Values are data values: scale and offset applied.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Manifest {
@@ -36,6 +39,9 @@ pub struct Manifest {
     pub histogram: Vec<u64>,
     /// `[percent, value]` pairs, ascending.
     pub percentiles: Vec<[f64; 2]>,
+    /// Further statistics of level 0. Containers of release 0.1.0 have none, and their percentiles are approximate.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub distribution: Option<Distribution>,
     /// Largest error bound of each level, level 0 first, in data units.
     pub level_errors: Vec<f64>,
     /// Geometry of a seismic survey, or null.
@@ -46,6 +52,33 @@ pub struct Manifest {
     /// ignore. Fields that must not be ignored raise the format version.
     #[serde(flatten)]
     pub others: BTreeMap<String, serde_json::Value>,
+}
+
+/// Distribution of the present values of level 0, in data units.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Distribution {
+    /// Number of different values; null if there were too many to count.
+    pub distinct_values: Option<u64>,
+    /// Values without those that lie far from all others; null if no value does.
+    pub central: Option<Central>,
+    /// The labels that occur, ascending. Only for volumes of labels with at most [`LABELS_LISTED`] different ones.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub labels: Vec<f64>,
+}
+
+/// Statistics of the values without those that lie far from all others: outliers, and numbers that stand for "no value".
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Central {
+    /// Range of the central values.
+    pub range: ValueRange,
+    /// Number of voxels below this range.
+    pub below: u64,
+    /// Number of voxels above this range.
+    pub above: u64,
+    /// Number of central voxels in each bin; the bins divide `range` into equal parts.
+    pub histogram: Vec<u64>,
+    /// `[percent, value]` pairs of the central voxels, ascending.
+    pub percentiles: Vec<[f64; 2]>,
 }
 
 /// JSON that is parsed only on request: parsed, it would take up to a hundred times its size in every command.
@@ -130,22 +163,32 @@ impl Manifest {
         serde_json::from_slice(json).map_err(|e| e.to_string())
     }
 
+    /// Statistics of the central values, if some values lie far from all others.
+    #[must_use]
+    pub fn central(&self) -> Option<&Central> {
+        self.distribution.as_ref()?.central.as_ref()
+    }
+
     /// Data value below which `percent` (0 to 100) of the present voxels lie, interpolated between the stored pairs.
     /// `None` if there are no pairs.
     #[must_use]
     pub fn percentile(&self, percent: f64) -> Option<f64> {
-        let first = self.percentiles.first()?;
-        let after = self.percentiles.iter().position(|p| p[0] >= percent);
-        Some(match after {
-            None => self.percentiles.last()?[1],
-            Some(0) => first[1],
-            Some(i) => {
-                let [p0, v0] = self.percentiles[i - 1];
-                let [p1, v1] = self.percentiles[i];
-                v0 + (v1 - v0) * (percent - p0) / (p1 - p0)
-            }
-        })
+        percentile_of(&self.percentiles, percent)
     }
+}
+
+/// Value at a percentage, interpolated between `[percent, value]` pairs, which ascend. `None` if there are no pairs.
+#[must_use]
+pub fn percentile_of(pairs: &[[f64; 2]], percent: f64) -> Option<f64> {
+    let first = pairs.first()?;
+    Some(match pairs.iter().position(|p| p[0] >= percent) {
+        None => pairs.last()?[1],
+        Some(0) => first[1],
+        Some(i) => {
+            let ([p0, v0], [p1, v1]) = (pairs[i - 1], pairs[i]);
+            v0 + (v1 - v0) * (percent - p0) / (p1 - p0)
+        }
+    })
 }
 
 #[cfg(test)]

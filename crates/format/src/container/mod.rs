@@ -91,6 +91,10 @@
 //! # Manifest
 //! UTF-8 JSON of at most 256 KiB ([`manifest::BYTES_LIMIT`]), see [`manifest::Manifest`]: a description of the data and
 //! its origin. Decoding needs nothing from it. Fields that a reader does not know are kept and ignored.
+//!
+//! The field `distribution` is optional ([`manifest::Distribution`]). With it, percentiles and histogram resolve the
+//! range of the values. Without it, as in containers of release 0.1.0, those of voxels wider than 16 bits are resolved
+//! to 1/128 of the value.
 
 pub mod header;
 pub mod identity;

@@ -20,8 +20,11 @@ pub struct BuildOptions {
     pub max_error: MaxError,
     /// Axes that coarser levels halve.
     pub lod_axes: LodAxes,
-    /// Operation that makes one voxel of several in coarser levels. `None` selects the majority for labels
-    /// ([`super::plan::labels`]) and the mean for all other data.
+    /// Kind of data by its name in `supervol_scene::facts::DataKind`. `None`: labels are recognised
+    /// ([`super::plan::labels`]), and viewers recognise the other kinds.
+    pub kind: Option<String>,
+    /// Operation that makes one voxel of several in coarser levels. `None` selects the majority for labels and the mean
+    /// for all other data.
     pub reduce: Option<Reduce>,
     /// Memory limit in bytes.
     pub memory_bytes: u64,
@@ -41,6 +44,7 @@ impl Default for BuildOptions {
             codec: CodecChoice::Smallest,
             max_error: MaxError::Exact,
             lod_axes: LodAxes::Auto,
+            kind: None,
             reduce: None,
             memory_bytes: 1 << 30,
             threads: std::thread::available_parallelism().map_or(1, std::num::NonZero::get),

@@ -21,8 +21,7 @@ use supervol_scene::clip::{IndexRay, ROUNDED_LENGTH, Segment, ToIndex, clip_part
 use supervol_scene::image::Image;
 use supervol_scene::scene::{Mode, ResolvedScene, Shading};
 use supervol_scene::slices::filter::{FilteredSlice, TexelGrid};
-use supervol_scene::slices::{SlicePlane, crossings, interpolate};
-use supervol_scene::transfer_function::TransferFunction;
+use supervol_scene::slices::{SliceColors, SlicePlane, crossings, interpolate};
 
 /// Midpoint samples of an interval.
 const SAMPLES: usize = 16;
@@ -171,7 +170,7 @@ struct Frame<'a> {
     gradient_floor: f64,
     capped_pieces: AtomicU64,
     /// For each slice: the result of its filter, and colours that suit it.
-    filtered: Vec<Option<(FilteredSlice, Option<TransferFunction>)>>,
+    filtered: Vec<Option<(FilteredSlice, Option<SliceColors>)>>,
 }
 
 /// One ray with its pieces, front to back; one ends where the next begins, unless clipping removed the part in between.
@@ -242,10 +241,9 @@ impl<'a> Frame<'a> {
             Some((filtered, colors)) => (filtered.value(world, slice.interpolation), colors.as_ref()),
             None => (interpolate(p, slice.interpolation, |index| self.volume.voxel(index)), None),
         };
-        let Some(colors) = slice.colors.as_ref().or(colors).filter(|_| !value.is_nan()) else {
-            return (DVec3::ZERO, 1.0);
-        };
-        (slice.opacity * DVec3::from(colors.classify(value).0), 1.0 - slice.opacity)
+        let colors = slice.colors.as_ref().or(colors).filter(|_| !value.is_nan());
+        let Some(color) = colors.and_then(|colors| colors.color(value)) else { return (DVec3::ZERO, 1.0) };
+        (slice.opacity * DVec3::from(color), 1.0 - slice.opacity)
     }
 
     /// Contribution of the volume to a ray on these pieces.
@@ -464,14 +462,14 @@ fn filtered(
     volume: &ReferenceVolume,
     scene: &ResolvedScene,
     slice: &SlicePlane,
-) -> Option<(FilteredSlice, Option<TransferFunction>)> {
+) -> Option<(FilteredSlice, Option<SliceColors>)> {
     let filter = slice.filter?;
     let dims = Dims(volume.dims.map(|n| n as u64));
     let grid = TexelGrid::new(slice, &volume.geometry, dims, &scene.clip, [1; 3]);
     let to_index = ToIndex::new(&volume.geometry);
     let value = |p: DVec3| single(interpolate(to_index.point(p), slice.interpolation, |index| volume.voxel(index)));
     let made = FilteredSlice::new(grid, grid.points(0..grid.texels()).map(value).collect(), filter, 0.0);
-    let colors = slice.colors.is_none().then(|| made.colors(filter.kind));
+    let colors = slice.colors.is_none().then(|| SliceColors::Values(made.colors(filter.kind)));
     Some((made, colors))
 }
 

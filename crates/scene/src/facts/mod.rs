@@ -41,13 +41,20 @@ pub struct VolumeFacts {
     pub frame: Frame,
     /// Least and greatest present value, data units.
     pub value_range: ValueRange,
-    /// Pairs (percent in [0, 100], data value), ascending; may be empty.
+    /// Range of the central values, data units: those without the few that lie far from all others. Usually it equals
+    /// `value_range`.
+    pub central_range: ValueRange,
+    /// Share of the present voxels that have no central value.
+    pub far_share: f64,
+    /// Pairs (percent in [0, 100], data value) of the central values, ascending; may be empty.
     pub percentiles: Vec<(f64, f64)>,
-    /// Counts of present voxels in equal parts of `value_range`; may be empty.
+    /// Counts of voxels in equal parts of `central_range`; may be empty.
     pub histogram: Vec<u64>,
+    /// The labels that occur, ascending; empty if the container lists none.
+    pub labels: Vec<f64>,
     /// Kind of data; it decides the default picture.
     pub kind: DataKind,
-    /// Whether values of both signs occur, so that zero is the neutral value.
+    /// Whether central values of both signs occur, so that zero is the neutral value.
     pub has_zero_centre: bool,
 }
 
@@ -63,6 +70,10 @@ impl VolumeFacts {
     pub fn of_kind(container: &Container, kind: DataKind) -> Self {
         let (descriptor, manifest) = (container.descriptor(), container.manifest());
         let value_range = manifest.value_range.unwrap_or(ValueRange { min: 0.0, max: 1.0 });
+        let (central_range, percentiles, histogram) = match manifest.central() {
+            Some(central) => (central.range, &central.percentiles, &central.histogram),
+            None => (value_range, &manifest.percentiles, &manifest.histogram),
+        };
         let frame = match WorldSpace::from_name(&manifest.space) {
             WorldSpace::RightAnteriorSuperior => Frame::RightAnteriorSuperior,
             WorldSpace::LeftPosteriorSuperior => Frame::LeftPosteriorSuperior,
@@ -74,10 +85,15 @@ impl VolumeFacts {
             geometry: descriptor.geometry,
             frame,
             value_range,
-            percentiles: manifest.percentiles.iter().map(|&[percent, value]| (percent, value)).collect(),
-            histogram: manifest.histogram.clone(),
+            central_range,
+            far_share: manifest
+                .central()
+                .map_or(0.0, |central| (central.below + central.above) as f64 / manifest.present_voxels.max(1) as f64),
+            percentiles: percentiles.iter().map(|&[percent, value]| (percent, value)).collect(),
+            histogram: histogram.clone(),
+            labels: manifest.distribution.as_ref().map_or_else(Vec::new, |distribution| distribution.labels.clone()),
             kind,
-            has_zero_centre: value_range.min < 0.0 && value_range.max > 0.0,
+            has_zero_centre: central_range.min < 0.0 && central_range.max > 0.0,
         }
     }
 
@@ -89,8 +105,11 @@ impl VolumeFacts {
             geometry,
             frame: Frame::Unknown,
             value_range,
+            central_range: value_range,
+            far_share: 0.0,
             percentiles: Vec::new(),
             histogram: Vec::new(),
+            labels: Vec::new(),
             kind: DataKind::Generic,
             has_zero_centre: false,
         }

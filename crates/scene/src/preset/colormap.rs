@@ -63,12 +63,20 @@ fn sampled(gradient: Gradient) -> Vec<(f64, [f64; 3])> {
     (0..SMOOTH_POINTS).map(at).collect()
 }
 
-/// A colour for a label. Consecutive labels differ in hue by the golden angle, so that neighbours are distinct.
+/// A colour for a label. Consecutive labels differ in hue by the golden angle, so that neighbours are distinct. Labels
+/// above 255 are mostly sparse and differ by any amount; bits of a hash choose their hue, brightness and saturation.
 #[must_use]
 pub fn of_label(number: u64) -> [f64; 3] {
     const GOLDEN_TURN: f64 = 0.618_033_988_749_895;
-    let hue = (number as f64 * GOLDEN_TURN + 0.05).fract() * 6.0;
-    let [most, least] = if number.is_multiple_of(2) { [0.95, 0.35] } else { [0.85, 0.20] };
+    let (hue, [most, least]) = if number <= u64::from(u8::MAX) {
+        let shades = if number.is_multiple_of(2) { [0.95, 0.35] } else { [0.85, 0.20] };
+        ((number as f64 * GOLDEN_TURN + 0.05).fract() * 6.0, shades)
+    } else {
+        let mixed = number.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ number.wrapping_mul(0xD6E8_FEB8_6659_FD93) >> 32;
+        let share = |shift: u32| (mixed >> shift & 0xFFFF) as f64 / f64::from(u16::MAX);
+        let most = 0.65 + 0.35 * share(32);
+        (6.0 * share(48), [most, most * (0.1 + 0.45 * share(16))])
+    };
     [0.0, 2.0, 4.0].map(|turn| {
         let distance = (hue - turn).rem_euclid(6.0);
         let share = (2.0 - distance.min(6.0 - distance)).clamp(0.0, 1.0);
@@ -78,7 +86,22 @@ pub fn of_label(number: u64) -> [f64; 3] {
 
 #[cfg(test)]
 mod tests {
+    use supervol_format::cast::whole;
+
     use super::*;
+
+    #[test]
+    fn sparse_labels_have_colours_of_their_own() {
+        let color = |number: u64| of_label(number).map(|c| whole::<u8>((c * 255.0).round()));
+        let brain = (2..85).chain(1000..1036).chain(2000..2036);
+        let wide = (1..400u64).map(|i| i * 5_301_007 % (1 << 31));
+        for numbers in [brain.collect::<Vec<_>>(), wide.collect()] {
+            let mut colors: Vec<[u8; 3]> = numbers.iter().map(|&number| color(number)).collect();
+            colors.sort_unstable();
+            colors.dedup();
+            assert_eq!(colors.len(), numbers.len());
+        }
+    }
 
     #[test]
     fn every_name_is_a_map_from_0_to_1() {

@@ -5,9 +5,14 @@ use super::overview::Overview;
 use super::{colormap, ramps};
 use crate::facts::histogram::Histogram;
 use crate::facts::{DataKind, VolumeFacts};
+use crate::scene::section::plane_across;
+use crate::slices::{Interpolation, SliceSpec};
 use crate::spec::{IsoSpec, Mode, PointsSpec, ShadingSpec};
 use crate::transfer_function::ControlPoint;
 
+/// Most labels that the default picture shows in the volume. More would hide each other, and cells between two of them
+/// hold dozens of others, which takes long. Slices show them.
+const LABELS_IN_VOLUME: usize = 64;
 /// Rays per pixel of a section, whose thin lines and steps need many.
 const SECTION_SAMPLES: u32 = 16;
 /// Unit distance of opaque matter in voxels: its face hides everything behind.
@@ -38,6 +43,8 @@ pub struct Look {
     pub iso: Vec<IsoSpec>,
     /// Rays per pixel, a square number.
     pub samples_per_pixel: u32,
+    /// Slices that the default picture shows in place of the volume; usually none.
+    pub slices: Vec<SliceSpec>,
 }
 
 impl Look {
@@ -95,6 +102,7 @@ impl Look {
             shading: None,
             iso: Vec::new(),
             samples_per_pixel: 1,
+            slices: Vec::new(),
         }
     }
 
@@ -116,7 +124,11 @@ impl Look {
         // voxel wide.
         let unit = facts.geometry.smallest_spacing();
         let shading = ShadingSpec { ambient: 0.45, diffuse: 0.55, ..ShadingSpec::default() };
-        Self { shading: Some(shading), samples_per_pixel: 4, ..Self::plain(ramps::labels(facts, 0.5), unit) }
+        let look = Self::plain(ramps::labels(facts, 0.5), unit);
+        if ramps::labels_of(facts).len() > LABELS_IN_VOLUME {
+            return Self { slices: middle_slices(facts), ..look };
+        }
+        Self { shading: Some(shading), samples_per_pixel: 4, ..look }
     }
 
     /// The iso surface at the middle of the value range.
@@ -126,6 +138,16 @@ impl Look {
         let shading = Some(ShadingSpec::default());
         Self { mode: Mode::Iso, iso, shading, samples_per_pixel: 4, ..Self::plain(grey, unit_distance(facts)) }
     }
+}
+
+/// The slices across the grid's axes through the middle of the volume.
+fn middle_slices(facts: &VolumeFacts) -> Vec<SliceSpec> {
+    let slice = |axis: usize| {
+        let (normal, offset) = plane_across(facts, axis, (facts.dims.0[axis] / 2) as f64);
+        let interpolation = Interpolation::Nearest;
+        SliceSpec { normal, offset, opacity: 1.0, interpolation, filter: None, colors: Vec::new(), labels: true }
+    };
+    (0..3).map(slice).collect()
 }
 
 /// Whether a volume is a plate: its shortest edge is far shorter than the second one.
@@ -138,7 +160,7 @@ fn is_flat(facts: &VolumeFacts) -> bool {
 
 /// Whether the volume has a dark or empty background.
 fn has_background(facts: &VolumeFacts) -> bool {
-    let range = facts.value_range;
+    let range = facts.central_range;
     let fullest = Histogram::new(&facts.histogram, range).fullest();
     fullest >= BACKGROUND || ramps::percentile(facts, 25.0) <= range.min + DARK * range.width()
 }
@@ -153,13 +175,13 @@ pub fn default_surface(facts: &VolumeFacts) -> IsoSpec {
         DataKind::CtOffset => Some(1324.0),
         _ => None,
     };
-    let usual = usual.filter(|value| (facts.value_range.min..=facts.value_range.max).contains(value));
+    let usual = usual.filter(|value| (facts.central_range.min..=facts.central_range.max).contains(value));
     let value = usual.unwrap_or_else(|| ramps::Classes::of(facts).ground);
     IsoSpec { value, color: SURFACE, alpha: 1.0 }
 }
 
 fn middle(facts: &VolumeFacts) -> f64 {
-    0.5 * facts.value_range.min + 0.5 * facts.value_range.max
+    0.5 * facts.central_range.min + 0.5 * facts.central_range.max
 }
 
 /// The transfer function of mode `dvr` for kinds whose default mode is a projection: transparent background, and

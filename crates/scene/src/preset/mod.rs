@@ -30,6 +30,7 @@ use self::extents::unit_distance;
 pub use self::extents::{domain, domain_corners};
 pub use self::looks::Look;
 use crate::facts::{DataKind, VolumeFacts};
+use crate::spec::PointsSpec;
 use crate::transfer_function::{TransferFunction, TransferFunctionError};
 
 /// Names that a scene may give as its transfer function: the kinds of data and a plain grey ramp.
@@ -47,6 +48,12 @@ pub const NAMES: [&str; 12] = [
     "generic",
     "grey",
 ];
+
+/// A transfer function that shows nothing of a volume.
+#[must_use]
+pub fn clear(facts: &VolumeFacts) -> PointsSpec {
+    PointsSpec::of(&[ramps::point(facts.value_range.min, [0.5; 3], 0.0)], unit_distance(facts))
+}
 
 /// The named preset for a volume; the grey ramp if the name is not in [`NAMES`].
 ///

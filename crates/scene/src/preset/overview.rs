@@ -29,6 +29,8 @@ const RECORDS_LIMIT_BYTES: u64 = 16 << 20;
 const LABEL_LIMIT: f64 = 1024.0;
 /// Opacity over the unit distance above which a value counts as visible, as a share of the greatest opacity.
 const VISIBLE_SHARE: f64 = 0.02;
+/// Share of far values from which they are no outliers, but a null.
+const NULL_SHARE: f64 = 0.001;
 /// Quantiles of the projected values that bound the window of a projection.
 const DARKEST: f64 = 0.005;
 const BRIGHTEST: f64 = 0.998;
@@ -120,15 +122,24 @@ impl Overview {
         let Some(number) = levels.iter().position(fits) else { return Ok(None) };
         let (scale, offset) = (container.descriptor().scale, container.descriptor().offset);
         let reader = LevelReader::new(container, Lod(narrow::<u8>(number)), 0);
-        let values = reader.values(reader.whole(), |stored| stored * scale + offset)?;
+        // Outliers and nulls count as absent, and averages that they distort, too.
+        let ValueRange { min, max } = facts.central_range;
+        let central = |value: f64| if (min..=max).contains(&value) { value } else { f64::NAN };
+        let has_far = facts.central_range != facts.value_range;
+        let value = |stored: f64| stored * scale + offset;
+        let values =
+            reader.values(reader.whole(), |stored| if has_far { central(value(stored)) } else { value(stored) })?;
         // An unreadable fine brick does not prevent an overview. The renderer reports it.
         let cells = if facts.kind == DataKind::Labels { LabelCells::read(container).ok().flatten() } else { None };
         Ok(Some(Self { dims: reader.whole().extent(), level: levels[number], values, cells }))
     }
 
     /// The visible voxels of this level, or the visible macro cells, whose centre lies in the box `kept` (index
-    /// coordinates of level 0). `None` if there are none.
+    /// coordinates of level 0). `None` if there are none, or if a null fills part of the volume, which hides the rest.
     fn framed(&self, facts: &VolumeFacts, kept: [[f64; 3]; 2], is_visible: impl Fn(f64) -> bool) -> Option<Framed> {
+        if facts.far_share > NULL_SHARE {
+            return None;
+        }
         let [nx, ny, _] = self.dims;
         let scale = DVec3::from_array(self.level.scale.map(|s| s as f64));
         // Point p of this level is the point (p + 1/2) * scale - 1/2 of level 0.
@@ -155,7 +166,7 @@ impl Overview {
     #[must_use]
     pub fn visible(&self, facts: &VolumeFacts, kept: [[f64; 3]; 2], shown: &TransferFunction) -> Option<Framed> {
         if self.cells.is_none()
-            && shown.loses(&self.values, Histogram::new(&facts.histogram, facts.value_range).shares())
+            && shown.loses(&self.values, Histogram::new(&facts.histogram, facts.central_range).shares())
         {
             return None;
         }

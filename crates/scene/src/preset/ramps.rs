@@ -1,6 +1,8 @@
 //! Transfer functions of the presets. Values are in data units, opacities over the preset's unit distance.
 
+use supervol_format::ValueRange;
 use supervol_format::cast::whole;
+use supervol_format::container::manifest::LABELS_LISTED;
 
 use super::colormap;
 use crate::facts::histogram::Histogram;
@@ -26,7 +28,7 @@ pub(super) fn point(value: f64, color: [f64; 3], alpha: f64) -> ControlPoint {
 
 /// Value at a percentile, interpolated. If no percentiles are known, they are taken as linear over the range.
 pub(super) fn percentile(facts: &VolumeFacts, percent: f64) -> f64 {
-    let range = facts.value_range;
+    let range = facts.central_range;
     let ends = [(0.0, range.min), (100.0, range.max)];
     let known = if facts.percentiles.is_empty() { &ends[..] } else { &facts.percentiles[..] };
     let above = known.partition_point(|&(p, _)| p < percent);
@@ -46,7 +48,7 @@ pub(super) fn window(facts: &VolumeFacts) -> [f64; 2] {
 pub(super) fn window_between(facts: &VolumeFacts, percents: [f64; 2]) -> [f64; 2] {
     let [mut low, mut high] = percents.map(|p| percentile(facts, p));
     // In a mostly empty volume both percentiles are the background value; use the whole range then.
-    let range = facts.value_range;
+    let range = facts.central_range;
     if !range.is_empty() && high - low <= 1e-3 * range.width() {
         (low, high) = (range.min, range.max);
     }
@@ -94,7 +96,7 @@ pub(super) fn seismic(facts: &VolumeFacts) -> Vec<ControlPoint> {
 /// The window of maximum projections of tomography in Hounsfield units, with or without offset. `None` if the values
 /// are not in these units, or all lie on one side.
 pub(super) fn projected_tissue(facts: &VolumeFacts) -> Option<[f64; 2]> {
-    let range = facts.value_range;
+    let range = facts.central_range;
     let [low, high] = match facts.kind {
         DataKind::CtOffset => HOUNSFIELD_PROJECTED.map(|value| value + HOUNSFIELD_OFFSET),
         DataKind::Ct if is_hounsfield(range) => HOUNSFIELD_PROJECTED,
@@ -109,7 +111,7 @@ pub(super) fn projected_tissue(facts: &VolumeFacts) -> Option<[f64; 2]> {
 /// values in other units the classes of the histogram are used: matter faint and warm, dense matter white.
 pub(super) fn ct(facts: &VolumeFacts) -> Vec<ControlPoint> {
     let offset = if facts.kind == DataKind::CtOffset { HOUNSFIELD_OFFSET } else { 0.0 };
-    if offset == 0.0 && !is_hounsfield(facts.value_range) {
+    if offset == 0.0 && !is_hounsfield(facts.central_range) {
         return ct_by_classes(facts);
     }
     let [first, face, last] = HOUNSFIELD_FACES.map(|value| value + offset);
@@ -127,7 +129,7 @@ pub(super) fn ct(facts: &VolumeFacts) -> Vec<ControlPoint> {
 fn ct_by_classes(facts: &VolumeFacts) -> Vec<ControlPoint> {
     let Classes { ground, dense, top } = Classes::of(facts);
     let soft = 0.5 * ground + 0.5 * dense;
-    let metal = facts.value_range.max.max(top + 0.1 * (top - ground));
+    let metal = facts.central_range.max.max(top + 0.1 * (top - ground));
     vec![
         point(ground, [0.55, 0.25, 0.15], 0.0),
         point(ground + 0.6 * (soft - ground), [0.75, 0.35, 0.22], 0.002),
@@ -193,36 +195,75 @@ pub(super) fn solid(facts: &VolumeFacts, [dark, middle, light]: [[f64; 3]; 3]) -
 /// background of one value, as scanners write outside their reconstructed region; noise would be taken for matter.
 fn faint_above(facts: &VolumeFacts, ground: f64) -> Option<f64> {
     const CLEAN_BACKGROUND: f64 = 0.5;
-    let histogram = Histogram::new(&facts.histogram, facts.value_range);
+    let histogram = Histogram::new(&facts.histogram, facts.central_range);
     if facts.kind != DataKind::MicroCt || histogram.fullest() < CLEAN_BACKGROUND {
         return None;
     }
-    let range = facts.value_range;
+    let range = facts.central_range;
     let background = range.min + range.width() / facts.histogram.len() as f64;
     histogram.threshold_between(background, ground)
 }
 
 /// Colours of the labels that occur; 0 is transparent. A label is visible only near its own value: between two labels,
 /// interpolation passes through other labels that are not present there.
+///
+/// Labels beyond [`LABELS_LISTED`] share the colours of equal parts of the range.
 pub(super) fn labels(facts: &VolumeFacts, alpha: f64) -> Vec<ControlPoint> {
-    const NEAR: f64 = 0.1;
+    const NEAR: f64 = 0.2;
+    /// Least share of a label's number on which its colour holds: single precision resolves no less.
+    const RESOLVED: f64 = 1e-6;
+    /// Largest share of the gap to the next label on which the colour holds.
+    const GAP: f64 = 0.4;
+    let known = labels_of(facts);
     let range = facts.value_range;
-    let (first, last) = (whole::<u64>(range.min.max(0.0).ceil()), whole::<u64>(range.max.clamp(0.0, 255.0)));
-    let last = last.max(first);
+    if known.len() > LABELS_LISTED {
+        return bands(range, alpha);
+    }
+    let reach = |value: f64, next: Option<&f64>| {
+        let gap = next.map_or(f64::INFINITY, |next| (next - value).abs());
+        NEAR.max(RESOLVED * value.abs()).min(GAP * gap)
+    };
+    let plateau = |i: usize| {
+        let value = known[i];
+        let before = reach(value, i.checked_sub(1).and_then(|i| known.get(i)));
+        let after = reach(value, known.get(i + 1));
+        let color = colormap::of_label(whole::<i64>(value).unsigned_abs());
+        let alpha = if value == 0.0 { 0.0 } else { alpha };
+        [(-before, 0.0), (-0.5 * before, alpha), (0.5 * after, alpha), (after, 0.0)]
+            .map(|(offset, alpha)| point(value + offset, color, alpha))
+    };
+    (0..known.len()).flat_map(plateau).collect()
+}
+
+/// The labels that may occur, ascending. Containers without a list tell by their histogram.
+pub(super) fn labels_of(facts: &VolumeFacts) -> Vec<f64> {
+    if !facts.labels.is_empty() {
+        return facts.labels.clone();
+    }
+    let range = facts.value_range;
+    let (first, last) = (range.min.ceil(), range.max.floor().max(range.min.ceil()));
     let histogram = Histogram::new(&facts.histogram, range);
     // Bins of width 1 or less tell labels apart.
     let is_known = facts.histogram.len() as f64 >= range.width();
-    let is_there = |number: &u64| {
-        let value = *number as f64;
-        !is_known || *number == last || histogram.share_between(value - 0.5, value + 0.5) > 0.0
-    };
-    let plateau = |number: u64| {
-        let (value, color) = (number as f64, colormap::of_label(number));
-        let alpha = if number == 0 { 0.0 } else { alpha };
-        [(-2.0, 0.0), (-1.0, alpha), (1.0, alpha), (2.0, 0.0)]
-            .map(|(side, alpha)| point(value + side * NEAR, color, alpha))
-    };
-    (first..=last).filter(is_there).flat_map(plateau).collect()
+    let is_there = |value: &f64| !is_known || *value == last || histogram.share_between(value - 0.5, value + 0.5) > 0.0;
+    let most = whole::<u64>((last - first).clamp(0.0, LABELS_LISTED as f64));
+    (0..=most).map(|i| first + i as f64).filter(is_there).collect()
+}
+
+/// Colours of labels that are too many for a colour each: equal parts of the range; 0 is transparent.
+fn bands(range: ValueRange, alpha: f64) -> Vec<ControlPoint> {
+    const BANDS: u32 = 1000;
+    let at = |share: f64| range.min * (1.0 - share) + range.max * share;
+    let mut points: Vec<ControlPoint> = Vec::new();
+    if range.min <= 0.0 {
+        points.extend([(0.0, 0.0), (0.5, 0.0)].map(|(value, alpha)| point(value, [0.5; 3], alpha)));
+    }
+    let clear = points.last().map_or(f64::NEG_INFINITY, |p| p.value);
+    for band in 0..BANDS {
+        let ends = [band, band + 1].map(|n| at(f64::from(n) / f64::from(BANDS)).max(clear));
+        points.extend(ends.map(|value| point(value, colormap::of_label(u64::from(band) + 1), alpha)));
+    }
+    points
 }
 
 /// Thresholds between the classes of matter in empty space, in data units.
@@ -238,12 +279,12 @@ pub(super) struct Classes {
 impl Classes {
     /// Thresholds from the histogram, or from percentiles if there is none. `ground < dense < top`.
     pub(super) fn of(facts: &VolumeFacts) -> Self {
-        let histogram = Histogram::new(&facts.histogram, facts.value_range);
+        let histogram = Histogram::new(&facts.histogram, facts.central_range);
         let [low, high] = window(facts);
         let ground = histogram.threshold_above(f64::NEG_INFINITY).unwrap_or(low + 0.2 * (high - low));
         let dense = histogram.threshold_above(ground).unwrap_or(low + 0.7 * (high - low));
         let top = histogram.quantile_above(ground, 0.995);
-        let least = 1e-6 * facts.value_range.width().max(f64::MIN_POSITIVE);
+        let least = 1e-6 * facts.central_range.width().max(f64::MIN_POSITIVE);
         let dense = dense.max(ground + least);
         Self { ground, dense, top: top.max(dense + least) }
     }
@@ -329,7 +370,7 @@ pub fn of_slice(facts: &VolumeFacts) -> Vec<ControlPoint> {
 
 #[cfg(test)]
 mod tests {
-    use supervol_format::{Dims, Geometry, ValueRange};
+    use supervol_format::{Dims, Geometry};
 
     use super::*;
 

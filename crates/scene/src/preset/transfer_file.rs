@@ -129,7 +129,7 @@ impl TransferFile {
         let Some(opacities) = &self.opacities else {
             return Err(TransferFileError::NoOpacities { path: self.path.clone() });
         };
-        let range = facts.value_range;
+        let range = facts.central_range;
         let value = |place: f64| match self.values {
             Values::Data => place,
             Values::Shares => range.min * (1.0 - place) + range.max * place,

@@ -28,11 +28,11 @@ pub use self::limits::{
     RAY_LIMIT, SHADING_LIMIT, UNIT_DISTANCE_LIMITS,
 };
 pub use self::resolved::{Light, ResolvedScene, Shading};
-use crate::facts::VolumeFacts;
+use crate::facts::{DataKind, VolumeFacts};
 use crate::preset::overview::Overview;
 use crate::preset::view::{Framed, View};
 use crate::preset::{self, Look, looks};
-use crate::slices::{ColorSpec, SliceSpec};
+use crate::slices::{ColorSpec, Interpolation, SliceSpec};
 pub use crate::spec::{
     BoxSpec, CameraSpec, ClipSpec, CylinderSpec, ImageSpec, IsoSpec, LightSpec, Mode, PlaneSpec, PointSpec, PointsSpec,
     ShadingSpec, SolidSpec, SphereSpec, TransferFunctionSpec,
@@ -132,13 +132,17 @@ impl Scene {
             scene.mode = Some(look.mode);
             scene.shading.get_or_insert(look.shading);
             scene.iso = look.iso;
+            if scene.slices.is_empty() && !look.slices.is_empty() {
+                scene.slices = look.slices;
+                scene.transfer_function = Some(TransferFunctionSpec::Points(preset::clear(facts)));
+            }
         }
         let mode = scene.effective_mode();
         scene.mode = Some(mode);
         scene.shading.get_or_insert_with(|| (mode == Mode::Iso || !scene.iso.is_empty()).then(ShadingSpec::default));
         let samples = if left_open { look.samples_per_pixel } else { 1 };
         scene.samples_per_pixel = Some(self.samples_per_pixel.unwrap_or_else(|| limited_samples(&self.image, samples)));
-        scene.transfer_function = self.transfer_function.clone().or_else(|| {
+        scene.transfer_function = scene.transfer_function.take().or_else(|| {
             let points = match mode {
                 Mode::Mip | Mode::Minip | Mode::Mean => looks::projection(mode, facts, overview),
                 Mode::Dvr if look.mode == Mode::Mip => looks::body(facts),
@@ -149,8 +153,14 @@ impl Scene {
         let plain = preset::ramps::plain_slice(facts);
         let colors = || plain.iter().map(|p| ColorSpec { value: p.value, color: p.color }).collect();
         let suits = |slice: &&mut SliceSpec| slice.filter.is_none_or(|filter| filter.kind.keeps_values());
-        for slice in scene.slices.iter_mut().filter(|slice| slice.colors.is_empty()).filter(suits) {
-            slice.colors = colors();
+        let is_open = |slice: &&mut SliceSpec| slice.colors.is_empty() && !slice.labels;
+        for slice in scene.slices.iter_mut().filter(is_open).filter(suits) {
+            // Between labels there is no value.
+            if facts.kind == DataKind::Labels && slice.filter.is_none() && slice.interpolation != Interpolation::Cubic {
+                (slice.labels, slice.interpolation) = (true, Interpolation::Nearest);
+            } else {
+                slice.colors = colors();
+            }
         }
         scene
     }
@@ -224,7 +234,7 @@ impl Scene {
             transfer_function: transfer_function.with_surfaces(inner).in_units(&units),
             shading: scene.shading.as_ref().and_then(Option::as_ref).map(|s| s.resolve(&camera)),
             iso: scene.iso.iter().map(|iso| IsoSpec { value: units.value(iso.value), ..*iso }).collect(),
-            slices: scene.slices.iter().map(|slice| slice.resolve(&units)).collect::<Result<_, _>>()?,
+            slices: scene.slices.iter().map(|slice| slice.resolve(&units, &facts.labels)).collect::<Result<_, _>>()?,
             clip: scene.clip.resolve(&units)?,
         })
     }

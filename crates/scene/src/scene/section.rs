@@ -70,6 +70,7 @@ pub fn plane_across(facts: &VolumeFacts, axis: usize, at: f64) -> ([f64; 3], f64
 #[must_use]
 pub fn face_on(scene: &Scene, facts: &VolumeFacts, slice: SliceSpec, zoom: f64) -> Option<Scene> {
     let normal = unit_vector(slice.normal.into())?;
+    let is_labels = slice.labels;
     let outline = outline(facts, scene.clip.index_box.unwrap_or_else(|| domain(facts)), &slice);
     if outline.len() < 3 {
         return None;
@@ -92,7 +93,9 @@ pub fn face_on(scene: &Scene, facts: &VolumeFacts, slice: SliceSpec, zoom: f64) 
         camera: Some(view.camera(&framed, [scene.image.width, scene.image.height])),
         ..scene.clone()
     };
-    scene.samples_per_pixel.get_or_insert(PLANE_SUPERSAMPLING * PLANE_SUPERSAMPLING);
+    // Rays of two labels would give a colour between them.
+    let rays = if is_labels { 1 } else { PLANE_SUPERSAMPLING * PLANE_SUPERSAMPLING };
+    scene.samples_per_pixel.get_or_insert(rays);
     Some(scene)
 }
 

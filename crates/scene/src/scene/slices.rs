@@ -5,13 +5,13 @@ use supervol_format::readable::Number;
 use super::checks::{check, check_color, check_direction, check_share};
 use super::error::SceneError;
 use crate::slices::filter::FilterSpec;
-use crate::slices::{ColorSpec, SlicePlane, SliceSpec};
+use crate::slices::{ColorSpec, SliceColors, SlicePlane, SliceSpec};
 use crate::transfer_function::{ControlPoint, TransferFunction};
 use crate::units::Units;
 
 impl SliceSpec {
-    /// The slice in the units of a picture.
-    pub(super) fn resolve(&self, units: &Units) -> Result<SlicePlane, SceneError> {
+    /// The slice in the units of a picture; `labels` are those that occur in the volume.
+    pub(super) fn resolve(&self, units: &Units, labels: &[f64]) -> Result<SlicePlane, SceneError> {
         let (normal, offset) = units.plane(self.normal, self.offset);
         let is_of_values = self.filter.is_none_or(|filter| filter.kind.keeps_values());
         let point = |c: &ColorSpec| {
@@ -19,7 +19,13 @@ impl SliceSpec {
             ControlPoint { value, color: c.color, alpha: 1.0 }
         };
         let points: Vec<ControlPoint> = self.colors.iter().map(point).collect();
-        let colors = (!points.is_empty()).then(|| TransferFunction::new(points, 1.0)).transpose()?;
+        let colors = if self.labels {
+            Some(SliceColors::Labels { unit: units.value, known: labels.to_vec() })
+        } else if points.is_empty() {
+            None
+        } else {
+            Some(SliceColors::Values(TransferFunction::new(points, 1.0)?))
+        };
         let Self { opacity, interpolation, filter, .. } = *self;
         Ok(SlicePlane { normal, offset, opacity, interpolation, filter, colors })
     }

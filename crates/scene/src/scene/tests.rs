@@ -14,7 +14,7 @@ const FULL: &str = r#"{
   "transfer_function": {"unit_distance": 2.0, "points": [
     {"value": 0, "color": [0, 0, 0], "alpha": 0}, {"value": 1, "color": [1, 1, 1], "alpha": 0.5}]},
   "shading": {"ambient": 0.2, "lights": [{"direction": [0, 0, 2]}]},
-  "slices": [{"normal": [0, 0, 3], "offset": 3, "opacity": 0.5, "interpolation": "cubic", "filter": {"kind": "median", "size": 2},
+  "slices": [{"normal": [0, 0, 3], "offset": 3, "opacity": 0.5, "interpolation": "cubic", "filter": {"kind": "median", "size": 2}, "labels": true,
     "colors": [{"value": 0, "color": [0, 0, 0]}, {"value": 1, "color": [1, 1, 1]}]}],
   "clip": {"box": [[0, 0, 0], [5, 5, 5]], "planes": [{"normal": [1, 0, 0], "offset": 2}],
     "solids": [{"keep": "outside", "sphere": {"center": [1, 2, 3], "radius": 4}}, {"box": {"center": [5, 5, 5], "edges": [2, 4, 6]}},

@@ -14,10 +14,11 @@ use glam::DVec3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use supervol_format::cast::{narrow, whole};
+use supervol_format::cast::{narrow, single, whole};
 
 use crate::camera::Ray;
 use crate::clip::Segment;
+use crate::preset::colormap;
 use crate::transfer_function::TransferFunction;
 use filter::FilterSpec;
 
@@ -47,6 +48,10 @@ pub struct SliceSpec {
     /// Colours in ascending order of value, linear between; if empty, chosen for the kind of data or the filter.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub colors: Vec<ColorSpec>,
+    /// Whether values are numbers of labels: each whole number has a colour of its own, and 0 is clear. Then `colors` has
+    /// no effect.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub labels: bool,
 }
 
 fn opaque() -> f64 {
@@ -76,6 +81,14 @@ pub enum Interpolation {
     Cubic,
 }
 
+/// The label that single precision may have rounded to `value`: the nearest known one.
+fn exact_label(value: f64, known: &[f64]) -> f64 {
+    let after = known.partition_point(|label| *label < value);
+    let nearest = known[after.saturating_sub(1).min(known.len())..].iter().take(2);
+    let nearest = nearest.min_by(|a, b| (**a - value).abs().total_cmp(&(**b - value).abs()));
+    nearest.copied().unwrap_or_else(|| f64::from(single(value)))
+}
+
 /// A slice in the units of a picture.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SlicePlane {
@@ -89,8 +102,36 @@ pub struct SlicePlane {
     pub interpolation: Interpolation,
     /// Image filter that is applied to the values on the plane.
     pub filter: Option<FilterSpec>,
-    /// Colours over values in units, opaque; `None`: default colours of the filter.
-    pub colors: Option<TransferFunction>,
+    /// Colours; `None`: default colours of the filter.
+    pub colors: Option<SliceColors>,
+}
+
+/// Colours of a slice.
+#[derive(Debug, Clone, PartialEq)]
+pub enum SliceColors {
+    /// Colours over values in units, opaque.
+    Values(TransferFunction),
+    /// Each label has a colour of its own.
+    Labels {
+        /// Data value of one unit.
+        unit: f64,
+        /// The labels that occur, ascending; empty if they are not known.
+        known: Vec<f64>,
+    },
+}
+
+impl SliceColors {
+    /// The colour of a value in units; `None` where the slice is clear.
+    #[must_use]
+    pub fn color(&self, value: f64) -> Option<[f64; 3]> {
+        match self {
+            Self::Values(colors) => Some(colors.classify(value).0),
+            Self::Labels { unit, known } => {
+                let number = whole::<i64>(exact_label(value * unit, known).round()).unsigned_abs();
+                (number != 0).then(|| colormap::of_label(number))
+            }
+        }
+    }
 }
 
 impl SlicePlane {
@@ -190,6 +231,20 @@ mod tests {
         assert_eq!(interpolate(p, Interpolation::Cubic, holed), interpolate(p, Interpolation::Linear, voxel));
         let beside = [4.25, 4.5, 2.75];
         assert!(interpolate(beside, Interpolation::Cubic, holed).is_nan());
+    }
+
+    #[test]
+    fn labels_that_single_precision_rounds_keep_their_colours() {
+        let known = [0.0, 5.0, 17.0, 30.0, 1_163_580_131.0, 2_143_948_897.0];
+        let colors = SliceColors::Labels { unit: 2.0, known: known.to_vec() };
+        for label in known {
+            let rounded = f64::from(single(label / 2.0));
+            let expected = (label != 0.0).then(|| colormap::of_label(whole::<u64>(label)));
+            assert_eq!(colors.color(rounded), expected, "{label}");
+        }
+        let unknown = SliceColors::Labels { unit: 1.0, known: Vec::new() };
+        assert_eq!(unknown.color(f64::from(single(1_163_580_131.0))), unknown.color(1_163_580_131.0));
+        assert_eq!(unknown.color(0.0), None);
     }
 
     #[test]

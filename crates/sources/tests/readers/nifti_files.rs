@@ -263,6 +263,27 @@ fn written(path: &Path, writer: &Writer, data_bytes: usize) -> Result<NiftiSourc
 }
 
 #[test]
+fn the_intent_code_says_labels() {
+    let folder = tempfile::tempdir().unwrap();
+    for (version, at) in [(1, 68), (2, 504)] {
+        let magic: &[u8] = if version == 1 { b"n+1\0" } else { b"n+2\0\r\n\x1a\n" };
+        for endian in BOTH_ORDERS {
+            let says = |code: i32| {
+                let mut writer = Writer::new(version, endian, magic, [4, 3, 2], 4, 16);
+                if version == 1 {
+                    writer.put(at, (code as i16).to_le_bytes())
+                } else {
+                    writer.put(at, code.to_le_bytes())
+                }
+                written(&folder.path().join("a.nii"), &writer, 48).unwrap().info().labels
+            };
+            assert!(says(1002).is_some_and(|because| because.contains("intent code")));
+            assert_eq!((says(0), says(1001)), (None, None));
+        }
+    }
+}
+
+#[test]
 fn headers_that_are_wrong() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("volume.nii");

@@ -201,6 +201,18 @@ fn small_voxels() -> Vec<u8> {
 }
 
 #[test]
+fn segmentations_are_labels() {
+    let files = Files::new();
+    let with = |pairs: &str| {
+        files.put("small.raw", small_voxels());
+        files.open(&format!("{SMALL}encoding: raw\ndata file: small.raw\n{pairs}")).unwrap().info().labels
+    };
+    assert_eq!(with("Segmenter:=somebody\n"), None);
+    assert!(with("Segment0_ID:=bone\nSegment0_LabelValue:=1\n").is_some());
+    assert!(with("Segmentation_MasterRepresentation:=Binary labelmap\n").is_some());
+}
+
+#[test]
 fn text_encoding() {
     let files = Files::new();
     let with = |numbers: &str| files.open(&format!("{SMALL}encoding: text\n\n{numbers}"));

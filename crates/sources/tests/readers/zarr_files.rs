@@ -193,6 +193,20 @@ fn nothing_outside_the_folder_is_read() {
     check_boxes(allowed.as_ref(), &voxels(VoxelType::U16, DIMS, value), 1);
 }
 
+#[test]
+fn the_attribute_of_an_image_says_labels() {
+    let folder = tempfile::tempdir().unwrap();
+    copy_folder(&FILES.path().join("v2/zstd-1"), &folder.path().join("0"));
+    let image = r#""multiscales": [{"axes": ["z", "y", "x"], "datasets": [{"path": "0"}]}]"#;
+    let labels = |attributes: String| {
+        std::fs::write(folder.path().join(".zattrs"), attributes).unwrap();
+        opened(folder.path()).unwrap().info().labels
+    };
+    assert_eq!(labels(format!("{{{image}}}")), None);
+    assert!(labels(format!(r#"{{{image}, "image-label": {{"version": "0.4"}}}}"#)).is_some());
+    assert!(labels(format!(r#"{{"ome": {{{image}, "image-label": {{}}}}}}"#)).is_some());
+}
+
 fn copy_folder(from: &Path, to: &Path) {
     std::fs::create_dir_all(to).unwrap();
     for entry in std::fs::read_dir(from).unwrap() {

@@ -134,6 +134,7 @@ impl VirtualVolume {
             present_voxels: self.descriptor.dims().voxels().unwrap_or(u64::MAX),
             histogram: Vec::new(),
             percentiles: Vec::new(),
+            distribution: None,
             level_errors: errors.collect(),
             survey: None,
             notes: vec![self.field.note().into()],

@@ -49,7 +49,7 @@ impl Drawing<'_> {
         Y::CoordDescType: Ranged<ValueType = f64> + ValueFormatter<f64>,
     {
         let failed = |e: DrawingAreaErrorKind<std::io::Error>| e.to_string();
-        let range = self.facts.value_range;
+        let range = self.facts.central_range;
         let area = SVGBackend::with_string(svg, SIZE).into_drawing_area();
         area.fill(&WHITE).map_err(failed)?;
         let mut builder = ChartBuilder::on(&area);

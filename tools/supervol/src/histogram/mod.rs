@@ -13,6 +13,7 @@ use supervol_arguments::source::SourceArguments;
 use supervol_files::check_distinct;
 use supervol_format::Container;
 use supervol_format::cast::whole;
+use supervol_format::container::manifest::Central;
 use supervol_preprocess::{BuildOptions, Existing};
 use supervol_scene::facts::{DataKind, VolumeFacts};
 use supervol_scene::preset::Look;
@@ -42,6 +43,8 @@ pub struct Arguments {
     #[command(flatten)]
     force: Force,
     /// Number of rows of the text: 2 to 128; each covers an equal part of the value range
+    ///
+    /// Values far from all others are outside this range. Their numbers follow below the rows.
     #[arg(long, default_value_t = 32, value_parser = rows, conflicts_with = "output")]
     rows: usize,
     /// Draw bars by count instead of by the logarithm of the count
@@ -83,7 +86,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         TransferFunction::new(look.control_points(), look.unit_distance.unwrap_or(1.0)).map_err(Failure::command)?;
     let unit = &container.manifest().unit;
     let Some(output) = &arguments.output else {
-        return write(arguments, &facts, &shown, unit).map_err(with_output);
+        return write(arguments, &facts, container.manifest().central(), (&shown, unit)).map_err(with_output);
     };
     check_distinct(output, [path.as_path(), arguments.volume.as_path()])?;
     let file = TextFile::begin(output, arguments.force.or(Existing::ReplacePicture))?;
@@ -94,8 +97,13 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         .map_err(with_output)
 }
 
-fn write(arguments: &Arguments, facts: &VolumeFacts, shown: &TransferFunction, unit: &str) -> std::io::Result<()> {
-    let (bins, range) = (facts.histogram.len(), facts.value_range);
+fn write(
+    arguments: &Arguments,
+    facts: &VolumeFacts,
+    central: Option<&Central>,
+    (shown, unit): (&TransferFunction, &str),
+) -> std::io::Result<()> {
+    let (bins, range) = (facts.histogram.len(), facts.central_range);
     let first_bin = |row: usize| row * bins / arguments.rows;
     let count = |row: usize| facts.histogram[first_bin(row)..first_bin(row + 1)].iter().sum::<u64>();
     let length = |count: u64| if arguments.linear { count as f64 } else { (count as f64 + 1.0).ln() };
@@ -109,6 +117,13 @@ fn write(arguments: &Arguments, facts: &VolumeFacts, shown: &TransferFunction, u
         let bar = "#".repeat(whole::<usize>((BAR * length(count(row)) / longest).round()));
         let opacity = shown.classify(value).1;
         writeln!(out, "{:>14}  {:>14}  {opacity:>7.3}  {bar}", short(value), count(row))?;
+    }
+    let Some(central) = central else { return Ok(()) };
+    let all = facts.value_range;
+    for (count, place, end) in [(central.below, "below", all.min), (central.above, "above", all.max)] {
+        if count > 0 {
+            writeln!(out, "{:>14}  {count:>14}  far {place} these values, to {}", "", short(end))?;
+        }
     }
     Ok(())
 }

@@ -14,7 +14,7 @@ use supervol_arguments::source::{SourceArguments, refuse_for_container};
 use supervol_arguments::terminal::Format;
 use supervol_files::unfinished;
 use supervol_files::unfinished::{Leftover, Writer};
-use supervol_format::container::manifest::{AxisName, Json, Source};
+use supervol_format::container::manifest::{AxisName, Central, Json, Source};
 use supervol_format::{Container, Dims, Geometry, ValueRange};
 use supervol_preprocess::kept::{Reading, is_container};
 use supervol_preprocess::manifest::{rms_kept_of, steps_of};
@@ -65,6 +65,8 @@ struct Info<'a> {
     present_voxels: u64,
     percentiles: &'a [[f64; 2]],
     histogram: &'a [u64],
+    distinct_values: Option<u64>,
+    central: Option<&'a Central>,
     source: &'a Source,
     tool: &'a str,
     parameters: &'a std::collections::BTreeMap<String, String>,
@@ -276,6 +278,8 @@ fn gather(container: &Container) -> Result<Info<'_>, supervol_format::container:
         present_voxels: manifest.present_voxels,
         percentiles: &manifest.percentiles,
         histogram: &manifest.histogram,
+        distinct_values: manifest.distribution.as_ref().and_then(|distribution| distribution.distinct_values),
+        central: manifest.central(),
         source: &manifest.source,
         tool: &manifest.tool,
         parameters: &manifest.parameters,

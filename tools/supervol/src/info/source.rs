@@ -55,7 +55,7 @@ impl Described {
     pub fn to_json(&self) -> serde_json::Value {
         let info = self.info();
         let axis = |axis: &supervol_sources::Axis| serde_json::json!({ "name": axis.name, "unit": axis.unit });
-        serde_json::json!({
+        let mut described = serde_json::json!({
             "dims": info.dims.0,
             "spacing": info.geometry.spacing,
             "origin": info.geometry.origin,
@@ -71,7 +71,13 @@ impl Described {
             "source": { "name": self.name(), "format": info.format, "bytes": self.bytes() },
             "survey": info.survey,
             "notes": info.notes.iter().map(ToString::to_string).collect::<Vec<_>>(),
-        })
+        });
+        // Other kinds are known once the container is built.
+        if let Some(because) = info.labels {
+            described["kind"] = "labels".into();
+            described["kind_because"] = because.into();
+        }
+        described
     }
 
     /// Prints the description on standard output.
@@ -95,6 +101,9 @@ impl Described {
             survey: self.survey(),
         };
         place.print(out)?;
+        if let Some(because) = info.labels {
+            writeln!(out, "kind       labels: {because}")?;
+        }
         if let Some(stored) = info.nodata {
             writeln!(out, "no data    {}", stored * info.scale + info.offset)?;
         }
@@ -105,7 +114,8 @@ impl Described {
         let built = container_beside(&self.path);
         writeln!(
             out,
-            "container  none; kind and values are unknown until it is built: `supervol build` makes {}",
+            "container  none; {} unknown until it is built: `supervol build` makes {}",
+            if info.labels.is_some() { "values are" } else { "kind and values are" },
             built.display()
         )
     }

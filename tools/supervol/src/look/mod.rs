@@ -365,6 +365,9 @@ impl LookArguments {
         let window = self.window.or(self.clip_percent.map(|percent| ramps::clipped_window(facts, percent)));
         let colors = self.colormap.as_ref().map(ColorMapRequest::colors).transpose()?;
         for slice in &mut scene.slices {
+            if slice.labels && (window.is_some() || colors.is_some()) {
+                slices::show_numbers(slice, facts);
+            }
             slices::repaint(slice, window, colors.as_deref())?;
         }
         if window.is_some() || colors.is_some() {

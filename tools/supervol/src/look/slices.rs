@@ -4,7 +4,7 @@ use clap::{Args, ValueEnum};
 use glam::DVec3;
 use supervol_arguments::failure::Failure;
 use supervol_format::Container;
-use supervol_scene::facts::VolumeFacts;
+use supervol_scene::facts::{DataKind, VolumeFacts};
 use supervol_scene::preset::{Look, ramps};
 use supervol_scene::scene::section::{Slice, face_on, plane_across};
 use supervol_scene::scene::{Mode, PointSpec, Scene, TransferFunctionSpec};
@@ -106,7 +106,10 @@ impl SliceArguments {
                 "--slice-opacity needs --slices volume: slices that are shown face on are opaque".into(),
             ));
         }
-        if let (Cut::Across(place), true) = (cut, is_plain) {
+        // Labels are drawn by their nearest voxel, unless their numbers are to be painted as values.
+        let is_of_labels = facts.kind == DataKind::Labels && scene.transfer_function.is_none() && self.slab.is_none();
+        let shows_labels = is_of_labels && !is_painted && self.shows_labels();
+        if let (Cut::Across(place), true) = (cut, is_plain && !shows_labels) {
             let (axis, at) = place.on_grid(container, facts)?;
             let colors = if is_painted { ramps::plain_slice(facts) } else { ramps::of_slice(facts) };
             return Slice { axis, at, slab: self.slab, zoom }.of(scene, facts, &colors).ok_or_else(nothing);
@@ -116,6 +119,9 @@ impl SliceArguments {
         if let Some(TransferFunctionSpec::Points(points)) = &scene.transfer_function {
             slice.colors =
                 points.points.iter().map(|p: &PointSpec| ColorSpec { value: p.value, color: p.color }).collect();
+        }
+        if shows_labels {
+            (slice.labels, slice.interpolation) = (true, Interpolation::Nearest);
         }
         face_on(scene, facts, slice, zoom).ok_or_else(nothing)
     }
@@ -135,6 +141,11 @@ impl SliceArguments {
             scene.mode = Some(Mode::Dvr);
         }
         Ok(())
+    }
+
+    /// Whether these slices can show labels: without a filter, and not cubic.
+    fn shows_labels(&self) -> bool {
+        self.filter.is_none() && self.interpolation != InterpolationName::Cubic
     }
 
     fn refuse_slab(&self) -> Result<(), Failure> {
@@ -168,8 +179,14 @@ impl SliceArguments {
             InterpolationName::Cubic => Interpolation::Cubic,
         };
         let opacity = self.slice_opacity.unwrap_or(1.0);
-        Ok(SliceSpec { normal, offset, opacity, interpolation, filter: self.filter, colors: Vec::new() })
+        Ok(SliceSpec { normal, offset, opacity, interpolation, filter: self.filter, colors: Vec::new(), labels: false })
     }
+}
+
+/// Shows the numbers of labels as values, so that they can have a window and colours.
+pub fn show_numbers(slice: &mut SliceSpec, facts: &VolumeFacts) {
+    slice.labels = false;
+    slice.colors = ramps::plain_slice(facts).iter().map(|p| ColorSpec { value: p.value, color: p.color }).collect();
 }
 
 /// Changes window and colours of a slice, as far as they are given.

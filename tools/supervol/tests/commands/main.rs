@@ -20,3 +20,4 @@ mod slices;
 mod solids;
 mod support;
 mod users_data;
+mod values;

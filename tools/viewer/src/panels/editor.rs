@@ -35,7 +35,8 @@ impl Axes {
     /// Axes that cover all values of the volume and of control points.
     fn new(rect: Rect, facts: &VolumeFacts, points: &[PointSpec]) -> Self {
         let ends = points.iter().map(|p| p.value).filter(|v| v.is_finite());
-        let (low, high) = ends.fold((facts.value_range.min, facts.value_range.max), |(l, h), v| (l.min(v), h.max(v)));
+        let (low, high) =
+            ends.fold((facts.central_range.min, facts.central_range.max), |(l, h), v| (l.min(v), h.max(v)));
         let margin = (MARGIN * (high - low)).max(f64::MIN_POSITIVE);
         Self { rect, values: low - margin..=high + margin }
     }
@@ -141,7 +142,7 @@ fn histogram(painter: &egui::Painter, axes: &Axes, facts: &VolumeFacts, fill: Co
     if most < 1.0 {
         return;
     }
-    let range = facts.value_range;
+    let range = facts.central_range;
     let x = |bin: usize| axes.x(range.min + range.width() * bin as f64 / counts.len() as f64);
     let bottom = axes.rect.bottom();
     // One mesh: separate rectangles would be rounded to pixels individually and leave gaps.
@@ -187,7 +188,7 @@ fn numbers(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
         return;
     };
     let (mut value, mut alpha, mut rgb) = (point.value, point.alpha, point.color.map(single));
-    let speed = (opened.facts.value_range.width() / 500.0).max(f64::MIN_POSITIVE);
+    let speed = (opened.facts.central_range.width() / 500.0).max(f64::MIN_POSITIVE);
     let mut is_removed = false;
     ui.horizontal(|ui| {
         ui.color_edit_button_rgb(&mut rgb).accessible_name("Colour of the point");

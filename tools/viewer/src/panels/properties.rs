@@ -225,7 +225,7 @@ fn colors(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
         }
     });
     if let Some([low, high]) = edit::window(&viewer.scene) {
-        let speed = (facts.value_range.width() / 500.0).max(f64::MIN_POSITIVE);
+        let speed = (facts.central_range.width() / 500.0).max(f64::MIN_POSITIVE);
         let mut window = [low, high];
         ui.horizontal(|ui| {
             ui.label("Window");
@@ -301,7 +301,7 @@ fn inner_surfaces(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
 
 /// Draws colour, value and opacity of each surface, with a button to remove it if `may_go` is set.
 fn list_of_surfaces(surfaces: &mut Vec<IsoSpec>, opened: &OpenVolume, may_go: bool, ui: &mut Ui) {
-    let range = opened.facts.value_range;
+    let range = opened.facts.central_range;
     let words = format!("Value of the surface {}", opened.container.manifest().unit);
     let mut removed = None;
     for (i, iso) in surfaces.iter_mut().enumerate() {

@@ -146,7 +146,8 @@ fn pictures_may_be_drawn_by_a_graphics_device() {
     let opened = session.viewer().opened().expect("open").clone();
     let (normal, offset) = plane_across(&opened.facts, 2, 30.0);
     let interpolation = Interpolation::Linear;
-    let slice = SliceSpec { normal, offset, opacity: 1.0, interpolation, filter: None, colors: Vec::new() };
+    let slice =
+        SliceSpec { normal, offset, opacity: 1.0, interpolation, filter: None, colors: Vec::new(), labels: false };
     let open = Scene { image: volume.image.clone(), ..Scene::default() };
     let section = face_on(&open, &opened.facts, slice, 1.0).expect("there is a section").complete(&opened.facts, None);
     // A section is exported while a GPU draws the picture.

@@ -1,8 +1,11 @@
-//! Detection of labels from samples of the voxels. Coarser levels of labels must not be means.
+//! Detection of labels. Coarser levels of labels must not be means, and their voxels are never moved.
 //!
-//! Labels are few integers, and neighbours are equal except at region borders. A measured volume that is mostly
-//! background, such as fluorescence, has equal neighbours there, too. So only pairs with at least one non-background
-//! voxel count.
+//! The caller or the file may say that voxels are labels. Otherwise samples of the voxels decide. Labels are integers,
+//! and neighbours are equal except at region borders. A measured volume that is mostly background, such as fluorescence,
+//! has equal neighbours there, too. So only pairs with at least one non-background voxel count.
+//!
+//! Thin regions have many borders, as the cortex has. There, labels differ by any amount, and measured values only by a
+//! little. So fewer equal neighbours suffice if the others differ about as much as distant voxels do.
 
 use std::collections::BTreeMap;
 
@@ -10,14 +13,69 @@ use supervol_format::VoxelType;
 use supervol_format::cast::whole;
 use supervol_sources::SourceInfo;
 
+use crate::pipeline::options::{BuildOptions, Reduce};
 use crate::pipeline::plan::lod_axes::Sample;
 
-/// Number of different values of a label volume. Two values are a mask, whose mean is a meaningful share.
-const VALUES: std::ops::RangeInclusive<usize> = 3..=256;
-/// Least share of equal neighbours.
+/// Name of the kind of data that labels are.
+pub const KIND: &str = "labels";
+/// Fewest different values. Two values are a mask, whose mean is a meaningful share.
+const VALUES: usize = 3;
+/// Most different values of labels that may differ by little.
+const FEW_VALUES: usize = 256;
+/// Least share of equal neighbours: of labels that may differ by little, and of others.
 const EQUAL: f64 = 0.8;
+const EQUAL_OF_SPARSE: f64 = 0.55;
+/// Least difference of unequal neighbours, as a share of that of distant voxels: with fewer equal ones, and with more.
+const JUMP: f64 = 0.25;
+const JUMP_OF_EQUAL: f64 = 0.02;
 /// Fewest pairs for a decision.
-const PAIRS: u64 = 1000;
+const PAIRS: u64 = 200;
+/// Distance in the list of samples, in shares of its length, of voxels that count as distant.
+const DISTANT: f64 = 0.381_966;
+
+/// Whether voxels are labels, and why.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Labels {
+    /// They are not.
+    None,
+    /// The caller says so.
+    Named,
+    /// The file says so, with the end of a sentence.
+    Declared(&'static str),
+    /// They look like labels.
+    Recognised,
+}
+
+impl Labels {
+    /// What the caller or the file says; `None` if neither says anything.
+    pub(crate) fn named(options: &BuildOptions, info: &SourceInfo) -> Option<Self> {
+        match &options.kind {
+            Some(kind) if kind == KIND => return Some(Self::Named),
+            Some(_) => return Some(Self::None),
+            None => {}
+        }
+        if let Some(because) = info.labels.filter(|_| info.scale == 1.0 && info.offset == 0.0) {
+            return Some(Self::Declared(because));
+        }
+        matches!(options.reduce, Some(Reduce::Mean | Reduce::Max)).then_some(Self::None)
+    }
+
+    /// The decision from samples.
+    pub(crate) fn recognised(info: &SourceInfo, samples: &[Sample]) -> Self {
+        if may_be_labels(info) && look_like_labels(samples) { Self::Recognised } else { Self::None }
+    }
+
+    /// The reason as the end of a sentence; `None` if the voxels are no labels.
+    #[must_use]
+    pub fn because(self) -> Option<&'static str> {
+        match self {
+            Self::None => None,
+            Self::Named => Some("named when the container was built"),
+            Self::Declared(because) => Some(because),
+            Self::Recognised => Some("whole numbers, mostly equal to their neighbours"),
+        }
+    }
+}
 
 /// Whether the voxels of a source may be labels, judged by its description.
 pub(crate) fn may_be_labels(info: &SourceInfo) -> bool {
@@ -27,22 +85,48 @@ pub(crate) fn may_be_labels(info: &SourceInfo) -> bool {
 }
 
 /// Whether voxels that may be labels look like labels.
-pub(crate) fn look_like_labels(samples: &[Sample]) -> bool {
-    let Some(counts) = counts_of(samples) else { return false };
+fn look_like_labels(samples: &[Sample]) -> bool {
+    let counts = counts_of(samples);
     let Some((&background, _)) = counts.iter().max_by_key(|(_, count)| **count) else { return false };
-    let (mut equal, mut pairs) = (0, 0);
+    let (mut equal, mut pairs, mut jumps) = (0, 0, Vec::new());
     for sample in samples {
-        for (a, b) in (0..3).flat_map(|axis| sample.pairs(axis)).filter(|(a, b)| a.is_finite() && b.is_finite()) {
+        for (a, b) in (0..3).flat_map(|axis| sample.neighbours(axis)).filter(|(a, b)| a.is_finite() && b.is_finite()) {
             let is_background = whole::<i64>(a) == background && whole::<i64>(b) == background;
             pairs += u64::from(!is_background);
             equal += u64::from(!is_background && a == b);
+            if a != b {
+                jumps.push((a - b).abs());
+            }
         }
     }
-    VALUES.contains(&counts.len()) && pairs >= PAIRS && equal as f64 >= EQUAL * pairs as f64
+    if counts.len() < VALUES || pairs < PAIRS {
+        return false;
+    }
+    let equal = equal as f64 / pairs as f64;
+    if equal >= EQUAL && counts.len() <= FEW_VALUES {
+        return true;
+    }
+    let least = if equal >= EQUAL { JUMP_OF_EQUAL } else { JUMP };
+    equal >= EQUAL_OF_SPARSE && median(jumps) >= least * median(distant_jumps(samples))
 }
 
-/// Number of occurrences of each value; `None` if there are too many different values.
-fn counts_of(samples: &[Sample]) -> Option<BTreeMap<i64, u64>> {
+/// Differences of unequal voxels far from each other.
+fn distant_jumps(samples: &[Sample]) -> Vec<f64> {
+    let values: Vec<f64> =
+        samples.iter().flat_map(|sample| &sample.values).copied().filter(|v| v.is_finite()).collect();
+    let distance = whole::<usize>(DISTANT * values.len() as f64);
+    let pairs = values.iter().zip(values.iter().skip(distance));
+    pairs.map(|(a, b)| (a - b).abs()).filter(|jump| *jump > 0.0).collect()
+}
+
+/// The median of numbers; 0 if there are none.
+fn median(mut numbers: Vec<f64>) -> f64 {
+    numbers.sort_by(f64::total_cmp);
+    numbers.get(numbers.len() / 2).copied().unwrap_or(0.0)
+}
+
+/// Number of occurrences of each value.
+fn counts_of(samples: &[Sample]) -> BTreeMap<i64, u64> {
     // Most labels are small numbers, which need no search.
     let mut small = [0; 1 << u8::BITS];
     let mut counts = BTreeMap::new();
@@ -51,12 +135,9 @@ fn counts_of(samples: &[Sample]) -> Option<BTreeMap<i64, u64>> {
             Some(count) if value >= 0.0 => *count += 1,
             _ => *counts.entry(whole::<i64>(value)).or_default() += 1,
         }
-        if counts.len() > *VALUES.end() {
-            return None;
-        }
     }
     counts.extend((0..).zip(small).filter(|(_, count)| *count > 0));
-    Some(counts)
+    counts
 }
 
 #[cfg(test)]
@@ -85,6 +166,18 @@ mod tests {
         assert!(!are(VoxelType::U8, |p| f64::from(distance(p) < 30.0)), "a mask has a mean");
         assert!(!are(VoxelType::U8, |p| (4.0 * distance(p)) % 256.0), "smooth");
         assert!(!are(VoxelType::U8, |p| ((p[0] * 31 + p[1] * 17 + p[2] * 7) % 5) as f64), "noise of few values");
+        // Sparse numbers of thin regions, and of many regions.
+        let thin = |p: [u64; 3]| [0.0, 1003.0, 17.0, 2029.0, 5.0][((p[0] + p[1]) / 3 % 5) as usize];
+        assert!(are(VoxelType::I16, thin));
+        let many = |p: [u64; 3]| {
+            p.iter().fold(7u64, |n, v| (n * 31 + v / 6).wrapping_mul(2_654_435_761) >> 1 & 0x7FFF_FFFF) as f64
+        };
+        assert!(are(VoxelType::U32, many));
+        assert!(!are(VoxelType::I16, |p| (100.0 * (distance(p) / 30.0).sin()).round()), "a smooth field in steps");
+        assert!(
+            !are(VoxelType::U16, |p| (p[0] * 7919 % 4096 + p[1] * 31 + p[2]) as f64 % 3000.0),
+            "noise of many values"
+        );
         // A few bright spots in the dark, as in fluorescence.
         assert!(!are(VoxelType::U8, |p| (200.0 - 40.0 * distance(p)).max(0.0)));
         assert!(!are(VoxelType::U8, |_| 3.0), "constant");

@@ -174,6 +174,15 @@ impl Sample {
     }
 }
 
+impl Sample {
+    /// All neighbours along an axis.
+    pub(crate) fn neighbours(&self, axis: usize) -> impl Iterator<Item = (f64, f64)> + '_ {
+        let stride = [1, self.extent[0], self.extent[0] * self.extent[1]][axis];
+        let lines = self.values.chunks_exact(stride * self.extent[axis]);
+        lines.flat_map(move |line| line.iter().copied().zip(line[stride..].iter().copied()))
+    }
+}
+
 /// Share of the variance that means of pairs along this axis keep; 1 if unknown.
 fn variance_kept(samples: &[Sample], axis: usize) -> f64 {
     let (mut total, mut lost) = (0.0, 0.0);

@@ -24,7 +24,7 @@ use supervol_sources::input::file::SourceFile;
 use supervol_sources::{AccessOrder, VolumeSource};
 use xxhash_rust::xxh3::Xxh3Default;
 
-use self::labels::{look_like_labels, may_be_labels};
+use self::labels::{Labels, may_be_labels};
 use self::lod_axes::{LevelPlan, LodAxes};
 use self::max_error::range_of;
 use self::memory::{MemoryPlan, tile_bytes};
@@ -47,6 +47,8 @@ pub(crate) struct BuildPlan<'a> {
     pub options: &'a BuildOptions,
     /// Description of the container.
     pub descriptor: Descriptor,
+    /// Whether the voxels are labels, and why.
+    pub labels: Labels,
     /// Operation that makes one voxel of several in coarser levels.
     pub reduce: Reduce,
     /// Factors of the levels and the measurements that chose them.
@@ -67,11 +69,12 @@ impl<'a> BuildPlan<'a> {
         if let Some(defect) = info.geometry.defect() {
             return Err(BuildError::Options(format!("the volume cannot be placed in the world: {defect}")));
         }
-        let asks_for_kind = options.reduce.is_none() && may_be_labels(info);
-        let is_sampled = asks_for_kind || options.lod_axes == LodAxes::Auto;
+        let named = Labels::named(options, info);
+        let is_sampled = named.is_none() && may_be_labels(info) || options.lod_axes == LodAxes::Auto;
         let samples = if is_sampled { lod_axes::sample_boxes(source)? } else { Vec::new() };
-        let by_kind = || if asks_for_kind && look_like_labels(&samples) { Reduce::Majority } else { Reduce::Mean };
-        let reduce = options.reduce.unwrap_or_else(by_kind);
+        let labels = named.unwrap_or_else(|| Labels::recognised(info, &samples));
+        let by_kind = if labels == Labels::None { Reduce::Mean } else { Reduce::Majority };
+        let reduce = options.reduce.unwrap_or(by_kind);
         let levels = lod_axes::plan(info, samples, options.layout, options.lod_axes);
         let pyramid = Pyramid::new(info.dims, options.layout, &levels.factors)?;
         let memory =
@@ -85,7 +88,7 @@ impl<'a> BuildPlan<'a> {
             absence: Absence::declared(info.nodata, info.voxel_type),
             quantizer: None,
         };
-        Ok(Self { output, options, descriptor, reduce, levels, memory, order: info.access_order })
+        Ok(Self { output, options, descriptor, labels, reduce, levels, memory, order: info.access_order })
     }
 
     /// Chooses the quantizer of the voxels. Labels are never quantized. Means are rounded in exact containers only.
@@ -93,7 +96,7 @@ impl<'a> BuildPlan<'a> {
     /// # Errors
     /// If the quantizer needs the range of all voxels and the source cannot be read.
     pub fn choose_quantizer(&mut self, read: ReadSource<'_>) -> Result<(), BuildError> {
-        if self.reduce != Reduce::Majority {
+        if self.reduce != Reduce::Majority && self.labels == Labels::None {
             let range = || range_of(&self.descriptor, &self.tiles(Lod::FINEST), read);
             self.descriptor.quantizer = self.options.max_error.quantizer(&self.descriptor, range)?;
         }
@@ -134,10 +137,11 @@ impl<'a> BuildPlan<'a> {
         // The memory decides the tiles, and the tiles decide the order of the bricks.
         let files: Vec<_> = source.info().files.iter().map(SourceFile::describe).collect();
         let reading = &source.info().reading;
-        let BuildOptions { codec, max_error: error, memory_bytes: memory, .. } = self.options;
-        let (reduce, steps, tile) = (self.reduce, &self.levels.steps, self.memory.tile_bytes);
-        let choices =
-            format!("{origin:?} {files:?} {reading:?} {codec:?} {error:?} {reduce:?} {steps:?} {memory} {tile}");
+        let BuildOptions { codec, max_error: error, kind, memory_bytes: memory, .. } = self.options;
+        let (labels, reduce, steps, tile) = (self.labels, self.reduce, &self.levels.steps, self.memory.tile_bytes);
+        let choices = format!(
+            "{origin:?} {files:?} {reading:?} {codec:?} {error:?} {kind:?} {labels:?} {reduce:?} {steps:?} {memory} {tile}"
+        );
         Some(identity(&[env!("CARGO_PKG_VERSION").as_bytes(), &page[..], choices.as_bytes()]))
     }
 }

@@ -9,10 +9,11 @@ use supervol_sources::{Message, SourceInfo};
 
 use crate::pipeline::options::Reduce;
 use crate::pipeline::plan::BuildPlan;
+use crate::pipeline::plan::labels::Labels;
 use crate::pipeline::plan::lod_axes::LevelPlan;
 use crate::pipeline::plan::max_error::MaxError;
 use crate::report::LevelReport;
-use crate::statistics::{self, Statistics, Values};
+use crate::statistics::{self, Form, Statistics, Values};
 
 /// Limits of the manifest: characters of a name or unit, characters of a note, number of notes.
 const LABEL_CHARACTERS: usize = 256;
@@ -25,6 +26,10 @@ const REDUCE: &str = "reduce";
 const READER: &str = "reader_";
 /// Parameter with the measurements that chose the halved axes.
 const RMS_KEPT: &str = "lod_axes_rms_kept";
+/// Parameter with the kind of data that the caller named.
+const KIND: &str = "kind";
+/// Parameter with the reason why the voxels are labels.
+pub const LABELS: &str = "labels";
 /// Parameter with the steps to which means in coarser levels are rounded.
 const STEPS: &str = "coarse_steps";
 
@@ -62,12 +67,15 @@ pub(crate) fn manifest(
     levels: &[LevelReport],
 ) -> Manifest {
     let BuildPlan { options, descriptor, levels: axes, .. } = plan;
-    let values = Values::of(descriptor, statistics);
+    let form = if plan.labels == Labels::None { Form::Resolved } else { Form::Labels };
+    let values = Values::of(descriptor, statistics, form);
     let codec = options.codec.name();
     // Manifests of exact containers do not have this parameter.
     let max_error = (options.max_error != MaxError::Exact).then(|| ("max_error", options.max_error.describe()));
     let rms_kept = axes.describe().map(|kept| (RMS_KEPT, kept));
     let steps = axes.describe_steps().map(|steps| (STEPS, steps));
+    let kind = options.kind.clone().map(|kind| (KIND, kind));
+    let labels = plan.labels.because().map(|because| (LABELS, because.into()));
     let reading = info.reading.iter().map(|(option, said)| (format!("{READER}{option}"), said.clone()));
     let parameters = [
         ("brick", options.layout.core().to_string()),
@@ -81,6 +89,8 @@ pub(crate) fn manifest(
         parameters: parameters
             .into_iter()
             .chain(max_error)
+            .chain(kind)
+            .chain(labels)
             .chain(rms_kept)
             .chain(steps)
             .map(|(k, v)| (k.to_string(), v))
@@ -94,9 +104,10 @@ pub(crate) fn manifest(
         present_voxels: values.present,
         histogram: values.histogram,
         percentiles: values.percentiles,
+        distribution: values.distribution,
         level_errors: levels.iter().map(|l| statistics::finite(l.error)).collect(),
         survey: info.survey.as_ref().and_then(|s| serde_json::to_value(s).and_then(|s| Json::of(&s)).ok()),
-        notes: bounded_notes(&info.notes),
+        notes: bounded_notes(&info.notes).into_iter().chain(values.note).collect(),
         others: std::collections::BTreeMap::default(),
     }
 }

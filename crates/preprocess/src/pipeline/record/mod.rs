@@ -152,15 +152,19 @@ impl<'a> Record<'a> {
         let size = voxel_type.bytes();
         let slab = nz.div_ceil(memory.threads);
         (0..memory.threads).into_par_iter().for_each(|part| {
-            let mut statistics = Statistics::new(voxel_type);
+            let mut statistics = self.statistics().beside();
             for z in (part * slab).min(nz)..((part + 1) * slab).min(nz) {
                 for y in 0..ny {
                     let row = ((offset[2] + z) * extent[1] + offset[1] + y) * extent[0] + offset[0];
                     statistics.add(&block.bytes[row * size..(row + nx) * size], absence);
                 }
             }
-            self.statistics.lock().unwrap_or_else(PoisonError::into_inner).merge(&statistics);
+            self.statistics().merge(&statistics);
         });
+    }
+
+    fn statistics(&self) -> MutexGuard<'_, Statistics> {
+        self.statistics.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Writes manifest and tables after all levels, and publishes the container. After an error it keeps the unfinished

@@ -8,6 +8,7 @@ use super::Written;
 use super::manifest::bounded_notes;
 use crate::pipeline::options::Reduce;
 use crate::pipeline::plan::BuildPlan;
+use crate::pipeline::plan::labels::Labels;
 use crate::pipeline::plan::max_error::MaxError;
 use crate::report::{BuildNote, BuildReport};
 
@@ -39,16 +40,20 @@ pub(crate) fn report_of(
 
 /// Notes of the source's reader, and choices of the build.
 fn notes_of(plan: &BuildPlan<'_>, source_notes: &[Message], restored: u64) -> Vec<BuildNote> {
-    let BuildPlan { options, descriptor, reduce, memory, .. } = plan;
+    let BuildPlan { options, descriptor, labels, reduce, memory, .. } = plan;
     let mut notes: Vec<BuildNote> = bounded_notes(source_notes).into_iter().map(BuildNote::Reader).collect();
-    if options.reduce.is_none() && *reduce == Reduce::Majority {
+    let is_labels = *labels != Labels::None;
+    if is_labels && *reduce == Reduce::Majority {
         notes.push(BuildNote::Labels);
     }
     if descriptor.quantizer.is_some() {
         notes.push(BuildNote::Changed { error: descriptor.voxel_error() * descriptor.scale.abs() });
     } else if options.max_error != MaxError::Exact {
-        let is_majority = *reduce == Reduce::Majority;
-        notes.push(if is_majority { BuildNote::LabelsUnchanged } else { BuildNote::Unchanged });
+        notes.push(if is_labels || *reduce == Reduce::Majority {
+            BuildNote::LabelsUnchanged
+        } else {
+            BuildNote::Unchanged
+        });
     }
     if memory.threads < options.threads {
         notes.push(BuildNote::FewerThreads { threads: memory.threads, requested: options.threads });

@@ -41,13 +41,19 @@ impl Spread {
     /// The spread of a volume whose coarsest level has these voxel values; `None` if nothing varies or nothing is lost.
     #[must_use]
     pub fn of(container: &Container, coarsest: Vec<f64>) -> Option<Self> {
-        let (counts, range) = (&container.manifest().histogram, InUnits::of(container).value_range);
+        let (manifest, in_units) = (container.manifest(), InUnits::of(container));
+        let (counts, range) = match manifest.central() {
+            Some(central) => (&central.histogram, in_units.central_range),
+            None => (&manifest.histogram, in_units.value_range),
+        };
         if counts.is_empty() || range.is_empty() || container.pyramid().coarsest() == Lod::FINEST {
             return None;
         }
         let fine: Vec<(f64, f64)> = Histogram::new(counts, range).shares().collect();
         let mean: f64 = fine.iter().map(|(value, share)| share * value).sum();
         let variance: f64 = fine.iter().map(|(value, share)| share * (value - mean).powi(2)).sum();
+        // Averages with far values count as the nearest central value.
+        let coarsest: Vec<f64> = coarsest.into_iter().map(|value| value.clamp(range.min, range.max)).collect();
         let count = coarsest.len() as f64;
         let coarse_mean = coarsest.iter().sum::<f64>() / count;
         let left = coarsest.iter().map(|value| (value - coarse_mean).powi(2)).sum::<f64>() / count;

@@ -57,7 +57,7 @@ pub(crate) fn plan_host_for(
 
 /// Calls `make` with the container facts that the level rules need.
 pub(super) fn with_data_scale<T>(container: &Container, make: impl FnOnce(&DataScale<'_>) -> T) -> T {
-    let InUnits { geometry, scale, offset, value_range } = InUnits::of(container);
+    let InUnits { geometry, scale, offset, value_range, .. } = InUnits::of(container);
     let voxel_error = container.descriptor().voxel_error() * scale.abs();
     make(&DataScale { pyramid: container.pyramid(), geometry: &geometry, scale, offset, value_range, voxel_error })
 }

@@ -77,6 +77,7 @@ fn manifest(volume: &Volume) -> Manifest {
         present_voxels: 0,
         histogram: histogram(volume),
         percentiles: vec![],
+        distribution: None,
         level_errors: vec![],
         survey: None,
         notes: vec![],

@@ -6,7 +6,7 @@
 
 use std::str::FromStr;
 
-use supervol_format::container::manifest::Manifest;
+use supervol_format::container::manifest::{Manifest, percentile_of};
 use supervol_format::readable::Number;
 use supervol_format::space::WorldSpace;
 use supervol_format::{Container, ValueRange, VoxelType};
@@ -111,7 +111,7 @@ pub struct Recognised {
 }
 
 /// Most different labels, and the greatest label.
-const LABELS: usize = 40;
+const LABELS: u64 = 40;
 const LABEL_LIMIT: f64 = 255.0;
 /// Least average number of voxels per label; with fewer, the values are noise.
 const VOXELS_PER_LABEL: u64 = 64;
@@ -137,20 +137,36 @@ pub fn recognise(container: &Container) -> Recognised {
 /// The evidence from which the kind is recognised.
 struct Evidence<'a> {
     manifest: &'a Manifest,
+    /// Range of all values.
+    all: ValueRange,
+    /// Range of the central values, their histogram and percentiles.
     range: ValueRange,
     histogram: Histogram<'a>,
+    percentiles: &'a [[f64; 2]],
     /// Whether all values are whole numbers.
     integral: bool,
 }
 
 impl<'a> Evidence<'a> {
     fn new(manifest: &'a Manifest, integral: bool) -> Self {
-        let range = manifest.value_range.unwrap_or(ValueRange { min: 0.0, max: 0.0 });
-        Self { manifest, range, histogram: Histogram::new(&manifest.histogram, range), integral }
+        let all = manifest.value_range.unwrap_or(ValueRange { min: 0.0, max: 0.0 });
+        let (range, histogram, percentiles) = match manifest.central() {
+            Some(central) => (central.range, &central.histogram, &central.percentiles),
+            None => (all, &manifest.histogram, &manifest.percentiles),
+        };
+        Self { manifest, all, range, histogram: Histogram::new(histogram, range), percentiles, integral }
     }
 
     fn recognise(&self) -> Recognised {
-        let rules = [Self::degenerate, Self::seismic, Self::few_values, Self::tomography, Self::patient, Self::image];
+        let rules = [
+            Self::degenerate,
+            Self::named,
+            Self::seismic,
+            Self::few_values,
+            Self::tomography,
+            Self::patient,
+            Self::image,
+        ];
         let found = rules.iter().find_map(|rule| rule(self));
         let (kind, because) =
             found.unwrap_or((DataKind::Generic, "nothing says what it is, and its values do not either".into()));
@@ -158,7 +174,7 @@ impl<'a> Evidence<'a> {
     }
 
     fn percentile(&self, percent: f64) -> f64 {
-        self.manifest.percentile(percent).unwrap_or(self.range.min)
+        percentile_of(self.percentiles, percent).unwrap_or(self.range.min)
     }
 
     /// Whether one of the words is part of the file's name. Words are separated by anything but letters and digits.
@@ -172,6 +188,15 @@ impl<'a> Evidence<'a> {
             return Some((DataKind::Empty, "no voxel is present".into()));
         }
         (self.range.width() <= 0.0).then(|| (DataKind::Constant, format!("every voxel is {}", Number(self.range.min))))
+    }
+
+    /// The kind that was named or recognised when the container was built.
+    fn named(&self) -> Option<(DataKind, String)> {
+        let parameters = &self.manifest.parameters;
+        if let Some(kind) = parameters.get("kind").and_then(|name| name.parse().ok()) {
+            return Some((kind, "named when the container was built".into()));
+        }
+        parameters.get("labels").map(|because| (DataKind::Labels, because.clone()))
     }
 
     fn seismic(&self) -> Option<(DataKind, String)> {
@@ -195,20 +220,29 @@ impl<'a> Evidence<'a> {
     }
 
     fn few_values(&self) -> Option<(DataKind, String)> {
-        let mut known: Vec<f64> = self.manifest.percentiles.iter().map(|p| p[1]).collect();
-        known.dedup();
-        let used = self.histogram.bins_used();
-        if used == 2 && known.iter().all(|v| *v == self.range.min || *v == self.range.max) {
-            let because = format!("every voxel is {} or {}", Number(self.range.min), Number(self.range.max));
+        let Self { all, manifest, .. } = self;
+        let used = self.different_values();
+        let is_end = |value: f64| value == all.min || value == all.max;
+        if used == 2 && manifest.percentiles.iter().all(|pair| is_end(pair[1])) {
+            let because = format!("every voxel is {} or {}", Number(all.min), Number(all.max));
             return Some((DataKind::Mask, because));
         }
-        // Bins narrower than 1 hold at most one whole number each.
-        let labels = self.integral
-            && self.range.min >= 0.0
-            && self.range.max <= LABEL_LIMIT
+        // Newer containers say whether they hold labels. Bins narrower than 1 hold at most one whole number each.
+        let labels = manifest.distribution.is_none()
+            && self.integral
+            && all.min >= 0.0
+            && all.max <= LABEL_LIMIT
             && (2..=LABELS).contains(&used)
-            && self.manifest.present_voxels >= VOXELS_PER_LABEL * used as u64;
-        labels.then(|| (DataKind::Labels, format!("{used} different whole numbers from {} on", self.range.min)))
+            && manifest.present_voxels >= VOXELS_PER_LABEL * used;
+        labels.then(|| (DataKind::Labels, format!("{used} different whole numbers from {} on", all.min)))
+    }
+
+    /// Number of different values: counted, or that of used bins in containers without a distribution.
+    fn different_values(&self) -> u64 {
+        match &self.manifest.distribution {
+            Some(distribution) => distribution.distinct_values.unwrap_or(u64::MAX),
+            None => self.histogram.bins_used() as u64,
+        }
     }
 
     fn tomography(&self) -> Option<(DataKind, String)> {

@@ -41,6 +41,7 @@ impl Made {
             present_voxels: total,
             histogram: self.counts.clone(),
             percentiles: percents.map(percentile).to_vec(),
+            distribution: None,
             level_errors: vec![],
             survey: None,
             notes: vec![],

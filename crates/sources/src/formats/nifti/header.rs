@@ -51,6 +51,8 @@ pub(super) struct Header {
     /// Rows of the affine from index to world.
     pub(super) affine_rows: [[f64; 4]; 3],
     pub(super) units: i32,
+    /// Meaning of the values.
+    pub(super) intent_code: i32,
 }
 
 impl Header {
@@ -105,6 +107,7 @@ impl Header {
             quaternion_offset: std::array::from_fn(|i| fields.f32(268 + 4 * i)),
             affine_rows: std::array::from_fn(|row| std::array::from_fn(|i| fields.f32(280 + 16 * row + 4 * i))),
             units: fields.bytes[123].into(),
+            intent_code: fields.i16(68).into(),
         })
     }
 
@@ -137,6 +140,7 @@ impl Header {
             quaternion_offset: [0.0; 3],
             affine_rows: [[0.0; 4]; 3],
             units,
+            intent_code: 0,
         }
     }
 
@@ -164,6 +168,7 @@ impl Header {
             quaternion_offset: std::array::from_fn(|i| fields.f64(376 + 8 * i)),
             affine_rows: std::array::from_fn(|row| std::array::from_fn(|i| fields.f64(400 + 32 * row + 8 * i))),
             units: fields.i32(500),
+            intent_code: fields.i32(504),
         })
     }
 }

@@ -33,6 +33,9 @@ use header::{Form, HEADER_BYTES, Header};
 /// Ends of file names.
 const ENDINGS: &[&str] = &[".nii", ".nii.gz", ".hdr", ".hdr.gz", ".img", ".img.gz"];
 
+/// Intent codes of labels: numbers of a lookup table (`LABEL`), and of a list of brain regions (`NEURONAMES`).
+const INTENT_LABELS: [i32; 2] = [1002, 1005];
+
 /// Row of the table of formats.
 pub const FORMAT: Format = Format {
     name: "nifti",
@@ -117,6 +120,7 @@ impl NiftiSource {
         } else {
             info.space = WorldSpace::RightAnteriorSuperior;
         }
+        info.labels = INTENT_LABELS.contains(&header.intent_code).then_some("the intent code of the file says labels");
         (info.scale, info.offset, info.notes) = (scale, offset, notes);
         info.files = SourceFile::distinct(files);
         info.axes = ["x", "y", "z"].map(|name| Axis { name: name.into(), unit: length_unit(header.units).into() });

@@ -48,6 +48,8 @@ pub(super) struct Header {
     pub(super) has_data: bool,
     /// File names that follow `data file: LIST`.
     list: Vec<String>,
+    /// Whether key and value pairs describe segments, as 3D Slicer writes them.
+    is_segmentation: bool,
 }
 
 impl Header {
@@ -55,7 +57,14 @@ impl Header {
         let mut lines = Lines::new(path, reader.take(HEADER_LIMIT_BYTES));
         let magic = lines.next()?.unwrap_or_default();
         check_magic(path, &magic)?;
-        let mut header = Self { fields: Vec::new(), places: HashMap::new(), end: 0, has_data: false, list: Vec::new() };
+        let mut header = Self {
+            fields: Vec::new(),
+            places: HashMap::new(),
+            end: 0,
+            has_data: false,
+            list: Vec::new(),
+            is_segmentation: false,
+        };
         let mut in_list = false;
         while let Some(line) = lines.next()? {
             if in_list {
@@ -85,8 +94,9 @@ impl Header {
                 let found = format!("`{}`", shortened(&line));
                 return Err(SourceError::invalid(path, "header", "lines `field: description` or `key:=value`", found));
             };
-            // Key and value pairs are for people; we use none of them.
+            // Key and value pairs are for people, but for those of a segmentation.
             if description.starts_with('=') {
+                header.is_segmentation |= name.starts_with("Segmentation_") || name.starts_with("Segment0_");
                 continue;
             }
             let name: String = name.chars().filter(|c| !c.is_whitespace()).collect::<String>().to_lowercase();
@@ -110,6 +120,11 @@ impl Header {
     /// The description of a field.
     pub(super) fn field(&self, name: &str) -> Option<&str> {
         self.places.get(name).map(|&place| self.fields[place].1.as_str())
+    }
+
+    /// Whether the voxels are the labels of segments.
+    pub(super) fn is_segmentation(&self) -> bool {
+        self.is_segmentation
     }
 
     /// Names of all fields, in lower case and without spaces.

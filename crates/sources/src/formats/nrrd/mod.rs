@@ -142,6 +142,7 @@ impl NrrdSource {
         info.space = placement.space;
         info.axes = placement.axes;
         info.unit = header.field("sampleunits").map(|u| shortened(u.trim_matches('"'))).unwrap_or_default();
+        info.labels = header.is_segmentation().then_some("the file describes segments");
         info.notes = notes;
         info.files = SourceFile::distinct([vec![source_file], data_files].concat());
         Ok(Self(GridSource::with_elements(info, grid, elements)))

@@ -150,6 +150,8 @@ struct Chosen {
     format: &'static str,
     /// Attributes of the array.
     attributes: Value,
+    /// Whether the image is one of labels.
+    is_labels: bool,
 }
 
 /// Contents of a folder.
@@ -232,7 +234,7 @@ fn find(store: &Store, folder: &Path, selection: &Selection, notes: &mut Vec<Mes
                     notes.push(format!("{} images in one group; the first is used", others.len() + 1).into());
                 }
                 let found = image_level(store, folder, image, selection, notes)?;
-                Ok(Chosen { channels: attributes.channels(), ..found })
+                Ok(Chosen { channels: attributes.channels(), is_labels: attributes.is_labels(), ..found })
             }
         },
         Some(Node::N5(attributes)) => n5_level(store, folder, attributes, selection, notes),
@@ -244,7 +246,7 @@ fn plain(folder: PathBuf, PlainArray { array, names, attributes }: PlainArray) -
     let rank = array.shape.shape.len();
     let names = names.filter(|names| names.len() == rank).unwrap_or_else(|| vec![None; rank]);
     let axes = names.into_iter().map(|name| ArrayAxis::named(&name.unwrap_or_default())).collect();
-    Chosen { folder, array, axes, channels: Vec::new(), format: "zarr", attributes }
+    Chosen { folder, array, axes, channels: Vec::new(), format: "zarr", attributes, is_labels: false }
 }
 
 /// The finest array of a survey by MDIO 0, whose root states the dimensions.
@@ -328,7 +330,7 @@ fn image_level(
         return Err(SourceError::invalid(&at, "dataset of the image", "an array", "none"));
     };
     let axes = image.axes(dataset, array.shape.shape.len(), notes);
-    Ok(Chosen { folder: at, array, axes, channels: Vec::new(), format: "ome-zarr", attributes })
+    Ok(Chosen { folder: at, array, axes, channels: Vec::new(), format: "ome-zarr", attributes, is_labels: false })
 }
 
 /// The selected level of an image.
@@ -351,7 +353,7 @@ fn n5_level(
     let found = |folder: PathBuf, own: &n5::Attributes, group: &n5::Attributes| {
         let array = own.array(&folder.join(N5_FILE))?;
         let axes = own.axes(group);
-        Ok(Chosen { array, axes, folder, channels: Vec::new(), format: "n5", attributes: Value::Null })
+        Ok(Chosen { array, axes, folder, channels: Vec::new(), format: "n5", attributes: Value::Null, is_labels: false })
     };
     if attributes.is_array() {
         selection.level_of(folder, 1)?;
@@ -390,7 +392,7 @@ fn source(
         let shown = (&found.array.shape.shape[..], &found.axes[..], &found.channels[..]);
         place(&path, shown, options.selection, &mut notes)?
     };
-    let Chosen { array, axes, format, .. } = found;
+    let Chosen { array, axes, format, is_labels, .. } = found;
     let dims = Dims(placement.axes.map(|axis| axis.map_or(1, |axis| array.shape.shape[axis])));
     let stored = array.number.stored();
     checked_bytes(&path, dims, stored)?;
@@ -416,6 +418,7 @@ fn source(
     if let Some(geometry) = ome::geometry_of_patient(of) {
         (info.geometry, info.space) = (geometry, WorldSpace::LeftPosteriorSuperior);
     }
+    info.labels = is_labels.then_some("the attribute `image-label` of the image says labels");
     if let Some(defect) = info.geometry.defect() {
         return Err(SourceError::invalid(&path, "place of the image", "spacings above 0, and finite numbers", defect));
     }

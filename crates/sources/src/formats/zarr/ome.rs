@@ -15,6 +15,9 @@ pub(crate) struct Attributes {
     multiscales: Option<Vec<Multiscale>>,
     /// Display settings. Errors in them are no reason to refuse the image.
     omero: Option<serde_json::Value>,
+    /// Colours and properties of labels: the image is one of labels.
+    #[serde(rename = "image-label")]
+    image_label: Option<IgnoredAny>,
     pub(crate) plate: Option<IgnoredAny>,
     pub(crate) well: Option<IgnoredAny>,
     #[serde(rename = "bioformats2raw.layout")]
@@ -37,6 +40,11 @@ impl Attributes {
         let listed = self.omero.as_ref().or_else(nested).and_then(|omero| omero["channels"].as_array());
         let name = |channel: &serde_json::Value| channel["label"].as_str().unwrap_or_default().to_owned();
         listed.map_or_else(Vec::new, |channels| channels.iter().map(name).collect())
+    }
+
+    /// Whether the image is one of labels.
+    pub(crate) fn is_labels(&self) -> bool {
+        self.image_label.is_some() || self.ome.as_ref().is_some_and(|ome| ome.image_label.is_some())
     }
 
     /// Kind of a collection of several images below this group, if it is one.

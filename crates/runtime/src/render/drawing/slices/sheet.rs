@@ -3,9 +3,8 @@
 use glam::DVec3;
 use rayon::prelude::*;
 use supervol_format::cast::{narrow, single};
-use supervol_scene::slices::SlicePlane;
 use supervol_scene::slices::filter::{FilterSpec, FilteredSlice, TexelGrid};
-use supervol_scene::transfer_function::TransferFunction;
+use supervol_scene::slices::{SliceColors, SlicePlane};
 
 use super::cut::Cut;
 use super::sampling::{Chunk, Sampler};
@@ -96,7 +95,9 @@ impl Sheet {
             };
             self.colors[first..first + rows * width].fill([f32::NAN; 3]);
             for ((ray, _), value) in points.iter().zip(values).filter(|(_, value)| !value.is_nan()) {
-                self.colors[*ray] = colors.classify(value).0.map(single);
+                if let Some(color) = colors.color(value) {
+                    self.colors[*ray] = color.map(single);
+                }
             }
             self.rows += rows;
         }
@@ -105,7 +106,7 @@ impl Sheet {
 }
 
 /// The colours of a slice: its own, or those that suit its filter.
-fn colors_of(slice: &SlicePlane, filtered: Option<(&FilteredSlice, FilterSpec)>) -> TransferFunction {
-    let by_filter = || filtered.map(|(made, filter)| made.colors(filter.kind));
+fn colors_of(slice: &SlicePlane, filtered: Option<(&FilteredSlice, FilterSpec)>) -> SliceColors {
+    let by_filter = || filtered.map(|(made, filter)| SliceColors::Values(made.colors(filter.kind)));
     slice.colors.clone().or_else(by_filter).expect("a slice without a filter has colours")
 }
