@@ -1,10 +1,10 @@
 //! Histogram, percentiles and range of a volume's present voxels, collected brick by brick in bounded memory.
 //!
-//! - [`bins`]: bins of fixed size. 8- and 16-bit voxels have a bin per value, so their statistics are exact. Wider voxels
+//! - `bins`: bins of fixed size. 8- and 16-bit voxels have a bin per value, so their statistics are exact. Wider voxels
 //!   are resolved to 1 part in 128 at any magnitude.
-//! - [`sketch`]: for wider voxels, also the finest intervals that fit a table. They resolve the range of the values to
+//! - `sketch`: for wider voxels, also the finest intervals that fit a table. They resolve the range of the values to
 //!   1/4096 or better at any offset, and a few far values change nothing for the others.
-//! - [`values`]: the statistics of the manifest.
+//! - `values`: the statistics of the manifest.
 //!
 //! A percentile comes from the narrower of its bin and its interval. Both counts depend on the values alone, so the
 //! number of threads does not matter.

@@ -353,7 +353,15 @@ fn n5_level(
     let found = |folder: PathBuf, own: &n5::Attributes, group: &n5::Attributes| {
         let array = own.array(&folder.join(N5_FILE))?;
         let axes = own.axes(group);
-        Ok(Chosen { array, axes, folder, channels: Vec::new(), format: "n5", attributes: Value::Null, is_labels: false })
+        Ok(Chosen {
+            array,
+            axes,
+            folder,
+            channels: Vec::new(),
+            format: "n5",
+            attributes: Value::Null,
+            is_labels: false,
+        })
     };
     if attributes.is_array() {
         selection.level_of(folder, 1)?;
