@@ -88,16 +88,15 @@ impl SurveyParts {
         Mirrored(mirrored)
     }
 
-    /// Positions of the corners, as [`Survey::corners`] orders them; those of missing traces from a fit through all.
+    /// Positions of the corners, as [`Survey::corners`] orders them; those without a position from a fit through all.
+    /// Files fill the positions of missing traces with zeros or NaN.
     fn corners(&self, [crosslines, inlines]: [u64; 2], mirrored: [bool; 3]) -> Option<[[f64; 2]; 4]> {
         let [xs, ys] = self.positions.as_ref()?;
         let width = index(crosslines);
         let point = |x: usize, y: usize| {
             let at = y * width + x;
             let point = [*xs.values.get(at)?, *ys.values.get(at)?];
-            let is_live = self.live.as_ref().is_none_or(|live| live.get(at).copied().unwrap_or(false));
-            let is_stated = point.iter().all(|n| n.is_finite()) && (is_live || point != [0.0; 2]);
-            (is_stated && point != [0.0; 2]).then_some(point)
+            (point.iter().all(|n| n.is_finite()) && point != [0.0; 2]).then_some(point)
         };
         let mut fit = PositionFit::default();
         for (y, x) in (0..index(inlines)).flat_map(|y| (0..width).map(move |x| (y, x))) {

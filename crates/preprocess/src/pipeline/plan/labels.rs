@@ -47,7 +47,7 @@ pub enum Labels {
 }
 
 impl Labels {
-    /// What the caller or the file says; `None` if neither says anything.
+    /// The statement of the caller or else of the file; `None` if neither says anything.
     pub(crate) fn named(options: &BuildOptions, info: &SourceInfo) -> Option<Self> {
         match &options.kind {
             Some(kind) if kind == KIND => return Some(Self::Named),

@@ -430,11 +430,7 @@ fn source(
     if let Some(defect) = info.geometry.defect() {
         return Err(SourceError::invalid(&path, "place of the image", "spacings above 0, and finite numbers", defect));
     }
-    info.axes = std::array::from_fn(|i| {
-        let usual = ["x", "y", "z"][i];
-        let (name, unit) = of[i].map_or((usual, ""), |axis| (axis.name.as_str(), axis.unit.as_str()));
-        Axis { name: if name.is_empty() { usual } else { name }.into(), unit: unit.into() }
-    });
+    info.axes = named_axes(of);
     let (files, are_all) = store.files(&path)?;
     if !are_all {
         notes.push("more chunks than are watched: whether they change while they are read is not noticed".into());
@@ -460,6 +456,15 @@ fn source(
     });
     info.notes = notes;
     Ok(ChunkedSource::new(info, grid, elements).with_absent(absent).with_order(order))
+}
+
+/// Names and units of x, y and z; their usual names where the array states none.
+fn named_axes(of: [Option<&ArrayAxis>; 3]) -> [Axis; 3] {
+    std::array::from_fn(|i| {
+        let usual = ["x", "y", "z"][i];
+        let (name, unit) = of[i].map_or((usual, ""), |axis| (axis.name.as_str(), axis.unit.as_str()));
+        Axis { name: if name.is_empty() { usual } else { name }.into(), unit: unit.into() }
+    })
 }
 
 /// Offset and length in bytes of each chunk of a shard.
