@@ -314,7 +314,7 @@ impl Arguments {
     fn container(&self) -> Result<PathBuf, Failure> {
         let memory_bytes = self.host_memory;
         let (reading, threads) = (self.source.reading(memory_bytes)?, self.threads.map(NonZero::get));
-        self.cache.container_of(&self.volume, &reading, threads, memory_bytes)
+        self.cache.container_of(&self.volume, &reading, (threads, memory_bytes), self.look.kind_name())
     }
 }
 
@@ -466,6 +466,9 @@ pub fn run(arguments: &Arguments, start: Instant) -> Result<(), Failure> {
     check_level(arguments.level, path, &container)?;
     let inputs = [Some(path), Some(&arguments.volume), arguments.scene.as_ref(), arguments.path.as_ref()];
     let inputs: Vec<&Path> = inputs.into_iter().flatten().map(PathBuf::as_path).collect();
+    for note in arguments.look.notes(&container) {
+        writeln!(terminal::stderr(), "supervol: note: {note}").map_err(with_output)?;
+    }
     if let Some((looks, grid)) = arguments.look.panels(&scene)? {
         let output = arguments.output_of_panels()?;
         let named = |look: &LookArguments| Ok((look.name(), look.scene(&scene, &container, &facts, None)?));

@@ -18,11 +18,13 @@ pub(crate) mod transfer;
 use std::path::PathBuf;
 
 use eframe::egui;
+use supervol_format::coordinates::AxisScale;
 use supervol_scene::scene::{IsoSpec, Mode, Scene, ShadingSpec, TransferFunctionSpec};
 use supervol_scene::slices::SliceSpec;
 
 pub(crate) use self::dialogs::Dialogs;
 use crate::edit;
+use crate::sections::place;
 use crate::worker::OpenVolume;
 
 /// State of the panels that is not part of the scene: the last look of each mode, and selections of the editors.
@@ -95,6 +97,27 @@ const BESIDE_SLIDER: f32 = 70.0;
 /// Makes the next sliders as wide as the panel.
 fn wide_slider(ui: &mut egui::Ui) {
     ui.spacing_mut().slider_width = (ui.available_width() - BESIDE_SLIDER).max(40.0);
+}
+
+/// Slider of a voxel along an axis. It shows and reads the coordinate on the axis, such as an inline number; a typed
+/// coordinate goes to the nearest voxel.
+fn voxel_slider<'a, N: egui::emath::Numeric>(voxel: &'a mut N, scale: &'a AxisScale) -> egui::Slider<'a> {
+    let last = scale.count.saturating_sub(1) as f64;
+    egui::Slider::new(voxel, N::from_f64(0.0)..=N::from_f64(last))
+        .clamping(egui::SliderClamping::Edits)
+        .integer()
+        .custom_formatter(|voxel, _| place(scale.place(voxel), scale.step))
+        .custom_parser(move |text| {
+            // A name or a unit may stand beside the number.
+            let number = text.split_whitespace().find_map(|word| word.parse::<f64>().ok())?;
+            Some(scale.index(number).round().clamp(0.0, last)).filter(|voxel| voxel.is_finite())
+        })
+}
+
+/// First and last coordinate of an axis, in words.
+fn extent_in_words(scale: &AxisScale) -> String {
+    let [first, last] = [0.0, scale.count.saturating_sub(1) as f64].map(|voxel| place(scale.place(voxel), scale.step));
+    format!("{} {first} to {last} {}", scale.name, scale.unit).trim_end().into()
 }
 
 /// Draws the content of a panel, with a scroll bar at its side if it does not fit.
