@@ -6,9 +6,9 @@ use supervol_format::cast::{single, whole};
 use supervol_scene::scene::{CameraSpec, ImageSpec, RAY_LIMIT, Scene};
 
 use super::picture::{color, pixels_of, place, wheel_steps};
-use super::{extent_in_words, heading, slices, voxel_slider, wide_slider};
+use super::{coordinate, extent_in_words, heading, slices, voxel_slider, wide_slider};
 use crate::planes::{self, axis_name};
-use crate::sections::{Layout, describe_point, place as coordinate};
+use crate::sections::{Layout, describe_point};
 use crate::viewer::Viewer;
 use crate::worker::{Message, OpenVolume, PANELS, Probe};
 use crate::{edit, navigate};
@@ -238,7 +238,7 @@ fn draw_text(painter: &eframe::egui::Painter, at: Pos2, align: Align2, words: &s
 fn title(viewer: &Viewer, opened: &OpenVolume, axis: usize) -> String {
     let voxel = viewer.sections.cursor[axis];
     let scale = &opened.coordinates.axes()[axis];
-    let at = format!("{} {}", coordinate(scale.place(voxel), scale.step), scale.unit);
+    let at = format!("{} {}", coordinate(scale, voxel), scale.unit);
     let failed = viewer.sections.panels[axis].shown.as_ref().map_or(0, |shown| shown.stats.bricks_failed);
     let failed = if failed > 0 { format!(", {failed} bricks failed") } else { String::new() };
     format!("{} {}, voxel {voxel}{failed}", axis_name(opened, axis), at.trim_end())
