@@ -176,7 +176,7 @@ impl Cache {
     ) -> Result<PathBuf, BuildError> {
         let made = std::fs::create_dir_all(&self.folder);
         made.map_err(|e| BuildError::write(&self.folder, e))?;
-        let path = self.path_of(source, reading)?;
+        let path = self.path_of(source, reading, options.kind.as_deref())?;
         if !is_kept(&path) {
             // A file that no reader knows is refused before a build is announced. Opening the others may take a while.
             let is_known = reading.options.raw.is_some() || !source.is_file() || look_at(source)? != Found::Other;
@@ -210,7 +210,7 @@ impl Cache {
     /// Path of the container of a source in its present state, built or not.
     ///
     /// The name depends on [`GENERATION`], so that containers of earlier programs are not used.
-    fn path_of(&self, source: &Path, reading: &Reading) -> Result<PathBuf, SourceError> {
+    fn path_of(&self, source: &Path, reading: &Reading, kind: Option<&str>) -> Result<PathBuf, SourceError> {
         let (file, array) = split_array(source);
         let whole = std::fs::canonicalize(&file).map_err(|e| SourceError::io(&file, e))?;
         let files = if whole.is_dir() {
@@ -219,6 +219,9 @@ impl Cache {
             vec![whole.clone()]
         };
         let mut identity = format!("{} {GENERATION}\n{array:?}\n{}\n", env!("CARGO_PKG_VERSION"), reading.describe());
+        if let Some(kind) = kind {
+            let _ = writeln!(identity, "{kind}");
+        }
         for file in &files {
             identity += &line_of(file).map_err(|e| SourceError::io(file, e))?;
         }

@@ -1,7 +1,7 @@
 //! Online half of Supervol: bricks are streamed into memory, engines draw them, and a renderer drives both.
 //!
 //! In the order of the data path; each module knows only those above it:
-//! - [`stop`]: the stop condition of work that can be given up: a deadline or a cancel request;
+//! - [`stop`]: stop condition: a deadline or a cancel request;
 //! - [`lod`]: level-of-detail rules: how fine a brick must be, by its size on screen and by its error;
 //! - [`stream`]: which bricks are wanted, how they are read and decoded, and where they are kept;
 //! - [`engines`]: from resident bricks to an image, on the CPU and on the GPU;

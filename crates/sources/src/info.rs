@@ -4,11 +4,11 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 use supervol_format::space::WorldSpace;
+use supervol_format::survey::Survey;
 use supervol_format::{Dims, Geometry, VoxelType};
 
 use crate::Message;
 use crate::input::file::SourceFile;
-use crate::survey::Survey;
 
 /// Description of a volume.
 #[derive(Debug, Clone, PartialEq)]

@@ -46,12 +46,12 @@ pub mod message;
 pub mod open;
 mod source;
 pub mod stop;
-mod survey;
 pub mod synthetic;
+
+pub use supervol_format::survey::{LineNumbers, Survey};
 
 pub use crate::endian::Endian;
 pub use crate::error::SourceError;
 pub use crate::info::{AccessOrder, Axis, SourceInfo};
 pub use crate::message::{Message, ReadOption};
 pub use crate::source::VolumeSource;
-pub use crate::survey::{LineNumbers, Survey};

@@ -46,8 +46,8 @@ impl CacheArguments {
         &self,
         input: &Path,
         reading: &Reading,
-        threads: Option<usize>,
-        memory_bytes: u64,
+        (threads, memory_bytes): (Option<usize>, u64),
+        kind: Option<&str>,
     ) -> Result<PathBuf, Failure> {
         if is_container(input) {
             refuse_for_container(reading, input)?;
@@ -55,7 +55,8 @@ impl CacheArguments {
         }
         let cache = Cache::below(self.cache.as_deref(), self.limit_bytes())?;
         let options = BuildOptions::default();
-        let options = BuildOptions { threads: threads.unwrap_or(options.threads), memory_bytes, ..options };
+        let threads = threads.unwrap_or(options.threads);
+        let options = BuildOptions { threads, memory_bytes, kind: kind.map(Into::into), ..options };
         let bar = Mutex::new(None::<Reporter>);
         let path = cache.container_of(input, reading, &options, &|told| {
             let mut bar = bar.lock().unwrap_or_else(std::sync::PoisonError::into_inner);

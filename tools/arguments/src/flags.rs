@@ -76,8 +76,15 @@ pub fn note(note: &BuildNote) -> String {
         BuildNote::FewerThreads { threads, requested } => {
             format!("--memory suffices for {threads} of {requested} threads")
         }
-        BuildNote::Reader(_) | BuildNote::Continued { .. } => note.to_string(),
+        BuildNote::Reader(note) => with_flags(note),
+        BuildNote::Continued { .. } => note.to_string(),
     }
+}
+
+/// A note of a container with flags of the command line for the options that it names.
+#[must_use]
+pub fn with_flags(note: &str) -> String {
+    note.replace("the option `nodata` with the value ", "--nodata ")
 }
 
 #[cfg(test)]

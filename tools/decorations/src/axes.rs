@@ -4,12 +4,11 @@
 //! low edges). There the labels have room. They are on the side of the edge that faces away from the box.
 
 use glam::DVec3;
-use supervol_format::Container;
 use supervol_format::cast::whole;
+use supervol_format::coordinates::{AxisScale, ScaleKind};
 use supervol_scene::camera::{Camera, Projection};
 use supervol_scene::facts::VolumeFacts;
 use supervol_scene::preset::domain_corners;
-use supervol_sources::Survey;
 
 use crate::canvas::{Anchor, Canvas, Layer};
 use crate::short;
@@ -140,7 +139,7 @@ impl LabelledEdge {
     }
 }
 
-/// Coordinates of the ends of an axis: line numbers, times, or lengths from the first voxel.
+/// Coordinates of the ends of an axis.
 pub struct AxisEnds {
     name: String,
     first: f64,
@@ -150,28 +149,12 @@ pub struct AxisEnds {
 }
 
 impl AxisEnds {
-    /// Coordinates of an axis of the grid. Lengths are those of the data, without vertical exaggeration.
-    pub fn of(container: &Container, facts: &VolumeFacts, axis: usize) -> Self {
-        let manifest = container.manifest();
-        let survey = Survey::of(manifest);
-        let steps = facts.dims.0[axis] as f64 - 1.0;
-        let named = &manifest.axes[axis];
-        let name = if named.unit.is_empty() { named.name.clone() } else { format!("{} [{}]", named.name, named.unit) };
-        match survey {
-            Some(survey) if axis == 2 => {
-                let first = survey.first_sample;
-                Self { name, first, last: first + steps * survey.sample_interval, is_counted: false }
-            }
-            Some(survey) => {
-                let line = [survey.crossline, survey.inline][axis];
-                let first = line.first as f64;
-                Self { name: named.name.clone(), first, last: first + steps * line.step as f64, is_counted: true }
-            }
-            None => {
-                let spacing = container.stored_geometry().spacing[axis];
-                Self { name, first: 0.0, last: steps * spacing, is_counted: false }
-            }
-        }
+    /// Coordinates of the first and the last voxel along an axis of the grid.
+    pub fn of(scale: &AxisScale) -> Self {
+        let AxisScale { name, unit, first, count, kind, .. } = scale;
+        let name = if unit.is_empty() { name.clone() } else { format!("{name} [{unit}]") };
+        let last = scale.place(count.saturating_sub(1) as f64);
+        Self { name, first: *first, last, is_counted: *kind == ScaleKind::Counted }
     }
 
     /// Round numbers between the ends, and their texts. `pixels`, the length of the edge, limits their density.

@@ -31,13 +31,13 @@ pub mod frames;
 use glam::DVec3;
 use supervol_format::Container;
 use supervol_format::cast::whole;
+use supervol_format::coordinates::Coordinates;
 use supervol_scene::camera::{Camera, Projection};
 use supervol_scene::facts::{Frame, VolumeFacts};
 use supervol_scene::image::Image;
 use supervol_scene::scene::{Mode, ResolvedScene};
 use supervol_scene::slices::SliceColors;
 use supervol_scene::units::Units;
-use supervol_sources::Survey;
 
 use self::canvas::{Anchor, Canvas, Layer};
 
@@ -88,8 +88,9 @@ pub fn decorate(
     if let Some(name) = name {
         canvas.text(name, [MARGIN, MARGIN + canvas::LETTER[1]], Anchor::TopLeft);
     }
+    let coordinates = Coordinates::of(container);
     for edge in &edges {
-        edge.label(&mut canvas, &axes::AxisEnds::of(container, facts, edge.axis));
+        edge.label(&mut canvas, &axes::AxisEnds::of(&coordinates.axes()[edge.axis]));
     }
 }
 
@@ -146,19 +147,8 @@ fn directions(container: &Container, facts: &VolumeFacts) -> Vec<(&'static str, 
 
 /// World directions of east and north of the map, for a survey.
 fn compass(container: &Container, facts: &VolumeFacts) -> Option<[DVec3; 2]> {
-    let survey = Survey::of(container.manifest())?;
-    let corners = survey.corners?;
-    let [x, y] = [0, 1].map(|k| corners[1][k] - corners[0][k]);
-    let length = x.hypot(y);
-    if length <= 0.0 || survey.crossline.count < 2 {
-        return None;
-    }
-    // The world's x axis runs along the crosslines, (x, y) on the map. Its y axis is a quarter turn clockwise from
-    // that.
-    let [east_share, north_share] = [x / length, y / length];
-    let along = facts.geometry.linear().x_axis.normalize_or_zero();
-    let right_of = DVec3::Z.cross(along);
-    Some([east_share * along + north_share * right_of, north_share * along - east_share * right_of])
+    let linear = facts.geometry.linear();
+    Some(Coordinates::of(container).compass()?.map(|step| (linear * step).normalize_or_zero()))
 }
 
 /// Draws a scale bar of a round length.

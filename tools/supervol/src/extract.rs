@@ -5,11 +5,13 @@ use std::path::PathBuf;
 
 use clap::Args;
 use supervol_arguments::failure::{Failure, with_container, with_output};
-use supervol_arguments::quantity::{self, WrittenBox};
+use supervol_arguments::quantity;
 use supervol_export::extract::{Extraction, extract};
 use supervol_files::check_distinct;
 use supervol_format::{Container, Lod, VoxelBox};
 use supervol_preprocess::Existing;
+
+use crate::look::places::{self, Crop};
 
 /// Voxels to extract, and the file for them.
 #[derive(Debug, Args)]
@@ -35,24 +37,30 @@ pub struct Arguments {
 }
 
 /// Voxels of a container: a level and a box.
-#[derive(Debug, Clone, Copy, Args)]
+#[derive(Debug, Clone, Args)]
 pub struct Region {
     /// Level of detail; 0 is the finest
     #[arg(long, default_value_t = 0)]
     level: u8,
-    /// Box of voxels of that level [default: all]; ends are excluded
+    /// Box of voxels of that level, ends excluded, or ranges AXIS=FROM:TO,..., ends included [default: all]
     ///
-    /// A missing start or end means the border of the volume. One number means one voxel: :,:,50 is a slice.
-    #[arg(long = "box", value_name = "I0:I1,J0:J1,K0:K1", value_parser = quantity::voxel_box)]
-    voxels: Option<WrittenBox>,
+    /// In a box, a missing start or end means the border of the volume. One number means one voxel: :,:,50 is a slice.
+    /// Axes are those of --crop of `render`, for example inline=100:200,time=1000:1500. Voxels are taken if their
+    /// centres lie in the range.
+    #[arg(long = "box", value_name = "BOX", value_parser = places::crop, allow_hyphen_values = true)]
+    voxels: Option<Crop>,
 }
 
 impl Region {
     /// Level and box; `None` means the whole level. The reader checks that the container has them.
-    pub fn of(self, container: &Container) -> (Lod, Option<VoxelBox>) {
+    ///
+    /// # Errors
+    /// If a range names no axis, or holds no voxel.
+    pub fn of(&self, container: &Container) -> Result<(Lod, Option<VoxelBox>), Failure> {
         let (lod, pyramid) = (Lod(self.level), container.pyramid());
-        let dims = pyramid.level_at(lod.min(pyramid.coarsest())).dims;
-        (lod, self.voxels.map(|voxels| voxels.within(dims)))
+        let level = pyramid.level_at(lod.min(pyramid.coarsest()));
+        let voxels = self.voxels.as_ref().map(|voxels| voxels.of_level(container, level)).transpose()?;
+        Ok((lod, voxels))
     }
 }
 
@@ -60,7 +68,7 @@ impl Region {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let path = &arguments.container;
     let container = Container::open(path).map_err(|e| with_container(path, e))?;
-    let (lod, voxels) = arguments.region.of(&container);
+    let (lod, voxels) = arguments.region.of(&container)?;
     let what = Extraction {
         lod,
         voxels,

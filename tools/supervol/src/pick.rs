@@ -8,6 +8,7 @@ use supervol_arguments::failure::{Failure, with_output};
 use supervol_arguments::terminal::Format;
 use supervol_format::Container;
 use supervol_format::cast::whole;
+use supervol_format::coordinates::Coordinates;
 use supervol_format::readable::Number;
 use supervol_runtime::render::options::RenderOptions;
 use supervol_runtime::render::renderer::{Picked, PickedOn, Renderer};
@@ -15,7 +16,6 @@ use supervol_runtime::render::volume::PlacedVolume;
 use supervol_scene::facts::VolumeFacts;
 use supervol_scene::scene::Scene;
 
-use crate::look::places;
 use crate::render::with_render;
 
 /// Digits of a value after the first one.
@@ -34,13 +34,15 @@ pub fn run(
     let resolved = scene.resolve(facts).map_err(Failure::command)?;
     let mut renderer = Renderer::new(PlacedVolume::of(container.clone()), options.clone()).map_err(with_render)?;
     renderer.set_scene(resolved);
+    let coordinates = Coordinates::of(container);
     let mut found = Vec::with_capacity(pixels.len());
     for &pixel in pixels {
-        let picked = renderer.pick(pixel).map_err(with_render)?;
-        let lines = match &picked {
-            Some(picked) => places::lines(picked.index, container, facts)?,
-            None => Vec::new(),
-        };
+        let mut picked = renderer.pick(pixel).map_err(with_render)?;
+        let lines = picked.as_mut().map_or_else(Vec::new, |picked| {
+            // Without vertical exaggeration, as on axes.
+            picked.world = coordinates.world(picked.index);
+            lines(picked.index, &coordinates)
+        });
         found.push((pixel, picked, lines));
     }
     let written = match format {
@@ -55,6 +57,20 @@ pub fn run(
         }
     };
     write!(supervol_arguments::terminal::stdout(), "{written}").map_err(with_output)
+}
+
+/// Names and coordinates of a point in a survey: lines, time or depth, and the position on the map; else empty.
+fn lines(index: [f64; 3], coordinates: &Coordinates) -> Vec<(String, f64)> {
+    if !coordinates.are_lines() {
+        return Vec::new();
+    }
+    let axes = coordinates.axes();
+    let mut lines: Vec<_> = [1, 0, 2].map(|a: usize| (axes[a].name.clone(), axes[a].place(index[a]))).into();
+    if coordinates.map().is_some() {
+        let [easting, northing, _] = coordinates.point(index);
+        lines.extend([easting, northing].map(|(name, place)| (name.to_owned(), place)));
+    }
+    lines
 }
 
 /// Formats a point with the significant digits: values in single precision, positions to a thousandth of the voxel

@@ -11,7 +11,7 @@ use serde_json::json;
 use supervol_arguments::cache::CacheArguments;
 use supervol_arguments::failure::{Failure, with_container, with_output};
 use supervol_arguments::output::{self, Beside, Force, Recording, RenderOutputs};
-use supervol_arguments::progress::{RayBar, announce_files};
+use supervol_arguments::progress::{RayBar, announce, announce_files};
 use supervol_arguments::quantity::{self, show_bytes};
 use supervol_arguments::scene::{name_of_scene, read_scene};
 use supervol_arguments::source::SourceArguments;
@@ -314,7 +314,7 @@ impl Arguments {
     fn container(&self) -> Result<PathBuf, Failure> {
         let memory_bytes = self.host_memory;
         let (reading, threads) = (self.source.reading(memory_bytes)?, self.threads.map(NonZero::get));
-        self.cache.container_of(&self.volume, &reading, threads, memory_bytes)
+        self.cache.container_of(&self.volume, &reading, (threads, memory_bytes), self.look.kind_name())
     }
 }
 
@@ -466,6 +466,9 @@ pub fn run(arguments: &Arguments, start: Instant) -> Result<(), Failure> {
     check_level(arguments.level, path, &container)?;
     let inputs = [Some(path), Some(&arguments.volume), arguments.scene.as_ref(), arguments.path.as_ref()];
     let inputs: Vec<&Path> = inputs.into_iter().flatten().map(PathBuf::as_path).collect();
+    for note in arguments.look.notes(&container) {
+        announce(&format!("supervol: note: {note}"));
+    }
     if let Some((looks, grid)) = arguments.look.panels(&scene)? {
         let output = arguments.output_of_panels()?;
         let named = |look: &LookArguments| Ok((look.name(), look.scene(&scene, &container, &facts, None)?));
@@ -523,7 +526,7 @@ pub fn run(arguments: &Arguments, start: Instant) -> Result<(), Failure> {
     if let Some(why) = about_backend(options.backend, &stats)
         && (arguments.backend.is_some() || stats.no_gpu_because.as_deref() != Some(NO_DEVICE))
     {
-        supervol_arguments::progress::announce(&why);
+        announce(&why);
     }
     check_all_read(path, stats.bricks_failed, arguments.failed_bricks())
 }

@@ -41,14 +41,7 @@ pub fn has_depth(mode: Mode) -> bool {
 /// Name of an axis of the grid. For patients, the name of the section across it.
 #[must_use]
 pub fn axis_name(opened: &OpenVolume, axis: usize) -> String {
-    let name = &opened.container.manifest().axes[axis].name;
-    let name = if name.is_empty() { ["i", "j", "k"][axis].into() } else { name.clone() };
-    if !opened.facts.frame.is_patient() {
-        return name;
-    }
-    let normal = DVec3::from_array(plane_across(&opened.facts, axis, 0.0).0).abs();
-    let section = ["sagittal", "coronal", "axial"][normal.max_position()];
-    format!("{section} ({name})")
+    opened.coordinates.section_name(axis)
 }
 
 /// Adds a slice through the volume's middle, across an axis of the grid or oblique (`None`). Returns the reason if it

@@ -122,6 +122,8 @@ pub struct Sections {
     pub(crate) panels: [Panel; PANELS],
     /// Number of requests made so far.
     pub(crate) requests: u64,
+    /// Number of the last request of the picture beside the panels.
+    pub(crate) picture: u64,
     /// Last probe of a pixel, and the last answer.
     pub(crate) asked: Option<Probe>,
     pub(crate) answered: Option<ProbeAnswer>,
@@ -146,6 +148,7 @@ impl Default for Sections {
             look,
             panels: Default::default(),
             requests: 0,
+            picture: 0,
             asked: None,
             answered: None,
             moving: None,
@@ -177,11 +180,19 @@ impl Sections {
         self.panels.get(axis).filter(|_| self.layout.shows(axis))
     }
 
-    /// Answer to the last probe; `None` until it is known.
+    /// Answer to the last probe; `None` until it is known, and as soon as its picture is no longer the requested one.
     #[must_use]
     pub fn probed(&self) -> Option<&ProbeAnswer> {
-        let asked = self.asked.map(|probe| probe.number);
-        self.answered.as_ref().filter(|probed| Some(probed.probe.number) == asked)
+        let asked = self.asked.filter(|probe| self.requested(probe.panel) == Some(probe.picture))?;
+        self.answered.as_ref().filter(|probed| probed.probe.number == asked.number)
+    }
+
+    /// Number of the request of the present scene of a panel, or of the picture; `None` if it is not requested yet.
+    pub(crate) fn requested(&self, panel: Option<usize>) -> Option<u64> {
+        let Some(axis) = panel else { return Some(self.picture) };
+        let panel = &self.panels[axis];
+        let (_, sent, number) = panel.sent.as_ref()?;
+        (panel.scene.as_ref() == Some(sent)).then_some(*number)
     }
 
     /// Whether all panels show their final pictures.
@@ -263,16 +274,22 @@ pub fn describe_point(picked: &Picked, opened: &OpenVolume) -> String {
     let list = |places: [f64; 3], steps: [f64; 3]| [0, 1, 2].map(|a| place(places[a], steps[a])).join(", ");
     let value =
         if picked.value.is_nan() { "absent".into() } else { format!("{} {}", short(picked.value), manifest.unit) };
-    let least = [opened.facts.geometry.smallest_spacing(); 3];
-    let (voxel, world) = (list(picked.index, [1.0; 3]), list(picked.world, least));
+    let coordinates = &opened.coordinates;
+    let least = [opened.container.stored_geometry().smallest_spacing(); 3];
+    let (voxel, world) = (list(picked.index, [1.0; 3]), list(coordinates.world(picked.index), least));
     let unit = &manifest.axes[0].unit;
     let unit = if manifest.axes.iter().all(|axis| axis.unit == *unit) { unit.as_str() } else { "" };
     let mut words = format!("value {}\nvoxel {voxel}\nworld {world} {unit}", value.trim_end()).trim_end().to_owned();
-    if let Some(survey) = &opened.survey {
-        let scales = survey.scales();
+    if coordinates.map().is_some() {
+        let [(_, easting), (_, northing), _] = coordinates.point(picked.index);
+        let unit = &manifest.axes[0].unit;
+        let [easting, northing] = [easting, northing].map(|at| place(at, least[0]));
+        words += format!("\neasting {easting}, northing {northing} {unit}").trim_end();
+    }
+    if coordinates.are_lines() {
         let at = |axis: usize| {
-            let [first, step] = scales[axis];
-            format!("{} {}", planes::axis_name(opened, axis), place(first + step * picked.index[axis], step))
+            let scale = &coordinates.axes()[axis];
+            format!("{} {}", scale.name, place(scale.place(picked.index[axis]), scale.step))
         };
         words += format!("\n{}, {}, {} {}", at(1), at(0), at(2), manifest.axes[2].unit).trim_end();
     }

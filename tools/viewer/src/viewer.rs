@@ -603,6 +603,7 @@ impl Viewer {
         let is_sent = |(volume, scene): &(u64, Scene)| *volume == opened.number && *scene == self.scene;
         if !are_set || !self.sent.as_ref().is_some_and(is_sent) {
             self.requests += 1;
+            self.sections.picture = self.requests;
             worker.view(View { number: self.requests, volume: opened.number, scene: self.scene.clone() });
             self.sent = Some((opened.number, self.scene.clone()));
             push_bounded(&mut self.unanswered, (self.requests, Instant::now()));

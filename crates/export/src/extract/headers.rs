@@ -252,10 +252,10 @@ impl Place<'_> {
     /// BigTIFF, with eight bytes per offset. The directories are behind the voxels.
     fn tiff_header(&self) -> Vec<u8> {
         let first_directory = BIG_TIFF_HEADER_BYTES + self.bytes();
-        [&b"II\x2b\0\x08\0\0\0"[..], &(first_directory + self.ome_xml().len() as u64).to_le_bytes()].concat()
+        [&b"II\x2b\0\x08\0\0\0"[..], &(first_directory + padded(self.ome_xml()).len() as u64).to_le_bytes()].concat()
     }
 
-    /// OME-XML, which states exact voxel sizes.
+    /// OME-XML, which states exact voxel sizes, with the zero byte that ends it.
     fn ome_xml(&self) -> Vec<u8> {
         let kind = match self.voxel_type {
             VoxelType::U8 => "uint8",
@@ -289,8 +289,6 @@ impl Place<'_> {
         );
         let mut text = text.into_bytes();
         text.push(0);
-        // Directories begin at even bytes.
-        text.resize(text.len().next_multiple_of(2), 0);
         text
     }
 
@@ -304,9 +302,9 @@ impl Place<'_> {
         let [width, height, slices] = self.sizes.map(|n| n as u64);
         let strip_bytes = width * height * self.voxel_type.bytes() as u64;
         let description = self.ome_xml();
-        let description_at = BIG_TIFF_HEADER_BYTES + self.bytes();
-        let (text_bytes, mut at) = (description.len() as u64, description_at + description.len() as u64);
-        let mut out = description;
+        let (description_at, text_bytes) = (BIG_TIFF_HEADER_BYTES + self.bytes(), description.len() as u64);
+        let mut out = padded(description);
+        let mut at = description_at + out.len() as u64;
         const SHORT: u16 = 3;
         const LONG8: u16 = 16;
         for slice in 0..slices {
@@ -365,6 +363,12 @@ impl Place<'_> {
         );
         [text.as_bytes(), &self.bytes().to_le_bytes()].concat()
     }
+}
+
+/// A description up to the directories, which begin at even bytes.
+fn padded(mut description: Vec<u8>) -> Vec<u8> {
+    description.resize(description.len().next_multiple_of(2), 0);
+    description
 }
 
 /// Patient side at which each axis of the grid begins, in ITK's spelling. The matrix has an axis in each row, in

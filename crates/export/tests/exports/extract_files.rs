@@ -117,6 +117,28 @@ fn every_type_of_voxel_comes_back() {
     }
 }
 
+/// Descriptions of even and of odd length end with one zero byte, and directories begin at even bytes.
+#[test]
+fn descriptions_of_tiff_end_with_one_zero_byte() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().join("out.tif");
+    let mut lengths = [false; 2];
+    for voxel_type in VoxelType::ALL {
+        extract(&built(folder.path(), voxel_type, |_| ()), &output, &extraction(0, None)).unwrap();
+        let bytes = std::fs::read(&output).unwrap();
+        let number = |at: usize| u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap()) as usize;
+        let directory = number(8);
+        assert_eq!(directory % 2, 0, "{voxel_type}");
+        let entries = (0..number(directory)).map(|i| directory + 8 + 20 * i);
+        let entry = entries.into_iter().find(|at| bytes[*at..*at + 2] == 270u16.to_le_bytes()).unwrap();
+        let (count, at) = (number(entry + 4), number(entry + 12));
+        let text = &bytes[at..at + count];
+        assert!(text.ends_with(b"</OME>\0"), "{voxel_type}: {:?}", &text[count - 9..]);
+        lengths[count % 2] = true;
+    }
+    assert_eq!(lengths, [true, true]);
+}
+
 #[test]
 fn scaled_values_and_long_axes() {
     let folder = tempfile::tempdir().unwrap();

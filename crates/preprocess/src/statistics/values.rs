@@ -3,7 +3,7 @@
 use supervol_format::ValueRange;
 use supervol_format::container::header::Descriptor;
 use supervol_format::container::manifest::{Central, Distribution, LABELS_LISTED, Manifest};
-use supervol_format::readable::Number;
+use supervol_format::readable::{Number, Shortened};
 
 use super::bins::key;
 use super::central::central;
@@ -159,6 +159,12 @@ impl DataUnits<'_> {
         }
     }
 
+    /// A value with the digits that its type has.
+    fn shortened(&self, value: f64) -> Shortened {
+        let descriptor = self.0;
+        Shortened::data(value, descriptor.voxel_type, [descriptor.scale, descriptor.offset])
+    }
+
     /// A sentence that names the far values.
     fn note(&self, intervals: &[Interval], places: std::ops::Range<usize>) -> String {
         /// Most values that are named one by one.
@@ -174,6 +180,9 @@ impl DataUnits<'_> {
             few => few.iter().map(|i| number(i.low)).collect::<Vec<_>>().join(", "),
         };
         let is_null = far.iter().any(|i| i.count > 1 && i.count as f64 > NULL * all as f64);
+        let null = far.iter().max_by_key(|i| i.count).map_or(0.0, |i| self.value(i.low));
+        let advice =
+            format!(", perhaps a null (the option `nodata` with the value {} makes it absent)", self.shortened(null));
         let ValueRange { min, max } = self.range(range_of(&intervals[places]));
         format!(
             "{} of {all} {} far from all others ({} to {}): {shown}{}; default colours leave them out",
@@ -181,7 +190,7 @@ impl DataUnits<'_> {
             if count == 1 { "lies" } else { "lie" },
             brief(min),
             brief(max),
-            if is_null { ", perhaps a null" } else { "" },
+            if is_null { &advice } else { "" },
         )
     }
 }

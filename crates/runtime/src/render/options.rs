@@ -82,9 +82,9 @@ pub struct RenderOptions {
     pub caster: Caster,
     /// Milliseconds after which the picture is completed from resident bricks; `None`: it converges.
     pub time_budget_ms: Option<u64>,
-    /// Error of the picture that is aimed for, a share of full scale: steers packets of rays, within
-    /// [`MAX_ERROR_LIMITS`](crate::engines::rules::MAX_ERROR_LIMITS), and chooses levels where they are chosen automatically.
-    /// From 1 on any picture will do, and voxels are as large as a pixel.
+    /// Largest allowed error of a pixel channel, as a fraction of full scale. It steers packets of rays, within
+    /// [`MAX_ERROR_LIMITS`](crate::engines::rules::MAX_ERROR_LIMITS), and automatic levels. From 1 on, every picture
+    /// suffices, and voxels are as large as a pixel.
     pub max_error: f64,
     /// Whether errors are stated: of each pixel (`error_stated`), and in mode `dvr` term by term (`error_predicted`).
     /// Costs 1 to 2 % of the time on the CPU, 3 to 6 % on graphics devices.

@@ -132,6 +132,42 @@ fn pixels_of_supersampled_pictures_are_those_of_the_picture() {
     assert!(matches!(beyond, Err(RenderError::NoSuchPixel { pixel: [20, 4], size: [20, 20] })), "{beyond:?}");
 }
 
+/// A section across x, as `render --slice` draws it: a slab of the clip box in mode `mean`.
+#[test]
+fn a_section_seen_face_on_is_picked_exactly() {
+    // The field is not linear along x, so a mean over any length differs from the value in the middle.
+    let hill = Volume::new([32, 24, 20], VoxelType::F32, |p| 100.0 - (p[0] - 13.0).powi(2) + 2.0 * p[1] + 3.0 * p[2]);
+    let hill = hill.with_geometry([2.0, 1.0, 1.0], [10.0, 5.0, 0.0], [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
+    let grey = points(1.0, &[(-300.0, [0.0; 3], 1.0), (200.0, [1.0; 3], 1.0)]);
+    let slab = |from: f64, to: f64, more: &str| {
+        let corners = format!("[[{from}, -0.5, -0.5], [{to}, 23.5, 19.5]]");
+        format!(r#", "mode": "mean", "transfer_function": {grey}, "clip": {{"box": {corners}{more}}}"#)
+    };
+    let across = 2.0 * 13.5 + 3.0 * 15.5;
+    let check = |picked: Option<Picked>, at: f64, value: f64| {
+        let picked = picked.expect("the section is to be seen");
+        assert_eq!((picked.on, picked.level), (PickedOn::Slice(0), 0));
+        let expected = [[10.0 + 2.0 * at, 18.5, 15.5], [at, 13.5, 15.5]];
+        for a in 0..3 {
+            assert!((picked.world[a] - expected[0][a]).abs() < 1e-9, "{picked:?}: expected {expected:?}");
+            assert!((picked.index[a] - expected[1][a]).abs() < 1e-9, "{picked:?}: expected {expected:?}");
+        }
+        assert!((picked.value - value).abs() < 1e-4, "{picked:?}: expected {value}");
+    };
+    // Voxel 9: 100 - 16. Between voxels 9 and 10, the value is linear: 100 - 12.5.
+    check(found(&hill, &slab(8.95, 9.05, ""), PIXEL), 9.0, 84.0 + across);
+    check(found(&hill, &slab(9.45, 9.55, ""), PIXEL), 9.5, 87.5 + across);
+    // The first voxel, cut at the border of the volume, and the mean of a slab from 8 to 10.
+    check(found(&hill, &slab(-0.5, 0.5, ""), PIXEL), 0.0, 100.0 - 169.0 + 25.0 / 8.0 + across);
+    check(found(&hill, &slab(8.0, 10.0, ""), PIXEL), 9.0, 100.0 - (25.0 / 2.0 + 16.0 + 9.0 / 2.0) / 2.0 + across);
+    // A solid that hides the place; and a slab seen at an angle has no place.
+    let hidden = r#", "solids": [{"keep": "outside", "sphere": {"center": [28, 18, 15], "radius": 3}}]"#;
+    assert_eq!(found(&hill, &slab(8.95, 9.05, hidden), PIXEL), None);
+    let askew = along_x(&slab(8.95, 9.05, "")).replace("[-50, 16, 10]", "[-50, 17, 10]");
+    let refused = picked(&hill, &askew, PIXEL, options());
+    assert!(matches!(refused, Err(RenderError::NoPlace)), "{refused:?}");
+}
+
 /// Means of two voxels along x: the ramp of level 1 is the same field, except at its ends.
 #[test]
 fn the_level_that_is_asked_for_is_the_one_that_is_read() {

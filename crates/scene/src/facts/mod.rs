@@ -3,10 +3,12 @@
 pub mod histogram;
 pub mod kind;
 
+use supervol_format::coordinates::Coordinates;
 use supervol_format::space::WorldSpace;
 use supervol_format::{Container, Dims, Geometry, ValueRange};
 
 pub use self::kind::DataKind;
+use crate::camera::unit_vector;
 
 /// Orientation of the world axes. It decides the position of default cameras and nothing else.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -39,6 +41,8 @@ pub struct VolumeFacts {
     pub geometry: Geometry,
     /// Orientation of the world axes.
     pub frame: Frame,
+    /// World direction of north, a unit vector, for a survey with positions on the map.
+    pub north: Option<[f64; 3]>,
     /// Least and greatest present value, data units.
     pub value_range: ValueRange,
     /// Range of the central values, data units: those without the few that lie far from all others. Usually it equals
@@ -84,6 +88,7 @@ impl VolumeFacts {
             dims: descriptor.dims(),
             geometry: descriptor.geometry,
             frame,
+            north: north(container),
             value_range,
             central_range,
             far_share: manifest
@@ -104,6 +109,7 @@ impl VolumeFacts {
             dims,
             geometry,
             frame: Frame::Unknown,
+            north: None,
             value_range,
             central_range: value_range,
             far_share: 0.0,
@@ -135,6 +141,12 @@ impl VolumeFacts {
         (n[thin] <= SECTION_VOXELS && others.iter().all(|&a| n[a] >= (2 * SECTION_VOXELS).max(4 * n[thin])))
             .then_some(thin)
     }
+}
+
+/// World direction of north in the drawn geometry.
+fn north(container: &Container) -> Option<[f64; 3]> {
+    let [_, north] = Coordinates::of(container).compass()?;
+    unit_vector(container.descriptor().geometry.linear() * north).map(|north| north.to_array())
 }
 
 /// Most voxels across a volume that is shown as a section, face on.

@@ -13,7 +13,7 @@ use crate::spec::{Mode, PointsSpec, TransferFunctionSpec};
 use crate::transfer_function::ControlPoint;
 
 /// Thickness of a slice without a slab, in voxels: thin, so that the slice is exactly at its position.
-const SLICE_VOXELS: f64 = 0.1;
+pub const SLICE_VOXELS: f64 = 0.1;
 /// Rays along each edge of a pixel for a slice as a thin box.
 const SLICE_SUPERSAMPLING: u32 = 4;
 /// Rays along each edge of a pixel for a plane, whose values change smoothly.

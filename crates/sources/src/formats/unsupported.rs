@@ -54,7 +54,7 @@ const VTK_MESH: Other = Other {
 };
 const NETCDF: Other = Other {
     name: "NetCDF 3 (also MINC 1)",
-    way_out: "convert it: `ncks`, or Python: `numpy.save(OUT, xarray.open_dataset('{in}')[NAME].values)`; MINC with `mnc2nii`",
+    way_out: "convert it to NetCDF 4: `nccopy -k nc4 {in} OUT.nc`; MINC with `mnc2nii {in} OUT.nii`",
     as_raw: AsRaw::No,
 };
 const MRC: Other = Other {

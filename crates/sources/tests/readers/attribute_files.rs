@@ -237,9 +237,6 @@ fn ibm_floats_that_are_declared_as_ieee() {
 /// Segmentations leave out slices in which nothing is marked.
 #[test]
 fn segmentations_of_dicom() {
-    if let Some(path) = data_file("cases/two_sparse.dcm") {
-        assert_refused(opened(&path, |_| ()).map(|_| ()), &["a segmentation of single bits"]);
-    }
     let frame = |z: f64, segment: Option<u16>| {
         let place = Dicom::default().with(0x0020_0032, "DS", format!("0\\0\\{z}"));
         let frame = Dicom::default().sequence(0x0020_9113, &[place], true);
@@ -252,8 +249,8 @@ fn segmentations_of_dicom() {
     let shared = Dicom::default()
         .sequence(0x0020_9116, &[Dicom::default().with(0x0020_0037, "DS", "1\\0\\0\\0\\1\\0")], true)
         .sequence(0x0028_9110, &[measures], true);
-    let file = |frames: &[Dicom]| {
-        let pixels: Vec<u8> = (1..=frames.len()).flat_map(|number| vec![number as u8; 6]).collect();
+    let bytes = |frames: usize| (1..=frames).flat_map(|number| vec![number as u8; 6]).collect::<Vec<u8>>();
+    let file = |frames: &[Dicom], bits: u16, pixels: Vec<u8>| {
         Dicom::default()
             .with(0x0008_0060, "CS", "SEG")
             .with(0x0020_000e, "UI", "1.2.3")
@@ -262,9 +259,9 @@ fn segmentations_of_dicom() {
             .with(0x0028_0008, "IS", frames.len().to_string())
             .word(0x0028_0010, 2)
             .word(0x0028_0011, 3)
-            .word(0x0028_0100, 8)
-            .word(0x0028_0101, 8)
-            .word(0x0028_0102, 7)
+            .word(0x0028_0100, bits)
+            .word(0x0028_0101, bits)
+            .word(0x0028_0102, bits - 1)
             .word(0x0028_0103, 0)
             .sequence(0x0062_0002, &[segment(1, "liver"), segment(2, "spleen")], true)
             .sequence(0x5200_9229, std::slice::from_ref(&shared), true)
@@ -281,17 +278,36 @@ fn segmentations_of_dicom() {
         (found.chunks(6).map(|slice| slice[0]).collect::<Vec<_>>(), notes(source.as_ref()))
     };
     // A label map without the slices at 4 mm and 8 mm.
-    std::fs::write(&path, file(&[0.0, 2.0, 6.0, 10.0].map(|z| frame(z, None)))).unwrap();
+    std::fs::write(&path, file(&[0.0, 2.0, 6.0, 10.0].map(|z| frame(z, None)), 8, bytes(4))).unwrap();
     let (found, said) = slices(&path, None);
     assert_eq!(found, [1, 2, 0, 3, 0, 4]);
     assert!(said.contains("2 slices of the segmentation"), "{said}");
     // Two segments, each in some slices.
     let frames = [frame(0.0, Some(1)), frame(6.0, Some(1)), frame(2.0, Some(2)), frame(4.0, Some(2))];
-    std::fs::write(&path, file(&frames)).unwrap();
+    std::fs::write(&path, file(&frames, 8, bytes(4))).unwrap();
     let (found, said) = slices(&path, None);
     assert_eq!(found, [1, 0, 0, 2]);
     assert!(said.contains("2 channels (liver, spleen)"), "{said}");
     assert_eq!(slices(&path, Some(1)).0, [3, 4]);
+    // Single bits, lowest first: frames of six pixels follow each other without padding.
+    let bits = [[1, 0, 0, 1, 1, 0], [0, 1, 0, 0, 0, 1], [1, 1, 1, 0, 0, 0], [0, 0, 0, 0, 0, 1u8]];
+    let mut packed = vec![0u8; 4];
+    bits.as_flattened().iter().enumerate().for_each(|(i, bit)| packed[i / 8] |= bit << (i % 8));
+    std::fs::write(&path, file(&frames, 1, packed)).unwrap();
+    let voxels = |channel| read_all(opened(&path, |o| o.selection.channel = channel).unwrap().as_ref()).unwrap();
+    assert_eq!(voxels(None), [bits[0], [0; 6], [0; 6], bits[1]].concat());
+    assert_eq!(voxels(Some(1)), [bits[2], bits[3]].concat());
+    std::fs::write(&path, file(&frames, 1, vec![0; 2])).unwrap();
+    assert_refused(opened(&path, |_| ()).map(|_| ()), &["pixels of 3 bytes", "2 bytes"]);
+}
+
+/// A segmentation of single bits by highdicom, with the slices that hold something.
+#[test]
+fn segmentations_of_single_bits() {
+    let Some(path) = data_file("cases/two_sparse.dcm") else { return };
+    let source = opened(&path, |_| ()).unwrap();
+    let voxels = read_all(source.as_ref()).unwrap();
+    assert!(voxels.iter().all(|voxel| *voxel <= 1) && voxels.contains(&1), "{:?}", source.info().dims);
 }
 
 /// A file that holds header and voxels counts once.

@@ -74,7 +74,7 @@ fn svg_file(text: &str) -> Result<PathBuf, String> {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let memory_bytes = BuildOptions::default().memory_bytes;
     let reading = arguments.source.reading(memory_bytes)?;
-    let path = &arguments.cache.container_of(&arguments.volume, &reading, None, memory_bytes)?;
+    let path = &arguments.cache.container_of(&arguments.volume, &reading, (None, memory_bytes), None)?;
     let container = Container::open(path).map_err(|e| with_container(path, e))?;
     let of_kind = |kind| VolumeFacts::of_kind(&container, kind);
     let facts = arguments.kind.map_or_else(|| VolumeFacts::of(&container), of_kind);

@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde::Serialize;
 use supervol_arguments::failure::{Failure, with_container, with_output};
+use supervol_arguments::flags;
 use supervol_arguments::input::{Input, for_each};
 use supervol_arguments::quantity::show_bytes;
 use supervol_arguments::source::{SourceArguments, refuse_for_container};
@@ -15,6 +16,7 @@ use supervol_arguments::terminal::Format;
 use supervol_files::unfinished;
 use supervol_files::unfinished::{Leftover, Writer};
 use supervol_format::container::manifest::{AxisName, Central, Json, Source};
+use supervol_format::readable::Shortened;
 use supervol_format::{Container, Dims, Geometry, ValueRange};
 use supervol_preprocess::kept::{Reading, is_container};
 use supervol_preprocess::manifest::{rms_kept_of, steps_of};
@@ -307,7 +309,9 @@ impl Place<'_> {
         let axes = self.axes.map(|(name, unit)| if unit.is_empty() { name.into() } else { format!("{name} ({unit})") });
         writeln!(out, "volume     {nx} x {ny} x {nz} {} voxels", self.dtype)?;
         writeln!(out, "axes       {}", axes.join(", "))?;
-        writeln!(out, "spacing    {:?}, origin {:?}", self.geometry.spacing, self.geometry.origin)?;
+        let spacing = self.geometry.spacing;
+        let origin: [f64; 3] = std::array::from_fn(|a| rounded(self.geometry.origin[a], spacing[a]));
+        writeln!(out, "spacing    {:?}, origin {origin:?}", spacing.map(|length| rounded(length, length)))?;
         print_orientation(self, out)
     }
 }
@@ -322,13 +326,18 @@ fn print(info: &Info<'_>, container: &Container, survey: Option<&Survey>, out: &
         survey,
     };
     place.print(out)?;
+    let descriptor = container.descriptor();
+    let told = |value: f64| Shortened::data(value, descriptor.voxel_type, [descriptor.scale, descriptor.offset]);
     writeln!(out, "kind       {}: {}", info.kind, info.kind_because)?;
     match info.value_range {
-        Some([min, max]) => writeln!(out, "values     {} {}", ValueRange { min, max }, info.unit)?,
+        Some([min, max]) => {
+            let [min, max] = [min, max].map(|value| told(value).number());
+            writeln!(out, "values     {} {}", ValueRange { min, max }, info.unit)?;
+        }
         None => writeln!(out, "values     none: all voxels are absent")?,
     }
     if let Some(nodata) = info.nodata {
-        writeln!(out, "no data    {nodata}")?;
+        writeln!(out, "no data    {}", told(nodata))?;
     }
     if info.max_error > 0.0 {
         writeln!(out, "accuracy   voxels within {} of the source's", info.max_error)?;
@@ -343,7 +352,7 @@ fn print(info: &Info<'_>, container: &Container, survey: Option<&Survey>, out: &
         info.tool
     )?;
     for note in info.notes {
-        writeln!(out, "note       {note}")?;
+        writeln!(out, "note       {}", flags::with_flags(note))?;
     }
     writeln!(
         out,
@@ -390,6 +399,7 @@ fn print_kept(levels: &[LevelInfo], out: &mut impl Write) -> std::io::Result<()>
 fn print_orientation(place: &Place<'_>, out: &mut impl Write) -> std::io::Result<()> {
     let Place { geometry, space, survey, .. } = place;
     let d = geometry.direction;
+    let d = d.map(|component| rounded(component, 1.0));
     let axes: Vec<String> = (0..3).map(|a| format!("({}, {}, {})", d[a], d[3 + a], d[6 + a])).collect();
     let hand = if geometry.is_left_handed() { "left" } else { "right" };
     let space = if space.is_empty() { String::new() } else { format!(", world {space}") };
@@ -417,6 +427,11 @@ fn print_orientation(place: &Place<'_>, out: &mut impl Write) -> std::io::Result
         )?;
     }
     Ok(())
+}
+
+/// A length or component with the digits that matter: to a millionth of `unit` of a thousand voxels.
+fn rounded(value: f64, unit: f64) -> f64 {
+    Shortened::along(value, unit / 1000.0).number()
 }
 
 /// Names of the corners of a survey, in stored order.

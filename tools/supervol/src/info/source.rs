@@ -7,6 +7,7 @@ use supervol_arguments::failure::{Failure, with_output};
 use supervol_arguments::quantity::show_bytes;
 use supervol_arguments::source::flag;
 use supervol_arguments::terminal::Format;
+use supervol_format::readable::Shortened;
 use supervol_preprocess::BuildError;
 use supervol_preprocess::kept::Reading;
 use supervol_preprocess::naming::container_beside;
@@ -105,7 +106,8 @@ impl Described {
             writeln!(out, "kind       labels: {because}")?;
         }
         if let Some(stored) = info.nodata {
-            writeln!(out, "no data    {}", stored * info.scale + info.offset)?;
+            let value = stored * info.scale + info.offset;
+            writeln!(out, "no data    {}", Shortened::data(value, info.voxel_type, [info.scale, info.offset]))?;
         }
         writeln!(out, "source     {} ({}, {})", self.name(), info.format, show_bytes(self.bytes()))?;
         for note in &info.notes {

@@ -83,8 +83,9 @@ pub struct LookArguments {
     surface: Vec<SurfaceRequest>,
     /// Show only this box: voxels I0:I1,J0:J1,K0:K1 (ends are excluded), or ranges AXIS=FROM:TO,...
     ///
-    /// Axes: i, j, k (voxels); x, y, z (world); inline, crossline, time or depth; sagittal, coronal, axial (world).
-    /// Example: inline=100:200.
+    /// Axes: i, j, k (voxels); x, y, z (world); inline, crossline, time or depth; sagittal, coronal, axial (world); axes
+    /// with names of the file. Coordinates are those on the axes of --decorate and of --pick; vertical exaggeration
+    /// changes none. Example: inline=100:200.
     #[arg(long, value_name = "BOX", value_parser = places::crop, allow_hyphen_values = true)]
     crop: Option<Crop>,
     /// Show only one side of a plane, or only the inside or outside of a solid; all numbers in world units
@@ -159,6 +160,16 @@ impl LookArguments {
     /// True if slices are shown face on.
     pub fn shows_panels(&self) -> bool {
         self.slices.are_panels()
+    }
+
+    /// Notes about the positions of the slices.
+    pub fn notes(&self, container: &Container) -> Vec<String> {
+        self.slices.notes(container)
+    }
+
+    /// Name of the requested kind of data.
+    pub fn kind_name(&self) -> Option<&'static str> {
+        self.kind.map(DataKind::name)
     }
 
     /// True if a background colour is requested.

@@ -1,13 +1,14 @@
-//! Parsers of positions in a volume: voxels, line numbers, times, depths, world coordinates, planes of a patient.
+//! Parsers of positions in a volume: voxels, line numbers, times, depths, world coordinates, planes of a patient. Their
+//! meaning is that of [`Coordinates`].
 
-use glam::DVec3;
 use supervol_arguments::failure::Failure;
 use supervol_arguments::quantity::{self, WrittenBox};
-use supervol_format::Container;
-use supervol_scene::facts::{Frame, VolumeFacts};
+use supervol_format::cast::whole;
+use supervol_format::coordinates::{AxisScale, Coordinates, ScaleKind};
+use supervol_format::readable::{Number, Shortened};
+use supervol_format::{Container, Dims, Level, VoxelBox};
+use supervol_scene::facts::VolumeFacts;
 use supervol_scene::preset;
-use supervol_scene::preset::placing::axis_along;
-use supervol_sources::Survey;
 
 /// Position along a named axis.
 #[derive(Debug, Clone, PartialEq)]
@@ -17,6 +18,8 @@ pub struct Place {
     at: Option<f64>,
 }
 
+/// Greatest distance from a voxel's centre, in voxels, that counts as rounding.
+const ROUNDED_INDEX: f64 = 1e-6;
 /// Word for the middle voxel of an axis.
 const MIDDLE: &str = "middle";
 
@@ -62,9 +65,10 @@ pub enum Crop {
     Named(Vec<(String, f64, f64)>),
 }
 
-/// `AXIS=PLACE`, or `AXIS=middle`.
+/// `AXIS=PLACE`, or `AXIS=middle`; a space may stand for the equals sign.
 pub fn place(text: &str) -> Result<Place, String> {
-    let parsed = text.split_once('=').and_then(|(axis, at)| {
+    let parts = text.split_once('=').or_else(|| text.trim().split_once(char::is_whitespace));
+    let parsed = parts.and_then(|(axis, at)| {
         let is_middle = at.trim().eq_ignore_ascii_case(MIDDLE);
         Some((axis.trim(), if is_middle { None } else { Some(finite(at)?) }))
     });
@@ -117,7 +121,7 @@ fn finite(text: &str) -> Option<f64> {
 impl Place {
     /// Axis of the grid, and index coordinate along it.
     pub fn on_grid(&self, container: &Container, facts: &VolumeFacts) -> Result<(usize, f64), Failure> {
-        let scale = Scale::of(&self.axis, container, facts)?;
+        let scale = scale_of(&self.axis, container)?;
         let axis = scale.axis;
         // The middle is a voxel: of two middle voxels, the first.
         let middle = ((facts.dims.0[axis] - 1) / 2) as f64;
@@ -126,13 +130,15 @@ impl Place {
         if (low[axis]..=high[axis]).contains(&at) {
             return Ok((axis, at));
         }
-        let ends = [low[axis] + 0.5, high[axis] - 0.5].map(|index| scale.place(index));
-        Err(Failure::Command(format!(
-            "{self} lies outside the volume: {} runs from {} to {}",
-            self.axis,
-            ends[0].min(ends[1]),
-            ends[0].max(ends[1])
-        )))
+        Err(Failure::Command(format!("{self} lies outside the volume: {}", extent(&scale))))
+    }
+
+    /// Note for a place between two lines; `None` on a line, and for times and lengths.
+    fn note(&self, container: &Container) -> Option<String> {
+        let scale = Coordinates::of(container).scale(&self.axis)?;
+        let [before, after] = scale.between(self.at?)?.map(|at| Shortened::along(at, scale.step));
+        let name = &self.axis;
+        Some(format!("{self} lies between {name} {before} and {name} {after}: its values are interpolated"))
     }
 }
 
@@ -157,18 +163,15 @@ impl Crop {
             }
             Self::Named(ranges) => {
                 for (name, from, to) in ranges {
-                    let scale = Scale::of(name, container, facts)?;
+                    let scale = scale_of(name, container)?;
                     let ends = [scale.index(*from), scale.index(*to)];
                     let axis = scale.axis;
                     low[axis] = low[axis].max(ends[0].min(ends[1]));
                     high[axis] = high[axis].min(ends[0].max(ends[1]));
                     if low[axis] >= high[axis] {
-                        let first = scale.place(0.0);
-                        let last = scale.place(facts.dims.0[axis] as f64 - 1.0);
                         return Err(Failure::Command(format!(
-                            "--crop {name}={from}:{to} leaves nothing: {name} runs from {} to {}",
-                            first.min(last),
-                            first.max(last)
+                            "--crop {name}={from}:{to} leaves nothing: {}",
+                            extent(&scale)
                         )));
                     }
                 }
@@ -176,84 +179,69 @@ impl Crop {
         }
         Ok([low, high])
     }
-}
 
-/// Names and values of line numbers and time or depth at an index point; empty if the volume is no survey.
-pub fn lines(index: [f64; 3], container: &Container, facts: &VolumeFacts) -> Result<Vec<(String, f64)>, Failure> {
-    if Survey::of(container.manifest()).is_none() {
-        return Ok(Vec::new());
-    }
-    let third = container.manifest().axes[2].name.as_str().to_owned();
-    let place = |name: String| {
-        let scale = Scale::of(&name, container, facts)?;
-        Ok((name, scale.place(index[scale.axis])))
-    };
-    ["inline".into(), "crossline".into(), third].into_iter().map(place).collect()
-}
-
-/// Scale of a grid axis under one of its names: place = first + index * step.
-struct Scale {
-    axis: usize,
-    first: f64,
-    step: f64,
-}
-
-impl Scale {
-    fn of(name: &str, container: &Container, facts: &VolumeFacts) -> Result<Self, Failure> {
-        if let Some(axis) = ["i", "j", "k"].iter().position(|n| *n == name) {
-            return Ok(Self { axis, first: 0.0, step: 1.0 });
-        }
-        let manifest = container.manifest();
-        let survey = Survey::of(manifest);
-        if let Some(survey) = &survey {
-            let names = ["crossline", "inline", manifest.axes[2].name.as_str()];
-            if let Some(axis) = names.iter().position(|known| *known == name) {
-                let [first, step] = survey.scales()[axis];
-                return Ok(Self { axis, first, step });
+    /// The voxels of a level whose centres lie in the box, both ends of named ranges included.
+    pub fn of_level(&self, container: &Container, level: &Level) -> Result<VoxelBox, Failure> {
+        let Dims(dims) = level.dims;
+        let ranges = match self {
+            Self::Voxels(written) => return Ok(written.within(level.dims)),
+            Self::Named(ranges) => ranges,
+        };
+        let (mut start, mut end) = ([0; 3], dims);
+        for (name, from, to) in ranges {
+            let scale = scale_of(name, container)?;
+            let axis = scale.axis;
+            let ends = [scale.index(*from), scale.index(*to)];
+            // Index coordinate of a level-0 point on the level's axis.
+            let [low, high] = [ends[0].min(ends[1]), ends[0].max(ends[1])].map(|at| {
+                let mut point = [0.0; 3];
+                point[axis] = at;
+                level.from_level_0(point)[axis]
+            });
+            let low = (low - ROUNDED_INDEX).ceil().max(0.0);
+            let high = (high + ROUNDED_INDEX).floor().min(dims[axis] as f64 - 1.0);
+            if low > high {
+                let message = format!("--box {name}={from}:{to} holds no voxel of this level: {}", extent(&scale));
+                return Err(Failure::Command(message));
             }
+            start[axis] = start[axis].max(whole(low));
+            end[axis] = end[axis].min(whole::<u64>(high) + 1);
         }
-        if let Some(world) = world_axis(name, facts.frame) {
-            return Ok(Self::world(world, facts));
+        if (0..3).any(|axis| start[axis] >= end[axis]) {
+            return Err(Failure::Command("--box: the ranges leave no voxel".into()));
         }
-        Err(Failure::Command(format!("'{name}' is no axis of this volume: expected {}", names(container, facts))))
-    }
-
-    /// Scale of the grid axis nearest to a world axis: its world coordinate on the line through the middle.
-    fn world(world: usize, facts: &VolumeFacts) -> Self {
-        let linear = facts.geometry.linear();
-        let axis = axis_along(world, facts);
-        let mut middle = DVec3::from_array(facts.dims.0.map(|n| 0.5 * (n as f64 - 1.0)));
-        middle[axis] = 0.0;
-        let first = facts.geometry.world_from_index().transform_point3(middle)[world];
-        Self { axis, first, step: linear.col(axis)[world] }
-    }
-
-    fn index(&self, place: f64) -> f64 {
-        (place - self.first) / self.step
-    }
-
-    fn place(&self, index: f64) -> f64 {
-        self.first + index * self.step
+        Ok(VoxelBox { start, end })
     }
 }
 
-/// World axis of a name.
-fn world_axis(name: &str, frame: Frame) -> Option<usize> {
-    if let Some(axis) = ["x", "y", "z"].iter().position(|n| *n == name) {
-        return Some(axis);
+impl Cut {
+    /// Note for the user about the position; `None` if there is nothing to say.
+    pub fn note(&self, container: &Container) -> Option<String> {
+        match self {
+            Self::Across(place) => place.note(container),
+            Self::Plane { .. } => None,
+        }
     }
-    ["sagittal", "coronal", "axial"].iter().position(|n| *n == name).filter(|_| frame.is_patient())
 }
 
-fn names(container: &Container, facts: &VolumeFacts) -> String {
-    let third = container.manifest().axes[2].name.as_str();
-    match facts.frame {
-        Frame::Survey if container.manifest().survey.is_some() => {
-            format!("inline, crossline, {third}, i, j, k, x, y or z")
-        }
-        frame if frame.is_patient() => "sagittal, coronal, axial, i, j, k, x, y or z".into(),
-        _ => "i, j, k, x, y or z".into(),
-    }
+/// The scale of a named axis.
+fn scale_of(name: &str, container: &Container) -> Result<AxisScale, Failure> {
+    let coordinates = Coordinates::of(container);
+    let expected = || {
+        let names = coordinates.names();
+        Failure::Command(format!("'{name}' is no axis of this volume: expected {names}"))
+    };
+    coordinates.scale(name).ok_or_else(expected)
+}
+
+/// First and last coordinate of an axis, in words.
+fn extent(scale: &AxisScale) -> String {
+    let [least, greatest] = scale.ends().map(|at| Shortened::along(at, scale.step));
+    let step = match scale.kind {
+        ScaleKind::Counted if scale.step.abs() != 1.0 => format!(" in steps of {}", Number(scale.step.abs())),
+        _ => String::new(),
+    };
+    format!("{} runs from {least} to {greatest} {}", scale.name, scale.unit).trim_end().to_owned() + &step
 }
 
 #[cfg(test)]
@@ -265,6 +253,7 @@ mod tests {
         assert_eq!(place("Inline = 1200"), Ok(Place { axis: "inline".into(), at: Some(1200.0) }));
         assert_eq!(place("axial= Middle"), Ok(Place { axis: "axial".into(), at: None }));
         assert_eq!(place("axial=middle").map(|place| place.to_string()).as_deref(), Ok("axial=middle"));
+        assert_eq!(place(" inline  1200 "), place("inline=1200"));
         assert!(place("inline").is_err() && place("k=x").is_err() && place("k=middles").is_err());
         let plane = Cut::Plane { normal: [1.0, 0.0, -1.5], through: Some([3.0, 4.0, 5.0]) };
         assert_eq!(slice("normal=1,0,-1.5@3,4,5").as_ref(), Ok(&plane));

@@ -20,7 +20,8 @@ use super::places::{self, Cut};
 pub struct SliceArguments {
     /// Show a slice face on: AXIS=PLACE, or normal=NX,NY,NZ@X,Y,Z for any plane
     ///
-    /// AXIS is one of the axes of --crop. PLACE is a number or `middle`. The plane has the given normal and passes
+    /// AXIS is one of the axes of --crop, PLACE a coordinate on it or `middle`, for example "inline 10123". Between two
+    /// lines, values are interpolated, and a note says so. The plane has the given normal and passes
     /// through the point X,Y,Z in world units; without a point, it passes through the middle. Repeat the option for
     /// several slices side by side.
     #[arg(long = "slice", value_name = "AXIS=PLACE|normal=...", value_parser = places::slice, allow_hyphen_values = true)]
@@ -86,6 +87,11 @@ impl SliceArguments {
         !self.cuts.is_empty() && self.slices == Where::Panels
     }
 
+    /// Notes about the positions of the slices.
+    pub fn notes(&self, container: &Container) -> Vec<String> {
+        self.cuts.iter().filter_map(|cut| cut.note(container)).collect()
+    }
+
     /// The options with only this slice.
     pub fn only(&self, cut: &Cut) -> Self {
         Self { cuts: vec![cut.clone()], ..self.clone() }
@@ -104,6 +110,13 @@ impl SliceArguments {
         if self.slice_opacity.is_some() {
             return Err(Failure::Command(
                 "--slice-opacity needs --slices volume: slices that are shown face on are opaque".into(),
+            ));
+        }
+        if facts.kind == DataKind::Labels && self.slab.is_some() {
+            return Err(Failure::Command(
+                "--slab shows a mean, and a mean of label numbers is no label: remove it, or add --kind generic to treat the \
+                 numbers as values"
+                    .into(),
             ));
         }
         // Labels are drawn by their nearest voxel, unless their numbers are to be painted as values.

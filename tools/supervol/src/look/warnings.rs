@@ -28,6 +28,9 @@ pub fn reason(image: &Image, scene: &ResolvedScene, facts: &VolumeFacts) -> Opti
     if image.pixels.iter().any(shown) {
         return None;
     }
+    if image.pixels.iter().any(|[.., alpha]| f64::from(*alpha) * GREY_LEVELS >= 0.5) {
+        return Some("all that is drawn has the colour of the background; change --background or --colormap".into());
+    }
     // Drawing uses scaled units.
     let units = Units::of(facts);
     let placed = &units.facts(facts);

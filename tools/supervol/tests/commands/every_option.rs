@@ -262,7 +262,7 @@ fn traces_out_of_place() {
     folder.expect(2, &["build", "b.sgy", "--skip-trace", "0", "-o", "v.svol"]);
 }
 
-/// A file that does not say all about itself, and the options that do.
+/// A file that needs options, and these options.
 fn files_that_need_options(folder: &Folder) -> Vec<(&'static str, Vec<&'static str>)> {
     let words = |text: &'static str| text.split(' ').collect::<Vec<_>>();
     let elsewhere =

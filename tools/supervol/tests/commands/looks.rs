@@ -228,6 +228,9 @@ fn nothing_is_black_without_a_word() {
     let constant = Folder::with_bytes([9, 9, 9], |_| 5);
     assert!(!warning(&constant, &[]).contains("warning"), "a grey block is something");
     assert!(warning(&constant, &["--tf", "6:black:0,7:white:1"]).contains("every voxel is 5"));
+    let white = ["--tf", "0:white:1,9:white:1", "--unlit", "--background", "white", "--mode", "dvr"];
+    assert!(warning(&folder, &white).contains("has the colour of the background; change --background"));
+    assert!(!warning(&folder, &white[..2]).contains("warning"));
 }
 
 #[test]

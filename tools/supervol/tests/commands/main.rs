@@ -6,6 +6,7 @@ mod batch;
 mod bounded_builds;
 mod cache;
 mod command_line;
+mod coordinates;
 mod every_option;
 mod failed_bricks;
 mod full_disk;

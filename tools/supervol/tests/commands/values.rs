@@ -114,6 +114,14 @@ fn a_null_is_named_and_left_out_however_much_it_fills() {
         assert!(low >= 0.0 && high <= 6.0, "{null}: {low} to {high}");
         let note = folder.info()["notes"].to_string();
         assert!(note.contains("perhaps a null") && note.contains("(1.00026 to 4.99974)"), "{null}: {note}");
+        // The option that the note names makes them absent.
+        let told = folder.expect(0, &["info", "v.svol"]);
+        let value = told.split("--nodata ").nth(1).and_then(|rest| rest.split(' ').next()).expect("an option");
+        let raw = ["--dims", "24,24,24", "--dtype", "f32", "--nodata", value, "-o", "v.svol", "--force"];
+        folder.expect(0, &[&["build", "v.raw"], &raw[..]].concat());
+        let info = folder.info();
+        let max = info["value_range"][1].as_f64().expect("a value");
+        assert!(max < 6.0 && info["value_range"][0].as_f64() > Some(0.0), "{value}: {info}");
     }
 }
 

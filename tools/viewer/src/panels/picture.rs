@@ -3,7 +3,7 @@
 use eframe::egui::text::LayoutJob;
 use eframe::egui::{self, Align, Color32, FontId, PointerButton, Pos2, Rect, Response, Sense, Ui, Vec2};
 use supervol_format::cast::whole;
-use supervol_scene::scene::{ImageSpec, Mode, RAY_LIMIT};
+use supervol_scene::scene::{ImageSpec, RAY_LIMIT};
 use supervol_sources::formats;
 
 use super::{handles, marks, sections};
@@ -110,7 +110,7 @@ fn probe_under_mouse(viewer: &mut Viewer, response: &Response) {
     let Some(opened) = viewer.opened.clone() else { return };
     let Some(at) = response.hover_pos().filter(|_| response.contains_pointer()) else { return };
     let is_ready = viewer.picture.as_ref().is_some_and(|picture| picture.is_converged) && viewer.is_up_to_date();
-    if !is_ready || response.dragged() || viewer.scene.mode == Some(Mode::Mean) {
+    if !is_ready || response.dragged() {
         return;
     }
     let number = sections::probe(viewer, &opened, None, place(response.rect, at));

@@ -1,16 +1,14 @@
 //! Panels with sections beside the picture: layout, mouse actions, and the description of the point under the mouse.
 
-use eframe::egui::{
-    Align2, Color32, FontId, PointerButton, Pos2, Rect, Response, Sense, Slider, SliderClamping, Stroke, Ui, Vec2, pos2,
-};
+use eframe::egui::{Align2, Color32, FontId, PointerButton, Pos2, Rect, Response, Sense, Stroke, Ui, Vec2, pos2};
 use supervol_decorations::named_borders;
-use supervol_format::cast::{narrow, single, whole};
+use supervol_format::cast::{single, whole};
 use supervol_scene::scene::{CameraSpec, ImageSpec, RAY_LIMIT, Scene};
 
 use super::picture::{color, pixels_of, place, wheel_steps};
-use super::{heading, slices, wide_slider};
+use super::{coordinate, extent_in_words, heading, slices, voxel_slider, wide_slider};
 use crate::planes::{self, axis_name};
-use crate::sections::{Layout, describe_point, short};
+use crate::sections::{Layout, describe_point};
 use crate::viewer::Viewer;
 use crate::worker::{Message, OpenVolume, PANELS, Probe};
 use crate::{edit, navigate};
@@ -144,18 +142,19 @@ fn turn(viewer: &mut Viewer, axis: usize, turned: impl FnOnce(&CameraSpec) -> Ca
     }
 }
 
-/// Requests a probe at a position of a panel, or of the picture, unless it is the last one. Returns its number.
+/// Requests a probe at a position of a panel, or of the picture, unless it is the last one. Returns its number, or `None`
+/// if the present scene is not requested yet: the picture that follows then asks again.
 pub(super) fn probe(viewer: &mut Viewer, opened: &OpenVolume, panel: Option<usize>, at: [f64; 2]) -> Option<u64> {
-    let image = match panel {
-        Some(axis) => viewer.sections.panels[axis].shown.as_ref().map(|shown| shown.image.size),
-        None => viewer.picture.as_ref().map(|picture| picture.image.size),
+    let picture = viewer.sections.requested(panel)?;
+    let scene = match panel {
+        Some(axis) => viewer.sections.panels[axis].scene.as_ref()?,
+        None => &viewer.scene,
     };
-    let size = image?;
+    let size = [scene.image.width, scene.image.height];
     let share = [0.5 * (1.0 + at[0]), 0.5 * (1.0 - at[1])];
-    let pixel = [0, 1]
-        .map(|a| whole::<u32>((share[a] * size[a] as f64).max(0.0)).min(narrow::<u32>(size[a].saturating_sub(1))));
+    let pixel = [0, 1].map(|a| whole::<u32>((share[a] * f64::from(size[a])).max(0.0)).min(size[a].saturating_sub(1)));
     let number = viewer.sections.asked.map_or(0, |asked| asked.number);
-    let next = Probe { number, volume: opened.number, panel, pixel };
+    let next = Probe { number, volume: opened.number, panel, picture, pixel };
     if viewer.sections.asked == Some(next) {
         return Some(number);
     }
@@ -238,14 +237,11 @@ fn draw_text(painter: &eframe::egui::Painter, at: Pos2, align: Align2, words: &s
 
 fn title(viewer: &Viewer, opened: &OpenVolume, axis: usize) -> String {
     let voxel = viewer.sections.cursor[axis];
-    let place = opened.survey.as_ref().map(|survey| {
-        let [first, step] = survey.scales()[axis];
-        let unit = if axis == 2 { &*opened.container.manifest().axes[2].unit } else { "" };
-        format!("{} {unit}", short(first + step * voxel)).trim_end().to_owned() + " "
-    });
+    let scale = &opened.coordinates.axes()[axis];
+    let at = format!("{} {}", coordinate(scale, voxel), scale.unit);
     let failed = viewer.sections.panels[axis].shown.as_ref().map_or(0, |shown| shown.stats.bricks_failed);
     let failed = if failed > 0 { format!(", {failed} bricks failed") } else { String::new() };
-    format!("{} {}voxel {voxel}{failed}", axis_name(opened, axis), place.unwrap_or_default())
+    format!("{} {}, voxel {voxel}{failed}", axis_name(opened, axis), at.trim_end())
 }
 
 /// Draws value and position of the point under the mouse, when they are known.
@@ -256,7 +252,9 @@ pub(super) fn draw_point_description(
     painter: &eframe::egui::Painter,
     rect: Rect,
 ) {
-    let Some(probed) = viewer.sections.probed().filter(|probed| probed.probe.panel == panel) else { return };
+    let is_present = panel.is_some() || viewer.is_up_to_date();
+    let is_asked = |probe: &Probe| probe.panel == panel && probe.volume == opened.number;
+    let Some(probed) = viewer.sections.probed().filter(|probed| is_present && is_asked(&probed.probe)) else { return };
     let corner = rect.left_bottom() + Vec2::new(MARGIN, -MARGIN);
     match &probed.found {
         Ok(Some(picked)) => draw_text(painter, corner, Align2::LEFT_BOTTOM, &describe_point(picked, opened)),
@@ -290,11 +288,10 @@ pub(super) fn controls(viewer: &mut Viewer, ui: &mut Ui) {
     let mut cursor = viewer.sections.cursor;
     for (axis, place) in cursor.iter_mut().enumerate() {
         let name = axis_name(&opened, axis);
-        let last = (opened.facts.dims.0[axis] - 1) as f64;
         ui.label(format!("Cursor, {name}"));
         wide_slider(ui);
-        ui.add(Slider::new(place, 0.0..=last).clamping(SliderClamping::Edits).integer())
-            .on_hover_text(format!("Voxel along {name} of the section, 0 to {last}"))
+        ui.add(voxel_slider(place, &opened.coordinates.axes()[axis]))
+            .on_hover_text(format!("Place of the section: {}", extent_in_words(&opened.coordinates.axes()[axis])))
             .accessible_name(format!("Cursor, {name}"));
     }
     if cursor != viewer.sections.cursor {

@@ -6,7 +6,7 @@ use supervol_scene::scene::Mode;
 use supervol_scene::slices::filter::{FilterKind, FilterSpec};
 use supervol_scene::slices::{Interpolation, SLICE_LIMIT, SliceSpec};
 
-use super::{heading, wide_slider};
+use super::{extent_in_words, heading, voxel_slider, wide_slider};
 use crate::planes::{self, Place};
 use crate::viewer::Viewer;
 use crate::worker::{Message, OpenVolume};
@@ -80,10 +80,15 @@ fn adders(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
 fn place(slice: &mut SliceSpec, opened: &OpenVolume, number: usize, ui: &mut Ui) {
     let Place { axis, mut at, range: [least, most], .. } = planes::place_of(slice, &opened.facts);
     wide_slider(ui);
-    let slider = Slider::new(&mut at, least..=most).clamping(SliderClamping::Edits);
     let (slider, words) = match axis {
-        Some(axis) => (slider.integer(), format!("Voxel along {}, 0 to {most}", planes::axis_name(opened, axis))),
-        None => (slider.max_decimals(2), "World length along the normal from the volume's middle".into()),
+        Some(axis) => {
+            let scale = &opened.coordinates.axes()[axis];
+            (voxel_slider(&mut at, scale), format!("Place of the slice: {}", extent_in_words(scale)))
+        }
+        None => (
+            Slider::new(&mut at, least..=most).clamping(SliderClamping::Edits).max_decimals(2),
+            "World length along the normal from the volume's middle".into(),
+        ),
     };
     if ui.add(slider).on_hover_text(words).accessible_name(format!("Slice {number}, place")).changed() {
         planes::move_to(slice, &opened.facts, at);

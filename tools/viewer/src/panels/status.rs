@@ -12,10 +12,10 @@ use crate::worker::{Busy, Message};
 const MARGIN: f32 = 10.0;
 
 /// Explanation of [`accuracy`].
-const ACCURACY: &str = "Difference from the picture of all data in full detail. A screen shows grey levels 0 (black) to \
-                        255 (white). Asked: the difference that is aimed for; half a level cannot be seen. Stated: the most \
-                        that the worst pixel may differ; most pixels differ far less. It is known once nothing is refined \
-                        any more";
+const ACCURACY: &str = "Difference from the picture of all data in full detail, in grey levels from 0 (black) to 255 \
+                        (white). Asked: the largest allowed difference; half a level is invisible. Stated: the largest \
+                        possible difference of the worst pixel; most pixels differ far less. It is known when the picture is \
+                        finished";
 
 /// Height that the status line has taken in a window of this width. It never decreases. The text of a converged picture
 /// is longer than that of an unfinished one. If it took another line, the picture would shrink, start again, and so on

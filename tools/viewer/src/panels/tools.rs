@@ -3,7 +3,7 @@
 use eframe::egui::{self, Button, Slider, SliderClamping, Ui};
 use supervol_scene::preset::view::Direction;
 
-use super::{heading, wide_slider};
+use super::{extent_in_words, heading, voxel_slider, wide_slider};
 use crate::command::{Command, keys_of};
 use crate::edit;
 use crate::planes::axis_name;
@@ -139,11 +139,10 @@ fn slice(viewer: &mut Viewer, ui: &mut Ui) {
         viewer.set_slice(chosen.map(|axis| (axis, opened.facts.dims.0[axis] / 2)));
     }
     if let Some((axis, mut at)) = viewer.slice.as_ref().map(|slice| (slice.axis, slice.at)) {
-        let last = opened.facts.dims.0[axis] - 1;
         wide_slider(ui);
-        let words = format!("Voxel along {}, 0 to {last}", axis_name(&opened, axis));
-        let response =
-            ui.add(Slider::new(&mut at, 0..=last).clamping(SliderClamping::Edits).integer()).on_hover_text(words);
+        let scale = &opened.coordinates.axes()[axis];
+        let words = format!("Place of the slice: {}", extent_in_words(scale));
+        let response = ui.add(voxel_slider(&mut at, scale)).on_hover_text(words);
         if response.accessible_name("Place of the slice").changed() {
             viewer.set_slice(Some((axis, at)));
         }
@@ -151,7 +150,7 @@ fn slice(viewer: &mut Viewer, ui: &mut Ui) {
 }
 
 fn crop(viewer: &mut Viewer, ui: &mut Ui) {
-    heading(ui, "Crop, voxels");
+    heading(ui, "Crop");
     let Some(opened) = viewer.opened.clone().filter(|_| viewer.slice.is_none()) else {
         ui.weak("Not available while a slice is shown; its crop is that of the volume.");
         return;
@@ -164,10 +163,10 @@ fn crop(viewer: &mut Viewer, ui: &mut Ui) {
         let last = dims[axis] - 1;
         ui.label(&name).on_hover_text(format!("{name}: {} voxels, 0 to {last}", dims[axis]));
         for (end, what) in [(0, "first"), (1, "last")] {
-            let slider = Slider::new(&mut kept[axis][end], 0..=last).clamping(SliderClamping::Edits).integer();
             wide_slider(ui);
-            ui.add(slider)
-                .on_hover_text(format!("The {what} visible voxel along {name}"))
+            let scale = &opened.coordinates.axes()[axis];
+            ui.add(voxel_slider(&mut kept[axis][end], scale))
+                .on_hover_text(format!("The {what} visible voxel: {}", extent_in_words(scale)))
                 .accessible_name(format!("{name}, {what} voxel"));
         }
         let [first, end] = kept[axis];

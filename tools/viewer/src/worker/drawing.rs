@@ -192,24 +192,28 @@ impl DrawingState {
         }
     }
 
-    /// Determines the value under a pixel; the next request interrupts this.
+    /// Determines the value under a pixel of the present picture. The next request interrupts this, and then it is tried
+    /// again, unless there is a newer probe.
     pub(super) fn probe(&mut self, shared: &Shared, probe: Probe) {
         if probe.volume != self.opened.number {
             return;
         }
         let found = match (probe.panel, &mut self.sections) {
-            (Some(panel), Some(sections)) => {
+            (Some(panel), Some(sections)) if sections.shows(panel, probe.picture) => {
                 lock(&shared.requests).interrupt = Some(sections.canceller());
                 sections.pick(panel, probe.pixel)
             }
-            (None, _) if self.scene.is_some() => {
+            (None, _) if self.view.as_ref().is_some_and(|view| view.number == probe.picture) => {
                 lock(&shared.requests).interrupt = Some(self.renderer.canceller());
                 super::picked(self.renderer.pick(probe.pixel))
             }
-            _ => None,
+            _ => return,
         };
-        if let Some(found) = found {
-            shared.send(|messages| messages.probed = Some(ProbeAnswer { probe, found }));
+        match found {
+            Some(found) => shared.send(|messages| messages.probed = Some(ProbeAnswer { probe, found })),
+            None => {
+                lock(&shared.requests).probe.get_or_insert(probe);
+            }
         }
     }
 

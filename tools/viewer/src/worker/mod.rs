@@ -41,6 +41,7 @@ use std::time::Instant;
 use eframe::egui::ColorImage;
 use serde::{Deserialize, Serialize};
 use supervol_format::Container;
+use supervol_format::coordinates::Coordinates;
 use supervol_preprocess::kept::Reading;
 use supervol_preprocess::preview::Preview;
 use supervol_preprocess::report::Progress as BuildProgress;
@@ -180,6 +181,8 @@ pub struct OpenVolume {
     pub facts: VolumeFacts,
     /// Line numbers and times or depths of a survey.
     pub survey: Option<Survey>,
+    /// Coordinates of the volume's places.
+    pub coordinates: Coordinates,
     /// Overview from a coarse level, if one is small enough.
     pub overview: Option<Overview>,
     /// Vertical exaggeration: factor of heights or depths.
@@ -218,6 +221,8 @@ pub struct Probe {
     pub volume: u64,
     /// Panel; `None`: the picture.
     pub panel: Option<usize>,
+    /// Number of the request of the picture that has the pixel. Other pictures give no answer.
+    pub picture: u64,
     /// Pixel (x, y), from the upper left.
     pub pixel: [u32; 2],
 }

@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 use supervol::Volume;
 use supervol_arguments::flags;
 use supervol_format::Container;
+use supervol_format::coordinates::Coordinates;
 use supervol_preprocess::kept::{Cache, Told};
 use supervol_preprocess::preview::Preview;
 use supervol_preprocess::{BuildError, BuildOptions};
@@ -47,6 +48,7 @@ fn opened(
     let container = volume.container().clone();
     let has_requested_camera = request.scene.camera.is_some();
     let survey = Survey::of(container.manifest());
+    let coordinates = Coordinates::of(&container);
     let Open { path: source, reading, exaggeration, .. } = request;
     Ok(Arc::new(OpenVolume {
         number,
@@ -57,6 +59,7 @@ fn opened(
         container,
         facts,
         survey,
+        coordinates,
         overview,
         exaggeration,
         scene,

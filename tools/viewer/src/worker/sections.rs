@@ -116,7 +116,12 @@ impl Sections {
         }
     }
 
-    /// The point under a pixel of a panel.
+    /// Whether the present section of a panel is the one of this request.
+    pub(super) fn shows(&self, number: usize, request: u64) -> bool {
+        self.panels[number].as_ref().is_some_and(|panel| panel.view.number == request)
+    }
+
+    /// The point under a pixel of a panel; `None` if it was interrupted, or if the panel shows nothing.
     pub(super) fn pick(&mut self, number: usize, pixel: [u32; 2]) -> Option<Result<Option<Picked>, String>> {
         let panel = self.panels[number].as_ref()?;
         self.renderer.set_scene(panel.scene.clone());

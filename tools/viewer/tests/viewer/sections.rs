@@ -9,7 +9,8 @@ use eframe::egui::{
 use supervol_export::extract::{Extraction, extract};
 use supervol_format::{Lod, VoxelBox, VoxelType};
 use supervol_preprocess::Existing;
-use supervol_scene::scene::{Mode, Scene};
+use supervol_runtime::render::renderer::Picked;
+use supervol_scene::scene::{CameraSpec, IsoSpec, Mode, Scene};
 use supervol_scene::slices::Interpolation;
 use supervol_viewer::sections::{Layout, describe_point, place, short};
 
@@ -200,6 +201,64 @@ fn the_point_under_the_mouse_is_told_with_its_value() {
     session.until("the cursor is there", |s| s.viewer().sections().cursor() == picked.index.map(f64::round));
     session.rest();
     (0..3).for_each(|axis| session.assert_section_is_as_rendered(axis));
+}
+
+/// The point under a resting mouse, when it is known.
+fn point_at_rest(session: &mut Session) -> Picked {
+    session.rest();
+    session.until("it is known", |s| s.viewer().sections().probed().is_some());
+    session.viewer().sections().probed().expect("an answer").found.clone().expect("no error").expect("a point")
+}
+
+#[test]
+fn the_value_follows_the_section_under_a_resting_mouse() {
+    let mut session = Session::of("ramp");
+    session.rest();
+    session.press(Modifiers::NONE, Key::T);
+    session.rest();
+    // The ramp rises along x, so the panel across x shows one value everywhere.
+    let over = session.node(NAMES[0]).rect().center() + Vec2::new(20.0, 9.0);
+    session.harness.hover_at(over);
+    let first = point_at_rest(&mut session);
+    assert_eq!(first.index[0], 32.0);
+    let check = |session: &mut Session, at: f64, what: &str| {
+        let picked = point_at_rest(session);
+        assert_eq!((picked.index[0], session.viewer().sections().cursor()[0]), (at, at), "{what}");
+        let voxel = [at, 20.0, 20.0].map(|i| i as u64);
+        assert!((picked.value - stored(session, voxel)).abs() < 1e-6, "{what}: {picked:?}");
+        assert!(picked.value != first.value, "{what}: {picked:?}");
+    };
+    wheel(&mut session, over, 5.0, Modifiers::NONE);
+    check(&mut session, 37.0, "wheel");
+    session.set("Cursor, x", 11.0);
+    check(&mut session, 11.0, "slider");
+    // No frame tells the value of another section than the requested one.
+    for cursor in (12..40).map(f64::from) {
+        session.set("Cursor, x", cursor);
+        let probed = session.viewer().sections().probed();
+        let told = probed.map(|probed| probed.found.clone().expect("no error").expect("a point").index[0]);
+        assert!(told.is_none_or(|at| at == cursor), "{told:?} at {cursor}");
+    }
+    // The picture: another surface, another clip plane.
+    session.press(Modifiers::NONE, Key::T);
+    session.rest();
+    let surface = |value: f64| {
+        move |scene: &mut Scene| {
+            scene.mode = Some(Mode::Iso);
+            scene.iso = vec![IsoSpec { value, color: [1.0; 3], alpha: 1.0 }];
+        }
+    };
+    session.edit(surface(first.value));
+    session.harness.hover_at(session.node("Picture").rect().center());
+    let before = point_at_rest(&mut session);
+    assert!((before.value - first.value).abs() < 1e-6, "{before:?}");
+    session.edit(surface(0.9 * first.value));
+    let after = point_at_rest(&mut session);
+    assert!((after.value - 0.9 * first.value).abs() < 1e-6 && after.index[0] < before.index[0], "{after:?}");
+    let camera = session.viewer().scene().camera.clone().expect("a camera");
+    session.edit(|scene| scene.camera = Some(CameraSpec { eye: camera.eye.map(|x| 1.1 * x), ..camera }));
+    let moved = point_at_rest(&mut session);
+    assert!(moved.index != after.index, "{moved:?}");
 }
 
 #[test]

@@ -144,14 +144,15 @@ impl View {
         let (sin_e, cos_e) = elevation.to_radians().sin_cos();
         let level = cos_a * front + sin_a * right;
         let outward = (cos_e * level + sin_e * up).normalize();
-        // Straight from above or below, the picture's up direction points away from the front, as on a map. For
-        // patients it points to the front.
-        let up = match (cos_e.abs() < 1e-6, facts.frame.is_patient()) {
-            (false, _) => up,
-            (true, true) => level,
-            (true, false) => -level * sin_e.signum(),
-        };
         let is_face_on = direction == Direction::Top || direction == Direction::Bottom;
+        // Straight from above or below, the picture's up direction is north, or points away from the front, as on a map.
+        // For patients it points to the front.
+        let up = match (cos_e.abs() < 1e-6, facts.frame.is_patient(), facts.north) {
+            (false, ..) => up,
+            (true, true, _) => level,
+            (true, false, Some(north)) if is_face_on => north.into(),
+            (true, false, _) => -level * sin_e.signum(),
+        };
         Self { outward, up, is_face_on, distance: None, zoom: 1.0 }
     }
 
@@ -160,6 +161,11 @@ impl View {
     pub fn section(facts: &VolumeFacts, axis: usize) -> Self {
         let along = axes(facts);
         let (right, up) = match facts.frame {
+            // A map, seen from above.
+            Frame::Survey if axis == 2 && facts.north.is_some() => {
+                let north = facts.north.map_or(along[1], DVec3::from_array);
+                (north.cross(front_and_up(facts).1), north)
+            }
             Frame::Survey if axis == 2 => (along[0], front_and_up(facts).0 * -1.0),
             Frame::Survey => (along[1 - axis], -along[2]),
             Frame::RightAnteriorSuperior | Frame::LeftPosteriorSuperior => patient_section(facts, along[axis]),

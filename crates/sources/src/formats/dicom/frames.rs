@@ -33,9 +33,25 @@ const RLE_HEADER_BYTES: usize = 64;
 const RLE_SEGMENTS: usize = 15;
 
 impl Image {
-    /// Size of a decoded frame in bytes.
+    /// Size of a decoded frame in bytes. A single bit becomes a byte.
     pub(super) fn frame_bytes(&self) -> u64 {
-        u64::from(self.rows) * u64::from(self.columns) * u64::from(self.samples) * u64::from(self.allocated / 8)
+        self.frame_numbers() * u64::from(self.allocated.div_ceil(8))
+    }
+
+    /// Numbers of a frame.
+    fn frame_numbers(&self) -> u64 {
+        u64::from(self.rows) * u64::from(self.columns) * u64::from(self.samples)
+    }
+
+    /// Whether the numbers are single bits, 0 or 1, eight to a byte.
+    pub(super) fn has_bits(&self) -> bool {
+        self.allocated == 1
+    }
+
+    /// Size in the file of uncompressed frames. Frames of single bits follow each other without padding.
+    pub(super) fn stored_bytes(&self, frames: u64) -> u64 {
+        let numbers = self.frame_numbers().saturating_mul(frames);
+        if self.has_bits() { numbers.div_ceil(8) } else { numbers.saturating_mul((self.allocated / 8).into()) }
     }
 }
 
@@ -74,6 +90,7 @@ impl<'a> Frames<'a> {
     pub(super) fn read(&self, frame: u64) -> Result<Vec<u8>, SourceError> {
         let bytes = self.image.frame_bytes();
         let decoded = match self.compression {
+            Compression::None if self.image.has_bits() => self.read_bits(frame),
             Compression::None => {
                 let mut out = vec![0; index(bytes)];
                 let at = self.pixels.offset + frame * bytes;
@@ -98,6 +115,19 @@ impl<'a> Frames<'a> {
             decoded = interleaved(&decoded, self.image);
         }
         Ok(decoded)
+    }
+
+    /// Numbers of an uncompressed frame of single bits: PS3.5, section 8.1.1. The first pixel is the lowest bit.
+    fn read_bits(&self, frame: u64) -> Result<Vec<u8>, String> {
+        let count = self.image.frame_numbers();
+        let (first, end) = (frame * count, (frame + 1) * count);
+        let mut packed = vec![0; index(end.div_ceil(8) - first / 8)];
+        self.file.read_exact_at(self.pixels.offset + first / 8, &mut packed).map_err(|e| e.to_string())?;
+        let bit = |at: u64| {
+            let at = at - first / 8 * 8;
+            packed[index(at / 8)] >> (at % 8) & 1
+        };
+        Ok((first..end).map(bit).collect())
     }
 
     /// The fragments of a frame, concatenated.

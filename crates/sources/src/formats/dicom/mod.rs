@@ -9,7 +9,7 @@
 //! if they change no number. The padding value is nodata, unless it is 0. `frame`
 //! chooses one of several volumes at the same place (time points, echoes), `channel` a colour.
 //! Uncompressed pixels are read in place. Compressed ones (RLE, JPEG, JPEG 2000) are decoded once into a spool file,
-//! one frame at a time. Single bits, JPEG-LS, JPEG XL and video are refused by name.
+//! one frame at a time. Single bits become bytes. JPEG-LS, JPEG XL and video are refused by name.
 
 mod data_set;
 mod frames;
@@ -328,9 +328,8 @@ impl<'a> Volume<'a> {
     /// Refuses files that are too short for their frames, and frames that are too large to be decoded.
     fn check_lengths(&self) -> Result<(), SourceError> {
         checked_bytes(self.path, self.dims(), self.stored)?;
-        let frame_bytes = self.image.frame_bytes();
         for (Member { path, header }, pixels) in self.members.iter().zip(&self.pixels) {
-            let needed = frame_bytes.saturating_mul(header.frame_count);
+            let needed = self.image.stored_bytes(header.frame_count);
             let is_compressed = header.syntax.compression != Compression::None;
             match pixels.length {
                 None if is_compressed => {}
@@ -351,6 +350,7 @@ impl<'a> Volume<'a> {
         let endian = self.members[0].header.syntax.spelling.endian;
         let is_in_place = self.scaling == Scaling::Same
             && self.slices.iter().all(|slice| !slice.is_empty)
+            && !self.image.has_bits()
             && (!self.image.is_planar || self.image.samples == 1)
             && self.members.iter().all(|member| {
                 let syntax = member.header.syntax;
@@ -460,11 +460,7 @@ fn voxel_type(path: &Path, image: &Image, tag: u32) -> Result<VoxelType, SourceE
         (_, 16, true) => Ok(VoxelType::I16),
         (_, 32, false) => Ok(VoxelType::U32),
         (_, 32, true) => Ok(VoxelType::I32),
-        (_, 1, _) => {
-            let what = "a segmentation of single bits, which is not read";
-            let advice = "convert it to one number per voxel first, for example with highdicom or 3D Slicer to NRRD";
-            Err(SourceError::unsupported(path, what, advice))
-        }
+        (_, 1, _) => Ok(VoxelType::U8),
         (_, bits, _) => {
             let advice = "convert it first: segmentations for example with highdicom or 3D Slicer to NRRD";
             Err(SourceError::unsupported(path, format!("pixels of {bits} bits are not read"), advice))
@@ -486,6 +482,10 @@ fn numbers(path: &Path, image: &Image, tag: u32, is_raw: bool) -> Result<Numbers
     let is_float = matches!(tag, FLOAT_PIXEL_DATA | DOUBLE_PIXEL_DATA);
     if is_float && !is_raw {
         return Err(SourceError::invalid(path, "pixels", "floats as they are", "floats in compressed frames"));
+    }
+    if image.has_bits() && !is_raw {
+        let advice = "decompress it first, for example with `gdcmconv --raw` or `dcmdrle`";
+        return Err(SourceError::unsupported(path, "single bits in compressed frames are not read", advice));
     }
     if is_float || stored == allocated {
         return Ok(Numbers::AsStored);

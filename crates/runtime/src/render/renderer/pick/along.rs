@@ -90,6 +90,13 @@ impl FieldCubic {
         a + x * (b + x * (c + x * d))
     }
 
+    /// The mean from 0 to 1.
+    #[must_use]
+    pub fn mean(&self) -> f64 {
+        let [a, b, c, d] = self.0;
+        a + b / 2.0 + c / 3.0 + d / 4.0
+    }
+
     /// 0, the extrema of the field in between, and 1.
     #[must_use]
     pub fn turns(&self) -> Vec<f64> {

@@ -11,9 +11,10 @@
 //! | `iso` | the first surface, or slice, that is not fully transparent |
 //! | `mip`, `minip` | the first place of the extreme |
 //! | `slice` | the first slice that is not fully transparent |
-//! | `mean` | none: all points of a ray count alike |
+//! | `mean` | of a slab of the grid seen face on: the middle of the slab, see [`section`]; else none: a mean has no depth |
 
 mod along;
+mod section;
 
 use std::ops::ControlFlow;
 
@@ -52,7 +53,7 @@ pub enum PickedOn {
     Surface(usize),
     /// The greatest or least value on the ray.
     Extreme,
-    /// The scene's slice of this number.
+    /// The scene's slice of this number; 0 for a section across an axis of the grid, seen face on.
     Slice(usize),
 }
 
@@ -96,12 +97,13 @@ pub(super) fn pick(
     [x, y]: [u32; 2],
     stop: &Stop,
 ) -> Result<Option<Picked>, RenderError> {
-    if scene.mode == Mode::Mean {
-        return Err(RenderError::NoPlace);
-    }
     let geometry = InUnits::of(resident.container()).geometry;
     let to_index = ToIndex::new(&geometry);
     let ray = scene.camera.coarser(scene.subgrid).ray(x, y);
+    let slab = section::thickness(scene, &geometry, resident.container().descriptor().dims());
+    if scene.mode == Mode::Mean && slab.is_none() {
+        return Err(RenderError::NoPlace);
+    }
     let lod = level_to_check(resident.container(), options.level);
     let mut walk = Walk::new(resident, scene, (ray, to_index.ray(&ray)), (lod, options), stop)?;
     let found = match scene.mode {
@@ -109,7 +111,8 @@ pub(super) fn pick(
         Mode::Iso => walk.first_surface()?,
         Mode::Mip => walk.extreme(1.0)?,
         Mode::Minip => walk.extreme(-1.0)?,
-        Mode::Slice | Mode::Mean => walk.first_slice()?,
+        Mode::Slice => walk.first_slice()?,
+        Mode::Mean => walk.middle_of_slab(slab.unwrap_or(0.0))?,
     };
     Ok(found.map(|(on, t, value)| {
         let point = ray.origin + t * ray.direction;
@@ -126,6 +129,9 @@ struct Walk<'a> {
     index_ray: IndexRay,
     /// The ray in index space of the sampled level.
     level_ray: IndexRay,
+    /// The ray in the clip box and in front of the clip planes; `None` if it misses them.
+    whole: Option<Segment>,
+    /// The parts of `whole` that all solids keep.
     parts: Vec<Segment>,
     /// Slices that are not clipped: number, t and value, front to back.
     slices: Vec<(usize, f64, f64)>,
@@ -159,7 +165,7 @@ impl<'a> Walk<'a> {
         let crossed = whole.map_or_else(Vec::new, |whole| crossings(&scene.slices, &ray, whole));
         let crossed = crossed.into_iter().filter(|(t, _)| is_kept(*t));
         let slices = crossed.map(|(t, number)| (number, t, f64::NAN)).collect();
-        let mut walk = Self { scene, sampler, index_ray, level_ray, parts, slices, chunk: Chunk::default() };
+        let mut walk = Self { scene, sampler, index_ray, level_ray, whole, parts, slices, chunk: Chunk::default() };
         for place in 0..walk.slices.len() {
             let (number, t, _) = walk.slices[place];
             let SlicePlane { interpolation, .. } = scene.slices[number];

@@ -1,7 +1,8 @@
-//! Geometry of a seismic survey: line numbers, corners, samples.
+//! Geometry of a seismic survey: line numbers, corners, samples. A container stores it in its manifest.
 
 use serde::{Deserialize, Serialize};
-use supervol_format::container::manifest::Manifest;
+
+use crate::container::manifest::Manifest;
 
 /// Geometry of a seismic survey, from the trace headers.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
