@@ -120,17 +120,15 @@ impl Coordinates {
                     2 => (ScaleKind::Measured, manifest.axes[2].unit.clone()),
                     _ => (ScaleKind::Counted, String::new()),
                 };
-                let name = [&manifest.axes[0], &manifest.axes[1], &manifest.axes[2]][axis].name.clone();
+                let name = manifest.axes[axis].name.clone();
                 AxisScale { axis, name, unit, first, step, count: dims.0[axis], kind }
             }
             None => {
                 let world = world_axes[axis];
-                let AxisScale { first, step, .. } = world_scale(axis, world, dims, &geometry);
                 let named = &manifest.axes[axis];
                 let is_plain = named.name.is_empty() || WORLD_NAMES.contains(&&*named.name);
                 let name = if is_plain { WORLD_NAMES[world].into() } else { named.name.clone() };
-                let kind = ScaleKind::Measured;
-                AxisScale { axis, name, unit: named.unit.clone(), first, step, count: dims.0[axis], kind }
+                AxisScale { name, unit: named.unit.clone(), ..world_scale(axis, world, dims, &geometry) }
             }
         };
         let map = survey.as_ref().and_then(|survey| map_geometry(survey, &geometry));
@@ -188,10 +186,8 @@ impl Coordinates {
         let sections = SECTION_NAMES.iter().position(|known| *known == name).filter(|_| self.is_patient);
         let world = WORLD_NAMES.iter().position(|known| *known == name).or(sections)?;
         let axis = self.world_axes.iter().position(|known| *known == world)?;
-        let AxisScale { first, step, .. } = world_scale(axis, world, self.dims, &self.geometry);
-        let (count, kind) = (self.dims.0[axis], ScaleKind::Measured);
         let unit = if self.is_survey { String::new() } else { self.axes[axis].unit.clone() };
-        Some(AxisScale { axis, name: name.into(), unit, first, step, count, kind })
+        Some(AxisScale { name: name.into(), unit, ..world_scale(axis, world, self.dims, &self.geometry) })
     }
 
     /// Names that [`Self::scale`] knows, for messages.

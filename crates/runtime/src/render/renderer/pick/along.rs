@@ -4,6 +4,8 @@
 
 use supervol_scene::transfer_function::TransferFunction;
 
+use crate::engines::cells::cell::cubic_mean;
+
 /// Sampling positions in a piece, in x: all inside, so that no voxel of a neighbouring cell is read. They are Chebyshev
 /// nodes, which give the ends with hardly more rounding.
 pub const NODES: [f64; 4] =
@@ -93,8 +95,7 @@ impl FieldCubic {
     /// The mean from 0 to 1.
     #[must_use]
     pub fn mean(&self) -> f64 {
-        let [a, b, c, d] = self.0;
-        a + b / 2.0 + c / 3.0 + d / 4.0
+        cubic_mean(&self.0)
     }
 
     /// 0, the extrema of the field in between, and 1.
