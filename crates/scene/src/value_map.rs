@@ -33,6 +33,8 @@ pub struct ValueMap {
     source_scale: f64,
     /// See `source_scale`.
     source_offset: f64,
+    /// Added to integers of at most 16 bits to store them unsigned.
+    bias: f64,
 }
 
 impl ValueMap {
@@ -51,7 +53,8 @@ impl ValueMap {
         let middle = if range.is_empty() { 0.0 } else { 0.5 * range.min + 0.5 * range.max };
         let shift = if middle.is_finite() && middle.abs() > range.width() { middle } else { 0.0 };
         let (source_scale, source_offset) = (scale, offset);
-        let (scale, offset, absent) = match integer_bias(voxel_type) {
+        let bias = integer_bias(voxel_type);
+        let (scale, offset, absent) = match bias {
             Some(bias) => {
                 let (low, high) = voxel_type.limits();
                 let hole = nodata.filter(|v| v.fract() == 0.0 && (low..=high).contains(v));
@@ -61,7 +64,7 @@ impl ValueMap {
             // Values of these types become render values when a brick is decoded, in `f64`.
             None => (1.0, 0.0, None),
         };
-        Self { scale, offset, shift, absent, source_scale, source_offset }
+        Self { scale, offset, shift, absent, source_scale, source_offset, bias: bias.unwrap_or(0.0) }
     }
 
     /// Render value of a stored number.
@@ -83,6 +86,13 @@ impl ValueMap {
     #[must_use]
     pub fn to_data(&self, render: f32) -> f64 {
         f64::from(render) + self.shift
+    }
+
+    /// Data value of a stored number that is an integer, without the roundings of render values.
+    #[inline]
+    #[must_use]
+    pub fn data_of_stored(&self, number: f64) -> f64 {
+        (number - self.bias) * self.source_scale + self.source_offset
     }
 
     /// Render value of a number as the container stores it. Monotone, so that ranges map to ranges.

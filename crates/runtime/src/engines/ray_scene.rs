@@ -8,7 +8,7 @@ use supervol_scene::camera::{Camera, Ray};
 use supervol_scene::clip::{Clip, IndexRay, Segment, clip_parts};
 use supervol_scene::image::Image;
 use supervol_scene::scene::{IsoSpec, Mode, ResolvedScene};
-use supervol_scene::transfer_function::RenderTransferFunction;
+use supervol_scene::transfer_function::{RenderTransferFunction, TransferFunction};
 use supervol_scene::value_map::ValueMap;
 
 use super::cells::shade::Lighting;
@@ -65,6 +65,8 @@ pub struct RayScene {
     pub(crate) clip: Clip,
     pub(crate) mode: Mode,
     pub(crate) transfer_function: RenderTransferFunction,
+    /// The same over data values, in `f64`.
+    pub(crate) data_transfer_function: TransferFunction,
     pub(crate) lighting: Option<Lighting>,
     pub(crate) iso: Vec<IsoSurface>,
     /// Whether crossings are listed, all of them, and not composited.
@@ -93,6 +95,8 @@ impl RayScene {
             color: s.color.map(single),
             alpha: single(s.alpha),
         };
+        // Surfaces are drawn apart from the volume around them.
+        let volume_only = scene.transfer_function.without_surfaces();
         Self {
             field: Field::FIRST,
             pyramid: pyramid.clone(),
@@ -102,8 +106,8 @@ impl RayScene {
             rows: 0..scene.camera.height,
             clip: scene.clip.clone(),
             mode: scene.mode,
-            // Surfaces are drawn apart from the volume around them.
-            transfer_function: RenderTransferFunction::new(&scene.transfer_function.without_surfaces(), map.shift),
+            transfer_function: RenderTransferFunction::new(&volume_only, map.shift),
+            data_transfer_function: volume_only,
             lighting: scene.shading.as_ref().map(|s| Lighting::new(s, geometry, value_range.width())),
             iso: scene.iso.iter().map(surface).collect(),
             lists_crossings: false,

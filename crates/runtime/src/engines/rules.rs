@@ -14,14 +14,23 @@ pub const DEFAULT_ERROR: f64 = 0.5 / 255.0;
 /// Opacity at which a ray of the cell caster, and a ray of any caster in mode `iso`, ends. What lies behind changes no channel
 /// by more than 0.08/255, and no mean of channels by a tenth of a grey level.
 pub const TERMINATION_OPACITY: f64 = 0.9997;
+/// Opacity that no ray has.
+pub const NEVER: f64 = 2.0;
+/// Share of E that cells of packets may be off by per opacity: no ray gathers more than one whole. A greater share left less to cells
+/// that need more, and took more time on six of seven pictures (045).
+pub const BY_OPACITY: f64 = 0.15;
+/// Part of what is left of a ray's reserve that one cell may use. With 0.03 to 0.05 time is least, and 0.15 takes up to seven times
+/// as much: cells that come late are cut too finely (045).
+pub const RESERVE_SHARE: f32 = 0.05;
+/// Least share of E that is kept for the reserve, whatever rounding takes.
+const LEAST_RESERVE: f64 = 0.1;
 /// Share of E that is left out behind the point where a ray ends in mode `dvr`: a bound (006).
 pub const END_SHARE: f64 = 0.15;
-/// Share of E that extinction, in parts of itself, may be off by: the fit of the transfer function's pieces. Half of it left
-/// the worst charted picture as it is: 8.56 levels off for 8.74 (006).
-pub const FIT_SHARE: f64 = 0.25;
+/// Share of E that extinction, in parts of itself, may be off by: the fit of the transfer function's pieces; emission as much.
+pub const FIT_SHARE: f64 = 0.05;
 /// Share of E that one cell may be off by: errors have either sign, and few cells of a ray are near it. A share of 0.42 saved
 /// 1 to 5 % of the time and cost the margin (006).
-const CELL_SHARE: f64 = 0.28;
+const DEVICE_CELL_SHARE: f64 = 0.28;
 /// Greatest E of which a cell gets the full share. Of greater ones, fewer cells are cut into parts whose error falls far below
 /// it, and more cells of a ray are near it.
 const FULL_SHARE_UP_TO: f64 = 0.5 / 255.0;
@@ -40,7 +49,15 @@ pub const LEAST_AIMED: f64 = 0.25 / 255.0;
 /// Error that one cell may have.
 #[must_use]
 pub fn cell_error(max_error: f64) -> f64 {
-    CELL_SHARE * max_error * (FULL_SHARE_UP_TO / max_error).min(1.0).powf(FALL_OF_SHARE)
+    DEVICE_CELL_SHARE * max_error * (FULL_SHARE_UP_TO / max_error).min(1.0).powf(FALL_OF_SHARE)
+}
+
+/// Error that those cells of a ray of packets may have together which need more than [`BY_OPACITY`] gives them: what the other terms
+/// leave of E. `core`: see [`rounding_error`].
+#[must_use]
+pub fn reserve(max_error: f64, core: usize) -> f64 {
+    let left = (1.0 - BY_OPACITY - END_SHARE) * max_error - fit_error(max_error) - rounding_error(core);
+    left.max(LEAST_RESERVE * max_error)
 }
 
 /// Error of a ray by the fit of the transfer function's pieces: extinction and emission are each off by at most
@@ -81,9 +98,17 @@ pub const VALUE_ERROR: f32 = 5e-7;
 // One chord by antiderivatives: see `packets::integrate`, which derives the rule.
 
 /// Mean distance of a parabola from its mean, in parts of its bump: 0.2566, rounded up.
-pub const AVERAGE_OF_BUMP: f32 = 0.26;
+pub const AVERAGE_OF_BUMP: f32 = 0.2567;
 /// The same of a cubic's odd part, in parts of its coefficient: 1/32. The parabola's is rounded up by more than this is down.
-pub const AVERAGE_OF_CUBIC: f32 = 0.03;
+pub const AVERAGE_OF_CUBIC: f32 = 0.03126;
+/// Mean square distance of a parabola from its mean, in parts of the square of its bump.
+pub const SQUARE_OF_BUMP: f32 = 4.0 / 45.0;
+/// The same of a cubic's odd part, in parts of the square of its coefficient.
+pub const SQUARE_OF_CUBIC: f32 = 1.0 / 840.0;
+/// Greatest integral of a parabola's distance from its mean, from its beginning on, in parts of its bump: `1 / (9 sqrt(3))`.
+pub const SWING_OF_BUMP: f32 = 0.06416;
+/// The same of a cubic's odd part, in parts of its coefficient.
+pub const SWING_OF_CUBIC: f32 = 1.0 / 64.0;
 /// Greatest distance of a cubic's odd part, in parts of its coefficient: 0.0481, rounded up.
 pub const GREATEST_OF_CUBIC: f32 = 0.05;
 /// Coefficient of the squared depth in `R(tau) ~ 1 / (12 + 6 tau + 1.2 tau^2)`: with it, R is within 6 % of the exact rational
@@ -94,6 +119,24 @@ pub const ORDER_SQUARE: f32 = 1.2;
 pub const OUT_OF_ORDER: f32 = 0.84;
 /// The same of colours that turn evenly: R is off by 6 %.
 pub const ORDER_REST: f32 = 0.06;
+/// What R is off by, in parts of the opacity and the squared depth: for evenly turning colours.
+pub const ORDER_OF_DEPTH: f32 = 6.8e-4;
+/// Where light of even extinction comes from, before the middle: `tau / (12 + LEAN_SQUARE tau^2)`, within `1e-5 tau^5` of the
+/// exact `coth(tau / 2) / 2 - 1 / tau`.
+pub const LEAN_SQUARE: f32 = 0.2;
+/// Its mean square distance from there: `1 / (12 + SPREAD_SQUARE tau^2)`, within `5e-5 tau^4`.
+pub const SPREAD_SQUARE: f32 = 0.6;
+/// Greatest distance of the integral of a density from that of the line with the same sum and moment, in parts of its greatest second
+/// derivative: 0.00802, rounded up.
+pub const OF_CURVE: f32 = 0.0081;
+/// The same where the line's moment is that of the density's ends: a moment that is off by 1/192 moves the integral by 1.5 times that.
+pub const OF_CURVES: f32 = 0.0159;
+/// In parts of a change of slope: 0.01616, rounded up.
+pub const OF_KINK: f32 = 0.0162;
+/// The same where the line's moment is that of the density's ends: 1/54, rounded up.
+pub const OF_UNSETTLED_KINK: f32 = 0.0186;
+/// In parts of the height of a step, where the line's moment is that of the density's ends: 1/8.
+pub const OF_STEP: f32 = 0.125;
 /// Share of a part by which light may be misplaced whose extinction is uneven. Tests of stated errors hold with it, on random
 /// chords (`stated_errors_are_errors` of both backends).
 pub const UNEVEN_MISPLACED: f32 = 0.6;
@@ -110,11 +153,16 @@ pub const PARTS_LIMIT: f32 = 64.0;
 /// 0.24 levels where 0.1 was asked for; with 512 and [`EXACT_FROM`] 8, by at most 0.04.
 pub const TRIES_LIMIT: f32 = 512.0;
 /// Shortest part, in cells.
-pub const LEAST_PART: f32 = 1.0 / 4096.0;
+pub const LEAST_PART: f32 = 1.0 / 16384.0;
 /// Parts that are not halved any more: half of one, and what is left over behind it, would be one part again.
 pub const SHORTEST: f32 = 2.0 * LEAST_PART;
+/// Length of parts, in cells, from which on a cell is integrated exactly if rounding alone makes more than its tolerance.
+pub const ROUNDED_BELOW: f32 = 1.0 / 64.0;
 /// Parts per square root of the error: what is left is then well below the tolerance. 1.0 made within 3 % as many parts.
 pub const PARTS_PER_ROOT: f32 = 1.4;
+/// Share of a cell's tolerance that its parts are cut for. The rest is for parts that are not halved any more: around the places where
+/// the gradient becomes too short for a normal.
+pub const PARTS_SHARE: f32 = 0.8;
 /// Least share of a cell's tolerance that a part may use up, however short it is: few parts of a cell are so hard.
 pub const LEAST_SHARE: f32 = 1.0 / 4.0;
 /// Share of what is allowed, below which the next part is twice as long. Another one made within 3 % as many parts.
@@ -123,12 +171,12 @@ pub const EASY: f32 = 1.0 / 8.0;
 pub const HARD: f32 = 16.0;
 /// Error left after refinement, in tolerances, from which a cell is integrated exactly. What parts miss has either sign, and
 /// roots are no better where a normal turns over.
-pub const EXACT_FROM: f32 = 8.0;
+pub const EXACT_FROM: f32 = 1.001;
 /// Share of a cell's tolerance that all but the light may use up, for the light alone to be made certain: parts of the cell
 /// would make the rest certain too. 0.6 left a seventh to a third fewer cells to refinement, in the same time.
 pub const REST_SHARE: f32 = 0.25;
 
-// Light: see `packets::shade`.
+// Light on the GPU: see `gpu::shader_light`.
 
 /// Share of f's second difference that its mean may be off by where f may have a kink: 1/6 at the worst place.
 pub const KINK_SHARE: f32 = 0.25;
@@ -141,10 +189,7 @@ pub const STEEP_SHARE: f32 = 1.0 / 6.0;
 pub const STEEP_FALL: f32 = STEEP_SHARE - BEND_SHARE;
 /// Share of f's range that its mean may be off by, for a colour that varies by 1.
 pub const COLOR_SHARE: f32 = 0.15;
-/// Multiple of what is uneven, where nothing else is uncertain any more: then it is not outweighed by what is estimated too
-/// high.
-pub const UNEVEN_SHARE: f32 = 4.0;
-/// Share of colours' range that their mean may be off by where some are cut off at 1: see `packets::shade::cut_from_colors`.
+/// Share of colours' range that their mean may be off by where some are cut off at 1: see `gpu::shader_light`.
 pub const CUT_SHARE: f32 = 0.25;
 /// Share of the diffuse light that its mean may be off by, for a normal that turns by one radian; falls with the square.
 pub const TURN_SHARE: f32 = 0.1;
@@ -180,9 +225,6 @@ pub const PAIR_NORMAL_CHANGE: f32 = 0.085;
 pub const PAIR_NORMAL_DEPTH: f32 = 0.3;
 /// Least weight of the farther Gauss point, where the exponential underflows.
 pub const MIN_WEIGHT: f32 = 1e-20;
-/// Density of Gauss pairs where a cell is to be integrated as well as any error asks for: their error falls with the fourth
-/// power of it.
-pub const EXACT_DENSITY: f32 = 4.0;
 /// Turn of the normal, as a length, from which a part of a chord is halved: where the gradient passes by zero, the normal turns
 /// over in a small share of it.
 pub const PART_NORMAL_CHANGE: f32 = 1.0;

@@ -44,12 +44,20 @@ pub enum Column {
     HalfSlope = Column::Value as usize + CHANNELS,
     /// A third of the quadratic coefficient of channel 0; the other three follow.
     ThirdBend = Column::HalfSlope as usize + CHANNELS,
+    /// Change of slope of channel 0 at the knot; the other three follow.
+    Kink = Column::ThirdBend as usize + CHANNELS,
     /// Sum of the heights of all steps up to the anchor; each counts with its greatest channel.
-    Steps = Column::ThirdBend as usize + CHANNELS,
+    Steps = Column::Kink as usize + CHANNELS,
     /// Sum of the changes of slope up to the anchor; each counts with its greatest channel.
     Bends,
     /// Change of slope per unit of value.
     BendsPerValue,
+    /// Sum of the changes of slope at knots, up to the anchor: a part of the bends.
+    Kinks,
+    /// Number of the piece's *stretch*: the pieces between two control points, or one piece over several.
+    Stretch,
+    /// Greatest change of slope per unit of value in the stretch.
+    BendOfStretch,
     /// Variation of visible colour up to the anchor.
     ColorVariation,
     /// Variation of visible colour per unit of value.
@@ -66,13 +74,27 @@ pub struct TransferPieces {
     columns: Vec<f32>,
     stride: usize,
     count: usize,
-    /// Width of a value interval below which the mean is taken from its two ends: the difference of antiderivatives
-    /// would cancel.
-    pub narrow: f32,
+    /// Limits of the means of its channels.
+    pub limits: Limits,
     /// An interval strictly inside which values are transparent: the values below the function's first point if they
     /// are transparent, else the widest such interval. `[inf, -inf]` if there is none.
     pub clear: [f32; 2],
 }
+
+/// Limits of means over intervals of values, which are differences of antiderivatives.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Limits {
+    /// Width of an interval below which the mean is taken from its two ends: the difference would cancel.
+    pub narrow: f32,
+    /// Bound on the error of a difference: it falls on the mean over the interval's width.
+    pub difference: f32,
+    /// Greatest change of slope per unit of value in any piece.
+    pub bend: f32,
+}
+
+/// Error of a difference of two rounded antiderivatives, in parts of the greatest: half a unit in the last place of each, as much of
+/// the difference, and twice as much of the polynomials.
+const ROUNDED_DIFFERENCE: f64 = 2.0 * f32::EPSILON as f64;
 
 /// One piece during construction.
 #[derive(Debug, Clone, Copy)]
@@ -82,6 +104,8 @@ struct Piece {
     /// Coefficients of 1, y, y^2 for each channel, y the distance from the anchor.
     channels: [[f64; 3]; CHANNELS],
     color_slope: f64,
+    /// Whether it begins at a control point.
+    begins_stretch: bool,
 }
 
 impl TransferPieces {
@@ -92,10 +116,11 @@ impl TransferPieces {
         let pieces = pieces_of(source, shift, tolerance);
         let count = pieces.len();
         let stride = count.next_power_of_two().max(LEAST_STRIDE);
-        let mut table =
-            Self { columns: vec![0.0; stride * COLUMNS], stride, count, narrow: 0.0, clear: clear_interval(&pieces) };
         let (first, last) = (pieces[0].anchor, pieces[count - 1].anchor);
-        table.narrow = single(NARROW_SHARE * (last - first));
+        let bend = single(pieces.iter().map(bend_of).fold(0.0, f64::max));
+        let limits = Limits { narrow: single(NARROW_SHARE * (last - first)), difference: 0.0, bend };
+        let columns = vec![0.0; stride * COLUMNS];
+        let mut table = Self { columns, stride, count, limits, clear: clear_interval(&pieces) };
         table.columns[..stride].fill(f32::INFINITY);
         let mut sums = Sums::default();
         for (i, piece) in pieces.iter().enumerate() {
@@ -103,10 +128,14 @@ impl TransferPieces {
                 sums.cross(before, piece, tolerance);
             }
             table.write(i, piece, &sums);
+            table.write_stretch(&pieces, i);
+            table.write_kinks(&pieces, i);
             if let Some(next) = pieces.get(i + 1) {
                 sums.advance(piece, next.knot - piece.anchor);
             }
         }
+        // Emission is never greater than extinction.
+        table.limits.difference = single(ROUNDED_DIFFERENCE * sums.antiderivative[0]);
         table
     }
 
@@ -156,9 +185,29 @@ impl TransferPieces {
         }
         set(Column::Steps, 0, sums.steps);
         set(Column::Bends, 0, sums.bends);
+        set(Column::Kinks, 0, sums.kinks);
         set(Column::BendsPerValue, 0, bend_of(piece));
         set(Column::ColorVariation, 0, sums.color);
         set(Column::ColorVariationPerValue, 0, piece.color_slope);
+    }
+
+    fn write_kinks(&mut self, pieces: &[Piece], i: usize) {
+        let Some(before) = i.checked_sub(1).map(|before| &pieces[before]) else { return };
+        let y = pieces[i].knot - before.anchor;
+        for c in 0..CHANNELS {
+            let [_, slope, bend] = before.channels[c];
+            let kink = pieces[i].channels[c][1] - (slope + 2.0 * y * bend);
+            self.columns[(Column::Kink as usize + c) * self.stride + i] = single(kink);
+        }
+    }
+
+    fn write_stretch(&mut self, pieces: &[Piece], i: usize) {
+        let number = pieces[..=i].iter().filter(|piece| piece.begins_stretch).count();
+        let before = pieces[..=i].iter().rposition(|piece| piece.begins_stretch).unwrap_or(0);
+        let behind = pieces[i + 1..].iter().position(|piece| piece.begins_stretch).map_or(pieces.len(), |n| i + 1 + n);
+        let bend = pieces[before..behind].iter().map(bend_of).fold(0.0, f64::max);
+        self.columns[Column::Stretch as usize * self.stride + i] = single(number as f64);
+        self.columns[Column::BendOfStretch as usize * self.stride + i] = single(bend);
     }
 }
 
@@ -191,6 +240,7 @@ struct Sums {
     antiderivative: [f64; CHANNELS],
     steps: f64,
     bends: f64,
+    kinks: f64,
     color: f64,
 }
 
@@ -198,12 +248,12 @@ impl Sums {
     /// Crosses the knot between two pieces.
     fn cross(&mut self, before: &Piece, after: &Piece, tolerance: f64) {
         let y = after.knot - before.anchor;
-        let (mut step, mut bend) = (0.0f64, 0.0f64);
-        for c in 0..CHANNELS {
+        let change = |c: usize| {
             let ([v0, s0, b0], [v1, s1, _]) = (before.channels[c], after.channels[c]);
-            step = step.max((v1 - (v0 + y * (s0 + y * b0))).abs());
-            bend = bend.max((s1 - (s0 + 2.0 * y * b0)).abs());
-        }
+            [v1 - (v0 + y * (s0 + y * b0)), s1 - (s0 + 2.0 * y * b0)]
+        };
+        let changes: [[f64; 2]; CHANNELS] = std::array::from_fn(change);
+        let [step, bend] = [0, 1].map(|order| greatest(changes.map(|change| change[order])));
         // The misfit between two pieces of one segment is not a step.
         let scale = before.channels[0][0].abs().max(after.channels[0][0].abs());
         if step > 4.0 * tolerance * scale {
@@ -211,6 +261,7 @@ impl Sums {
             self.color += color_step(before, after, y);
         }
         self.bends += bend;
+        self.kinks += bend;
     }
 
     /// Advances by `y` within a piece, in units of value.
@@ -223,8 +274,14 @@ impl Sums {
     }
 }
 
+/// Greatest of a quantity that every channel has, and of the same of what is absorbed and not emitted: extinction less emission. An
+/// error of one is seen in front of black, an error of the other in front of white.
+fn greatest([extinction, emission @ ..]: [f64; CHANNELS]) -> f64 {
+    emission.iter().flat_map(|e| [e.abs(), (extinction - e).abs()]).fold(extinction.abs(), f64::max)
+}
+
 fn bend_of(piece: &Piece) -> f64 {
-    piece.channels.iter().map(|c| 2.0 * c[2].abs()).fold(0.0, f64::max)
+    greatest(piece.channels.map(|[_, _, bend]| 2.0 * bend))
 }
 
 /// Greatest change of a colour channel across a knot; 0 if one side is invisible, because no wrong colour can show.
@@ -279,6 +336,7 @@ fn pieces_of(source: &TransferFunction, shift: f64, tolerance: f64) -> Vec<Piece
         anchor,
         channels: channels_between(source, &[point, point], 0.0).map(|v| [v, 0.0, 0.0]),
         color_slope: 0.0,
+        begins_stretch: true,
     };
     let segments: Vec<Segment> = (1..points.len())
         .filter(|&i| values[i - 1] < values[i])
@@ -339,7 +397,8 @@ impl Fitter<'_> {
             let width = end - *begin;
             [v, s / width, b / (width * width)]
         });
-        let piece = Piece { knot: *begin, anchor: *begin, channels, color_slope };
+        let begins_stretch = *begin == first.values[0];
+        let piece = Piece { knot: *begin, anchor: *begin, channels, color_slope, begins_stretch };
         *begin = end;
         Some(piece)
     }

@@ -46,7 +46,7 @@ impl Cell {
 ///
 /// So a ray exactly in a plane of voxels is not affected by holes in the next plane.
 #[cold]
-pub fn replace_unreached(corners: &mut [f32; 8], a: [Real; 3], b: [Real; 3]) {
+pub fn replace_unreached<V: Copy>(corners: &mut [V; 8], a: [Real; 3], b: [Real; 3]) {
     for axis in 0..3 {
         let reached_side = match (a[axis], b[axis]) {
             (0.0, 0.0) => 0,
@@ -63,8 +63,8 @@ pub fn replace_unreached(corners: &mut [f32; 8], a: [Real; 3], b: [Real; 3]) {
 
 /// Coefficients of 1, x, y, z, xy, xz, yz, xyz of the interpolant.
 #[inline]
-fn monomials(corners: &[f32; 8]) -> [Real; 8] {
-    let c = corners.map(Real::from);
+fn monomials<V: Copy + Into<Real>>(corners: &[V; 8]) -> [Real; 8] {
+    let c = corners.map(V::into);
     let (x0, x1, x2, x3) = (c[1] - c[0], c[3] - c[2], c[5] - c[4], c[7] - c[6]);
     let (xy0, xy1) = (x1 - x0, x3 - x2);
     [c[0], x0, c[2] - c[0], c[4] - c[0], xy0, x2 - x0, (c[6] - c[4]) - (c[2] - c[0]), xy1 - xy0]
@@ -73,7 +73,7 @@ fn monomials(corners: &[f32; 8]) -> [Real; 8] {
 /// Trilinear interpolation at the fractions `p`.
 #[inline]
 #[must_use]
-pub fn trilinear(corners: &[f32; 8], p: [Real; 3]) -> Real {
+pub fn trilinear<V: Copy + Into<Real>>(corners: &[V; 8], p: [Real; 3]) -> Real {
     let [k, kx, ky, kz, kxy, kxz, kyz, kxyz] = monomials(corners);
     let [x, y, z] = p;
     k + x * (kx + y * (kxy + z * kxyz)) + y * (ky + z * kyz) + z * (kz + x * kxz)
@@ -82,7 +82,7 @@ pub fn trilinear(corners: &[f32; 8], p: [Real; 3]) -> Real {
 /// Coefficients, lowest power first, of s(u) along the chord from `a` to `b`.
 #[inline]
 #[must_use]
-pub fn cubic_of_cell(corners: &[f32; 8], a: [Real; 3], b: [Real; 3]) -> [Real; 4] {
+pub fn cubic_of_cell<V: Copy + Into<Real>>(corners: &[V; 8], a: [Real; 3], b: [Real; 3]) -> [Real; 4] {
     let [_, kx, ky, kz, kxy, kxz, kyz, kxyz] = monomials(corners);
     let [ax, ay, az] = a;
     let [dx, dy, dz] = [b[0] - ax, b[1] - ay, b[2] - az];
@@ -291,7 +291,7 @@ mod tests {
 
     #[test]
     fn equal_corners_interpolate_to_themselves() {
-        let cubic = cubic_of_cell(&[0.1; 8], [0.3, 0.7, 0.2], [0.9, 0.1, 0.5]);
+        let cubic = cubic_of_cell(&[0.1f32; 8], [0.3, 0.7, 0.2], [0.9, 0.1, 0.5]);
         assert_eq!(cubic, [Real::from(0.1f32), 0.0, 0.0, 0.0]);
     }
 }

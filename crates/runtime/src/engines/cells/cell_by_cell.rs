@@ -1,7 +1,6 @@
 //! The integrator of the scalar caster: trilinear cell by trilinear cell (docs/decisions/001-cells-not-steps.md).
 
 use supervol_format::BrickKey;
-use supervol_format::cast::single;
 use supervol_scene::scene::Mode;
 
 use super::cell::{Cell, cubic_of_cell};
@@ -11,7 +10,7 @@ use super::shade::ChordGradient;
 use super::visit::{BrickVisit, LevelVisit, StoredVoxel, cells_of_macro_cell};
 use super::walk::GridWalk;
 use crate::engines::ray::RayState;
-use crate::engines::rules::{EXACT_DENSITY, TERMINATION_OPACITY};
+use crate::engines::rules::TERMINATION_OPACITY;
 use crate::stream::counters::RayCounters;
 use crate::stream::residency::{DecodedBrick, Voxels};
 
@@ -87,22 +86,8 @@ impl Integrator for CellByCell {
     }
 }
 
-/// Colour and transmittance of the part of a ray in one trilinear cell of a brick. The cell's first corner lies `base`
+/// Gathers over the part of a ray in one trilinear cell of a brick; leaves its begin in `state.t`. The cell's first corner lies `base`
 /// voxels from the brick's first; `t` is the ray's interval in the brick.
-pub(crate) fn exact_cell(
-    level: LevelVisit<'_>,
-    brick: &DecodedBrick,
-    key: BrickKey,
-    base: usize,
-    t: [f64; 2],
-) -> [f32; 4] {
-    let mut state = RayState::new(None);
-    gather_exact_cell(level, brick, key, base, t, &mut state);
-    let [r, g, b] = state.color;
-    [r, g, b, state.transmittance].map(single)
-}
-
-/// Gathers over the part of a ray in the cell of [`exact_cell`]; leaves its begin in `state.t`.
 pub(crate) fn gather_exact_cell(
     level: LevelVisit<'_>,
     brick: &DecodedBrick,
@@ -117,7 +102,7 @@ pub(crate) fn gather_exact_cell(
     if t[0] < t[1] {
         state.t = t[0];
         let counters = &mut RayCounters::default();
-        let cells = CellByCell { pairs: Pairs::Adaptive { density: EXACT_DENSITY } };
+        let cells = CellByCell { pairs: CellRule::DEFAULT.pairs };
         match visit.voxels() {
             Voxels::U8(voxels) => cells.gather_cell(&visit, (voxels, index), t, state, counters),
             Voxels::U16(voxels) => cells.gather_cell(&visit, (voxels, index), t, state, counters),

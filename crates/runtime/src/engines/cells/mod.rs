@@ -16,6 +16,7 @@
 
 pub mod cell;
 pub mod cell_by_cell;
+mod exact;
 pub mod frame;
 pub mod integrator;
 mod march;
@@ -26,8 +27,9 @@ pub mod shade;
 pub mod visit;
 pub mod walk;
 
+pub(crate) use cell_by_cell::gather_exact_cell;
 pub use cell_by_cell::{CellByCell, CellRule, Pairs};
-pub(crate) use cell_by_cell::{exact_cell, gather_exact_cell};
+pub(crate) use exact::exact_cell;
 pub use integrator::{Integration, Integrator};
 pub(crate) use visit::CastRay;
 pub use visit::{BrickVisit, LevelVisit, StoredVoxel, cells_of_macro_cell};

@@ -25,12 +25,20 @@ use crate::stream::residency::{DecodedBrick, Voxels};
 pub trait StoredVoxel: Copy {
     /// Render value; NaN where absent.
     fn render_value(self, map: &ValueMap) -> f32;
+
+    /// Data value; NaN where absent.
+    fn data_value(self, map: &ValueMap) -> f64;
 }
 
 impl StoredVoxel for u8 {
     #[inline]
     fn render_value(self, map: &ValueMap) -> f32 {
         if map.absent == Some(u16::from(self)) { f32::NAN } else { map.from_stored_number(f32::from(self)) }
+    }
+
+    #[inline]
+    fn data_value(self, map: &ValueMap) -> f64 {
+        if map.absent == Some(u16::from(self)) { f64::NAN } else { map.data_of_stored(f64::from(self)) }
     }
 }
 
@@ -39,12 +47,22 @@ impl StoredVoxel for u16 {
     fn render_value(self, map: &ValueMap) -> f32 {
         if map.absent == Some(self) { f32::NAN } else { map.from_stored_number(f32::from(self)) }
     }
+
+    #[inline]
+    fn data_value(self, map: &ValueMap) -> f64 {
+        if map.absent == Some(self) { f64::NAN } else { map.data_of_stored(f64::from(self)) }
+    }
 }
 
 impl StoredVoxel for f32 {
     #[inline]
     fn render_value(self, _map: &ValueMap) -> f32 {
         self
+    }
+
+    #[inline]
+    fn data_value(self, map: &ValueMap) -> f64 {
+        map.to_data(self)
     }
 }
 
@@ -243,6 +261,11 @@ impl<'a> BrickVisit<'a> {
         self.cell_planes.cell_at(self.level.axis_ray, t, cells)
     }
 
+    /// Distances between neighbours along x, y and z in the voxel array.
+    pub(crate) fn steps(&self) -> [usize; 3] {
+        [1, self.strides[0], self.strides[1]]
+    }
+
     /// Offset of the first corner of a trilinear cell in the voxel array.
     #[inline]
     #[must_use]
@@ -277,9 +300,15 @@ impl<'a> BrickVisit<'a> {
     #[inline]
     #[must_use]
     pub fn corners<T: StoredVoxel>(&self, voxels: &[T], base: usize) -> [f32; 8] {
-        let [dy, dz] = self.strides;
         let map = &self.level.scene.map;
-        let value = |i: usize| voxels[i].render_value(map);
+        self.corners_by(voxels, base, |voxel| voxel.render_value(map))
+    }
+
+    /// The same in another form of the values.
+    #[inline]
+    pub(crate) fn corners_by<T: StoredVoxel, V>(&self, voxels: &[T], base: usize, form: impl Fn(T) -> V) -> [V; 8] {
+        let [dy, dz] = self.strides;
+        let value = |i: usize| form(voxels[i]);
         let rows = [base, base + dy, base + dz, base + dy + dz];
         [
             value(rows[0]),
@@ -300,8 +329,7 @@ impl<'a> BrickVisit<'a> {
     #[inline]
     #[must_use]
     pub fn gradient_corners<T: StoredVoxel>(&self, voxels: &[T], base: usize) -> [[f32; 8]; 3] {
-        let [dy, dz] = self.strides;
-        [1, dy, dz].map(|step| {
+        self.steps().map(|step| {
             let after = self.corners(voxels, base + step);
             let before = self.corners(voxels, base - step);
             std::array::from_fn(|corner| 0.5 * (after[corner] - before[corner]))

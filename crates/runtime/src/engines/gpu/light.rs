@@ -10,9 +10,9 @@ use supervol_format::cast::whole;
 
 use super::layout::LIGHT_BINS;
 use super::light_table::LightTable;
+use super::shader_light::{LitPart, ShaderLight};
 use crate::engines::cells::shade::Lighting;
 use crate::engines::gpu::limits::{BIN_TEXELS, FAR, GREATEST_ROOT};
-use crate::engines::packets::integrate::Part;
 use crate::engines::packets::shade::PacketLighting;
 use crate::engines::packets::simd::{LANES_LIMIT, Portable, Simd};
 use crate::engines::rules::{
@@ -224,16 +224,16 @@ pub fn shade_part(lighting: &Lighting, part: &LightPart, gradients: [Vec3; 3], t
     let lighting = PacketLighting::new(lighting, &Geometry::IDENTITY, [1; 3], 1.0);
     let to_eye = to_eye.to_array().map(splat);
     let lit = lighting.at::<S, 3>(&gradients.map(|g| g.to_array().map(splat)), &to_eye);
-    let part = Part::<S> {
+    let part = LitPart::<S> {
         color: part.color.map(splat),
-        tau: splat(-part.transmittance.ln()),
         transmittance: splat(part.transmittance),
         error: splat(part.error),
         front_share: splat(part.front_share),
         misplaced: splat(part.misplaced),
         colors: splat(part.colors),
     };
-    let ([r, g, b], error) = lighting.shade::<S>(&part, &lit, &to_eye);
+    let rule = ShaderLight { lighting: &lighting };
+    let ([r, g, b], error) = rule.shade::<S>(&part, &lit, &to_eye);
     [r, g, b, error].map(|lanes| {
         let mut numbers = [0.0; LANES_LIMIT];
         S::store(lanes, &mut numbers);

@@ -72,6 +72,7 @@ mod read_back;
 #[cfg(feature = "gpu")]
 pub mod scene_tables;
 #[cfg(feature = "gpu")]
+mod shader_light;
 pub mod shaders;
 #[cfg(feature = "gpu")]
 pub mod slots;

@@ -14,7 +14,9 @@ use crate::stream::residency::DecodedBrick;
 /// Greatest share of visible macro cells, in quarters, for which voxels are examined.
 const SPARSE_QUARTERS: usize = 3;
 /// Share of a range by which the line that replaces the field in a cell may overshoot it.
-const OVERSHOOT: f32 = 0.25;
+pub const OVERSHOOT: f32 = 0.25;
+/// The same of the range of a block, with room for the rounding of positions in its cells.
+const OVERSHOOT_OF_BLOCK: f32 = 0.26;
 
 /// The cloud of a brick's blocks; `shows` is called with ranges of render values.
 #[must_use]
@@ -58,7 +60,7 @@ fn widened([low, high]: [f32; 2], offset: f32) -> [f32; 2] {
         return [low, high];
     }
     let rounding = 2.0 * VALUE_ERROR * (low.abs().max(high.abs()) + offset.abs());
-    let margin = OVERSHOOT * (high - low) + rounding;
+    let margin = OVERSHOOT_OF_BLOCK * (high - low) + rounding;
     [low - margin, high + margin]
 }
 

@@ -76,7 +76,7 @@ pub(super) fn cast_tiles(view: &dyn BrickView, frame: &PacketFrame, tiles: &mut 
 /// Sets the rays of a tile on their way; those without a way are counted as finished.
 fn begin_tile(frame: &PacketFrame, corner: [u32; 2], tile: &Tile, rays: &mut TileRays, feedback: &mut BlockFeedback) {
     let tables = &*frame.tables;
-    rays.clear();
+    rays.clear(tables.precision.reserve);
     let waiting = match tile {
         Tile::Waiting(gathered) => Some(gathered),
         _ => None,

@@ -389,6 +389,18 @@ impl<S: Simd> LaneCell<S> {
         along_x + along_y + along_z
     }
 
+    /// Least and greatest corner.
+    #[inline(always)]
+    pub fn range(&self) -> [S::F; 2] {
+        let (mut low, mut high) = (self.first[0], self.first[0]);
+        for row in 0..4 {
+            let [a, b] = [self.first[row], self.first[row] + self.rise[row]];
+            low = S::min(low, S::min(a, b));
+            high = S::max(high, S::max(a, b));
+        }
+        [low, high]
+    }
+
     /// Coefficient of xyz.
     #[inline(always)]
     pub fn twist(&self) -> S::F {

@@ -11,7 +11,7 @@ use super::rule::PacketRule;
 use super::simd::InstructionSet;
 use super::tables::PacketTables;
 use crate::engines::ray_scene::{BrickChoice, DrawnVolume, RayScene};
-use crate::engines::rules::{TERMINATION_OPACITY, own_error};
+use crate::engines::rules::{NEVER, TERMINATION_OPACITY, own_error};
 use crate::engines::totals::{EngineErrors, ErrorsByReason};
 use crate::lod::deviation::Deviations;
 use crate::stop::Stop;
@@ -50,7 +50,9 @@ impl PacketFrame {
             surfaces.lists_crossings = true;
             inner = Some(Arc::new(Self::of(surfaces, &scene, rule, (made_bytes, None), None)));
         }
-        let ray_scene = RayScene::new(scene, volume, bricks, TERMINATION_OPACITY);
+        // Packets end rays themselves; a cell that is integrated exactly is integrated to its end.
+        let ends_at = if scene.mode == Mode::Dvr { NEVER } else { TERMINATION_OPACITY };
+        let ray_scene = RayScene::new(scene, volume, bricks, ends_at);
         Self::of(ray_scene, scene, rule, (made_bytes, plans), inner)
     }
 

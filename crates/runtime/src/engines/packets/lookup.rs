@@ -125,6 +125,8 @@ pub struct Channels<S: Simd> {
     pub value: [S::F; CHANNELS],
     /// A third of the channels' quadratic coefficients.
     pub third_bend: [S::F; CHANNELS],
+    /// Greatest slope of a channel, and of extinction less an emission.
+    pub slope: S::F,
 }
 
 /// All channels at a place.
@@ -136,16 +138,24 @@ pub fn channels<S: Simd, L: PieceLookup>(table: &L, place: Place<S>) -> Channels
         rest: [zero; CHANNELS],
         value: [zero; CHANNELS],
         third_bend: [zero; CHANNELS],
+        slope: zero,
     };
     let (y, y2, y3) = (place.y, place.y + place.y, S::splat(3.0) * place.y);
-    for c in 0..CHANNELS {
+    let mut slopes = [zero; CHANNELS];
+    for (c, slope) in slopes.iter_mut().enumerate() {
         let value = table.column::<S>(Column::Value, c, place.piece);
         let half_slope = table.column::<S>(Column::HalfSlope, c, place.piece);
         let third_bend = table.column::<S>(Column::ThirdBend, c, place.piece);
         out.start[c] = table.column::<S>(Column::Start, c, place.piece);
         out.rest[c] = y * S::mul_add(y, S::mul_add(y, third_bend, half_slope), value);
         out.third_bend[c] = third_bend;
+        let half_there = S::mul_add(y3, third_bend, half_slope);
+        *slope = half_there + half_there;
         out.value[c] = S::mul_add(y2, half_slope, S::mul_add(y * y3, third_bend, value));
+    }
+    out.slope = S::abs(slopes[0]);
+    for emission in &slopes[1..] {
+        out.slope = S::max(out.slope, S::max(S::abs(*emission), S::abs(slopes[0] - *emission)));
     }
     out
 }

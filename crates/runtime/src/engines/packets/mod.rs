@@ -24,15 +24,21 @@
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 mod begin;
 pub mod blocks;
+mod budget;
 mod cast;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 mod fetch;
 pub mod frame;
+mod highlight;
 mod inner_surfaces;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 pub(crate) mod integrate;
+#[cfg(test)]
+mod integrate_bounds;
 pub mod leap;
 mod levels;
+#[cfg(test)]
+mod light_bounds;
 mod lookup;
 mod memory;
 mod noted;
@@ -64,6 +70,7 @@ mod tables;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 mod tile;
 pub mod trace;
+mod turn;
 mod turning;
 mod value_tiles;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]

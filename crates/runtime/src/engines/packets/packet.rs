@@ -10,8 +10,13 @@
 //!
 //! The cells of a round pass each stage together: stages are short, so that the processor overlaps several cells.
 
-use supervol_format::cast::narrow;
+use std::marker::PhantomData;
 
+use supervol_format::cast::narrow;
+use supervol_scene::transfer_function::pieces::Limits;
+
+use super::blocks::OVERSHOOT;
+use super::budget::{Allowed, Budget};
 use super::fetch::{LaneCell, Raw, Rows};
 use super::integrate::{Chord, Line, Located, Part, integrate_at, locate};
 use super::lookup::PieceLookup;
@@ -19,8 +24,8 @@ use super::pending::{DEPTH, ERROR, Light, Pending, RoundParts};
 use super::queue::QueuedCell;
 use super::refine::Refine;
 use super::shade::PacketLighting;
-use super::shaded_cells::{AlongRay, CellShader, ShadeCells, ShadeQueue, ShadeRound};
-use super::simd::{LANES_LIMIT, Places, Simd, exp_minus, for_three};
+use super::shaded_cells::{AlongRay, CellShader, SHADE_NUMBERS, ShadeCells, ShadeQueue, ShadeRound};
+use super::simd::{LANES_LIMIT, Places, Simd, for_three};
 use super::walk::{CellStep, Packet, PacketBrick, PerLane, ROUND, Walker, places_along};
 use crate::engines::rules::{POSITION_ERROR, VALUE_ERROR};
 use crate::stream::counters::RayCounters;
@@ -38,8 +43,8 @@ const LANE_NUMBERS: [i32; LANES_LIMIT] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 
 pub struct PacketTransfer<'a, L> {
     /// Its pieces.
     pub table: &'a L,
-    /// See [`TransferPieces::narrow`](supervol_scene::transfer_function::pieces::TransferPieces::narrow).
-    pub narrow: f32,
+    /// See [`TransferPieces::limits`](supervol_scene::transfer_function::pieces::TransferPieces::limits).
+    pub limits: Limits,
     /// See [`TransferPieces::clear`](supervol_scene::transfer_function::pieces::TransferPieces::clear).
     pub clear: [f32; 2],
 }
@@ -55,15 +60,13 @@ pub trait ClassifyTask {
 /// Cost and accuracy of integration.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Precision {
-    /// Error of one cell, of colour or opacity times the transmittance in front; cells above it are refined.
-    pub cell_error: f32,
-    /// Opacity of a cell, times the transmittance in front; cells below it are not shaded. Thousands of them would be
-    /// invisible.
+    /// Error that cells may have per opacity, and reserve of a ray: see [`super::budget`].
+    pub by_opacity: f32,
+    pub reserve: f32,
+    /// Opacity of a cell, times the transmittance in front; cells below it are not shaded if the budget allows it.
     pub least_shaded: f32,
     /// Transmittance at which a ray ends.
     pub last_transmittance: f32,
-    /// Whether the transfer function has steps: there rounding is visible.
-    pub has_steps: bool,
     /// Whether the errors of cells are summed up along rays: 1 to 2 % of the time.
     pub sums_errors: bool,
 }
@@ -167,8 +170,9 @@ unsafe fn cast_packet<S: Simd, L: PieceLookup>(
     // SAFETY: the caller's promise.
     let mut walker = unsafe { Walker::<S>::new(packet, &brick.walked) };
     let mut light = Light::<S>::new(front);
-    let round = Round { brick, classifier, precision, front };
-    let mut passed = S::splat(0.0);
+    let round = Round { brick, classifier, precision, lanes: PhantomData };
+    let mut budget =
+        Budget::<S>::new(S::load(&packet.left), front, [precision.by_opacity, precision.last_transmittance]);
     let lanes = round.lanes(packet, &walker);
     let mut parts = RoundParts::new();
     let mut work = RayCounters::default();
@@ -187,7 +191,7 @@ unsafe fn cast_packet<S: Simd, L: PieceLookup>(
         }
         let first = queues.pending.cells.len();
         // SAFETY: the caller's promise.
-        unsafe { round.classify(&mut walker, (stages, &mut passed), &mut parts, queues, &mut work) };
+        unsafe { round.classify(&mut walker, (stages, &mut budget), &mut parts, queues, &mut work) };
         let Queues { to_shade, pending } = queues;
         if let Some(lighting) = &brick.lighting
             && to_shade.len() > 0
@@ -196,6 +200,9 @@ unsafe fn cast_packet<S: Simd, L: PieceLookup>(
             S::apart(ShadeCells { shader: CellShader { brick, lighting }, lanes: &lanes, cells, unsettled, parts });
         }
         let left = pending.take_over(first, &mut parts);
+        if brick.lighting.is_some() {
+            stages.refund(&parts, &left, &mut budget);
+        }
         light.composite(&parts, &left, pending, last, precision.sums_errors);
     }
     let (color, transmittance) = light.sum();
@@ -204,6 +211,7 @@ unsafe fn cast_packet<S: Simd, L: PieceLookup>(
     }
     S::store(transmittance, &mut packet.transmittance);
     S::store(light.error(), &mut packet.error);
+    S::store(budget.left + budget.late.sum(), &mut packet.left);
     work
 }
 
@@ -220,6 +228,20 @@ pub struct Stages<S: Simd> {
     pub along: [AlongRay<S>; ROUND],
     /// Only for shaded cells: error in tolerances per error.
     pub per_error: [S::F; ROUND],
+    /// Only for shaded cells: what they were charged.
+    charged: [Charged<S>; ROUND],
+}
+
+/// What visible cells were charged before their light was known.
+#[derive(Clone, Copy)]
+struct Charged<S: Simd> {
+    /// Lanes whose cells count.
+    spends: S::M,
+    /// Weight of their errors.
+    weight: S::F,
+    /// Part of the reserve that was taken away.
+    charge: S::F,
+    allowed: Allowed<S>,
 }
 
 impl<S: Simd> Stages<S> {
@@ -232,15 +254,41 @@ impl<S: Simd> Stages<S> {
             parts: [Part::nothing(); ROUND],
             along: [AlongRay::nothing(); ROUND],
             per_error: [S::splat(0.0); ROUND],
+            charged: [Charged::nothing(); ROUND],
         }
+    }
+
+    /// Notes what the settled cells of a shaded round did not need: it is given back some cells later.
+    #[inline(always)]
+    fn refund(&self, parts: &RoundParts, left: &[u32; ROUND], budget: &mut Budget<S>) {
+        let zero = S::splat(0.0);
+        for i in 0..ROUND {
+            if parts.shows[i] {
+                let Charged { spends, weight, charge, allowed } = &self.charged[i];
+                // NaN: a hole spends nothing.
+                let spent = allowed.of_reserve(S::max(S::load(&parts.numbers[i][ERROR]) * *weight, zero));
+                // Refined cells spend all of it.
+                let rest = S::select(S::mask_from_bits(left[i]), zero, S::max(*charge - spent, zero));
+                budget.late.add(*spends, rest);
+            }
+        }
+    }
+}
+
+impl<S: Simd> Charged<S> {
+    /// No cells.
+    #[inline(always)]
+    fn nothing() -> Self {
+        let zero = S::splat(0.0);
+        Self { spends: S::lt(zero, zero), weight: zero, charge: zero, allowed: Allowed::nothing() }
     }
 }
 
 /// Output of the stages after fetching.
 struct LaterStages<'a, S: Simd> {
     stages: &'a mut Stages<S>,
-    /// Least optical depth between the brick's face and the current cell.
-    passed: &'a mut S::F,
+    /// What the rays may still spend in front of the current cell.
+    budget: &'a mut Budget<S>,
     parts: &'a mut RoundParts,
     queues: &'a mut Queues,
     work: &'a mut RayCounters,
@@ -254,8 +302,8 @@ pub struct Round<'a, S: Simd, L: PieceLookup> {
     pub classifier: &'a PacketTransfer<'a, L>,
     /// The required accuracy.
     pub precision: Precision,
-    /// Transmittance in front of the brick.
-    pub front: S::F,
+    /// The lanes of its packets.
+    pub lanes: PhantomData<S>,
 }
 
 impl<S: Simd, L: PieceLookup> Round<'_, S, L> {
@@ -268,19 +316,6 @@ impl<S: Simd, L: PieceLookup> Round<'_, S, L> {
         lanes
     }
 
-    /// Largest transmittance in front of a cell, which decides about refinement. It uses the least absorption of each
-    /// cell, because the light gathered so far depends on rounds and on the time of refinement.
-    #[inline(always)]
-    fn weight(&self, passed: S::F) -> S::F {
-        S::max(self.front * exp_minus::<S>(passed), S::splat(self.precision.last_transmittance))
-    }
-
-    /// Error in tolerances, per error, of a cell of this weight.
-    #[inline(always)]
-    fn per_error(&self, weight: S::F) -> S::F {
-        weight * S::splat(self.precision.cell_error.recip())
-    }
-
     /// Walks a round, and integrates each cell once; unsettled cells go into the queue.
     ///
     /// # Safety
@@ -289,7 +324,7 @@ impl<S: Simd, L: PieceLookup> Round<'_, S, L> {
     unsafe fn classify(
         &self,
         walker: &mut Walker<'_, S>,
-        (stages, passed): (&mut Stages<S>, &mut S::F),
+        (stages, budget): (&mut Stages<S>, &mut Budget<S>),
         parts: &mut RoundParts,
         queues: &mut Queues,
         work: &mut RayCounters,
@@ -302,7 +337,7 @@ impl<S: Simd, L: PieceLookup> Round<'_, S, L> {
         for step in &steps {
             work.cells += u64::from(S::bits(step.crosses()).count_ones());
         }
-        let later = LaterStages { stages, passed, parts, queues, work };
+        let later = LaterStages { stages, budget, parts, queues, work };
         match self.brick.span {
             6 => self.integrate_spans::<6>(&steps, walker.in_plane, later),
             3 => self.integrate_spans::<3>(&steps, walker.in_plane, later),
@@ -316,48 +351,56 @@ impl<S: Simd, L: PieceLookup> Round<'_, S, L> {
     /// Integrates each cell once.
     #[inline(always)]
     fn integrate_cells(&self, steps: &[CellStep<S>; ROUND], in_plane: S::M, later: LaterStages<'_, S>) {
-        let LaterStages { stages: Stages { chords, located, .. }, passed, parts, queues, work } = later;
-        let shows = self.locate_cells(steps, chords, located);
+        let LaterStages { stages: Stages { chords, located, .. }, budget, parts, queues, work } = later;
+        let seen = self.locate_cells(steps, chords, located);
         for i in 0..ROUND {
-            if shows[i] {
-                let part = self.integrate_cell(&steps[i], &located[i], work);
-                let least_depth = self.write(i, &chords[i], &part, parts);
-                // Few cells are unsettled: the exponential is computed only if some may be.
-                let chord = (&chords[i], in_plane);
-                if S::bits(self.is_unsettled(&steps[i], chord, &part, self.per_error(self.front))) != 0 {
-                    let per_error = self.per_error(self.weight(*passed));
-                    let is_unsettled = self.is_unsettled(&steps[i], chord, &part, per_error);
-                    let cell = queued(i, &steps[i], &chords[i], &part, per_error);
+            if S::bits(seen[i]) != 0 {
+                let part = self.integrate_cell(&steps[i], (&chords[i], &located[i]), seen[i], work);
+                self.write(i, &chords[i], &part, parts);
+                let allowed = budget.allowed(S::splat(1.0) - part.transmittance, 1);
+                let (spent, most) = (part.error * budget.weight, allowed.sum());
+                let is_unsettled = is_unsettled(&steps[i], (&chords[i], in_plane), (spent, most));
+                if S::bits(is_unsettled) != 0 {
+                    let cell = queued(i, &steps[i], &chords[i], &part, budget.weight / most);
                     queues.pending.cells.push::<S, 0>(is_unsettled, &cell, []);
                 }
-                *passed = *passed + least_depth;
+                let spent = S::select(S::le(spent, most), spent, S::select(is_unsettled, most, S::splat(0.0)));
+                budget.spend(spent, &allowed);
+                budget.pass(&part);
             }
         }
     }
 
-    /// Looks up the cells of a round in the table; returns whether any is visible.
+    /// Looks up the visible cells of a round in the table; returns their lanes.
     #[inline(always)]
     fn locate_cells(
         &self,
         steps: &[CellStep<S>; ROUND],
         chords: &[Chord<S>; ROUND],
         located: &mut [Located<S>; ROUND],
-    ) -> [bool; ROUND] {
-        let mut shows = [false; ROUND];
+    ) -> [S::M; ROUND] {
+        let mut seen = [S::lt(S::splat(0.0), S::splat(0.0)); ROUND];
         for i in 0..ROUND {
-            shows[i] = S::bits(self.shows(chords[i].range(), steps[i].crosses())) != 0;
-            if shows[i] {
+            seen[i] = self.shows(chords[i].range(), steps[i].crosses());
+            if S::bits(seen[i]) != 0 {
                 located[i] = locate::<S, L>(self.classifier.table, &chords[i].line());
             }
         }
-        shows
+        seen
     }
 
-    /// Integrates a cell once.
+    /// Integrates a cell once. What is not `seen` has no error: leaps leave some of it out.
     #[inline(always)]
-    fn integrate_cell(&self, step: &CellStep<S>, located: &Located<S>, work: &mut RayCounters) -> Part<S> {
+    fn integrate_cell(
+        &self,
+        step: &CellStep<S>,
+        (chord, located): (&Chord<S>, &Located<S>),
+        seen: S::M,
+        work: &mut RayCounters,
+    ) -> Part<S> {
         work.samples += u64::from(2 * S::bits(step.crosses()).count_ones());
-        integrate_at::<S, L>(self.classifier.table, S::splat(self.classifier.narrow), located)
+        let part = integrate_at::<S, L>(self.classifier.table, self.classifier.limits, &chord.line(), located);
+        Part { error: S::select(seen, part.error, S::splat(0.0)), ..part }
     }
 
     /// Integrates each cell once, and shades visible cells: in place if most lanes of the round are visible, else
@@ -370,21 +413,32 @@ impl<S: Simd, L: PieceLookup> Round<'_, S, L> {
         walker: &Walker<'_, S>,
         later: LaterStages<'_, S>,
     ) {
-        let LaterStages { stages, passed, parts, queues, work } = later;
-        let is_seen = self.locate_cells(steps, &stages.chords, &mut stages.located);
+        let LaterStages { stages, budget, parts, queues, work } = later;
+        let seen = self.locate_cells(steps, &stages.chords, &mut stages.located);
+        let mut late = budget.late;
         let mut shows = [S::lt(S::splat(0.0), S::splat(0.0)); ROUND];
         let (mut packets, mut cells) = (0, 0);
         for i in 0..ROUND {
-            if is_seen[i] {
-                let part = self.integrate_cell(&steps[i], &stages.located[i], work);
-                let least_depth = self.write(i, &stages.chords[i], &part, parts);
-                let weight = self.weight(*passed);
-                let (chord, per_error) = ((&stages.chords[i], walker.in_plane), self.per_error(weight));
-                let is_unsettled = self.is_unsettled(&steps[i], chord, &part, per_error);
+            if S::bits(seen[i]) != 0 {
+                let part = self.integrate_cell(&steps[i], (&stages.chords[i], &stages.located[i]), seen[i], work);
+                self.write(i, &stages.chords[i], &part, parts);
                 let opacity = S::splat(1.0) - part.transmittance;
-                shows[i] = S::lt(S::splat(self.precision.least_shaded), opacity * weight) | is_unsettled;
-                (stages.parts[i], stages.per_error[i]) = (part, per_error);
-                *passed = *passed + least_depth;
+                // Also holes. Cells without any effect do not count: leaps leave some of them out.
+                let spends = !S::le(opacity + part.error, S::splat(0.0)) & seen[i];
+                budget.left = budget.left + late.take(spends);
+                let (weight, allowed) = (budget.weight, budget.allowed(opacity, 1));
+                let chord = (&stages.chords[i], walker.in_plane);
+                let most = allowed.sum();
+                let is_unsettled = is_unsettled(&steps[i], chord, (part.error * weight, most));
+                // The light of a cell that is not shaded may be anything.
+                let unseen = S::min(S::splat(self.precision.least_shaded), most);
+                shows[i] = S::lt(unseen, (opacity + part.error) * weight) | is_unsettled;
+                // All of it, until the light is known.
+                let charge = S::select(spends, allowed.of_reserve(most), S::splat(0.0));
+                budget.left = budget.left - charge;
+                budget.pass(&part);
+                stages.charged[i] = Charged { spends, weight, charge, allowed };
+                (stages.parts[i], stages.per_error[i]) = (part, weight / most);
                 let count = S::bits(shows[i]).count_ones() as usize;
                 packets += usize::from(count > 0);
                 cells += count;
@@ -406,9 +460,10 @@ impl<S: Simd, L: PieceLookup> Round<'_, S, L> {
             let part = &stages.parts[i];
             if S::bits(shows[i]) != 0 {
                 let ([x, y, z], [r, g, b]) = (steps[i].fraction, part.color);
-                let more = [x, y, z, r, g, b, part.tau, part.front_share, part.misplaced, part.colors];
+                let [of_opacity, red, green, blue] = part.moments;
+                let more = [x, y, z, r, g, b, of_opacity, red, green, blue, part.tau, part.misplaced, part.colors];
                 let cell = queued(i, &steps[i], &stages.chords[i], part, stages.per_error[i]);
-                queues.to_shade.push::<S, 10>(shows[i], &cell, more);
+                queues.to_shade.push::<S, SHADE_NUMBERS>(shows[i], &cell, more);
             }
         }
     }
@@ -421,8 +476,8 @@ impl<S: Simd, L: PieceLookup> Round<'_, S, L> {
         in_plane: S::M,
         later: LaterStages<'_, S>,
     ) {
-        let LaterStages { stages: Stages { chords, located, .. }, passed, parts, queues, work } = later;
-        let &PacketTransfer { table, narrow, .. } = self.classifier;
+        let LaterStages { stages: Stages { chords, located, .. }, budget, parts, queues, work } = later;
+        let &PacketTransfer { table, limits, .. } = self.classifier;
         let mut shows = [false; ROUND];
         for first in (0..ROUND).step_by(SPAN) {
             let line = Line::over(&chords[first..first + SPAN]);
@@ -433,14 +488,19 @@ impl<S: Simd, L: PieceLookup> Round<'_, S, L> {
         }
         for first in (0..ROUND).step_by(SPAN) {
             if shows[first] {
-                let crosses = located[first].crosses();
+                let line = Line::over(&chords[first..first + SPAN]);
+                let crosses = line.crosses();
                 work.samples += u64::from(2 * S::bits(crosses).count_ones());
-                let part = integrate_at::<S, L>(table, S::splat(narrow), &located[first]);
-                let per_error = self.per_error(self.weight(*passed));
-                let place = (first, per_error);
+                let part = integrate_at::<S, L>(table, limits, &line, &located[first]);
+                let allowed = budget.allowed(S::splat(1.0) - part.transmittance, SPAN);
+                let most = allowed.sum();
+                let place = (first, budget.weight / most);
                 let settled =
                     self.hand_on_span::<SPAN>(place, (steps, chords), &part, (crosses, in_plane), parts, queues);
-                *passed = *passed + S::select(settled, part.least_depth(), S::splat(0.0));
+                let zero = S::splat(0.0);
+                let spent = S::select(settled, part.error * budget.weight, S::select(crosses, most, zero));
+                budget.spend(spent, &allowed);
+                budget.pass(&part);
             }
         }
     }
@@ -495,21 +555,9 @@ impl<S: Simd, L: PieceLookup> Round<'_, S, L> {
         }
     }
 
-    /// Lanes whose cell is not settled by one rule.
+    /// Writes the contribution of a cell.
     #[inline(always)]
-    fn is_unsettled(
-        &self,
-        step: &CellStep<S>,
-        (chord, in_plane): (&Chord<S>, S::M),
-        part: &Part<S>,
-        per_error: S::F,
-    ) -> S::M {
-        S::lt(S::splat(1.0), part.error * per_error) | (S::is_nan(chord.values[1]) & in_plane & step.crosses())
-    }
-
-    /// Writes the contribution of a cell; returns its least optical depth.
-    #[inline(always)]
-    fn write(&self, number: usize, chord: &Chord<S>, part: &Part<S>, parts: &mut RoundParts) -> S::F {
+    fn write(&self, number: usize, chord: &Chord<S>, part: &Part<S>, parts: &mut RoundParts) {
         let zero = S::splat(0.0);
         let is_hole = S::is_nan(chord.values[1]);
         parts.shows[number] = true;
@@ -517,14 +565,10 @@ impl<S: Simd, L: PieceLookup> Round<'_, S, L> {
             S::store(S::select(is_hole, zero, part.color[c]), &mut parts.numbers[number][c]);
         }
         S::store(S::select(is_hole, zero, part.tau), &mut parts.numbers[number][DEPTH]);
-        let least_depth = part.least_depth();
-        S::store(least_depth, &mut parts.least_depths[number]);
-        if self.precision.sums_errors {
-            // Nearly invisible cells are not shaded, whatever the light. For all others shading writes the error.
-            let unshaded = if self.brick.lighting.is_some() { S::splat(1.0) - part.transmittance } else { zero };
-            S::store(S::select(is_hole, zero, part.error + unshaded), &mut parts.numbers[number][ERROR]);
-        }
-        least_depth
+        S::store(part.least_depth(), &mut parts.least_depths[number]);
+        // Nearly invisible cells are not shaded, whatever the light. For all others shading writes the error.
+        let unshaded = if self.brick.lighting.is_some() { S::splat(1.0) - part.transmittance } else { zero };
+        S::store(S::select(is_hole, zero, part.error + unshaded), &mut parts.numbers[number][ERROR]);
     }
 
     /// Writes the contribution of a span of cells where one rule settles it; elsewhere queues each of its cells.
@@ -563,6 +607,7 @@ impl<S: Simd, L: PieceLookup> Round<'_, S, L> {
             let slot = S::load_int(&LANE_NUMBERS) + S::splat_int(narrow::<i32>(number * LANES_LIMIT));
             // One by one, each cell may be settled by one rule.
             let error = S::select(S::is_nan(chord.values[1]), chord.values[1], S::splat(0.0));
+            let per_error = per_error * S::splat(SPAN as f32);
             let cell = QueuedCell { slot, base: steps[number].base, chord: *chord, error, per_error };
             queues.pending.cells.push::<S, 0>(waits, &cell, []);
         }
@@ -578,14 +623,24 @@ impl<S: Simd, L: PieceLookup> Round<'_, S, L> {
         let places = places_along::<S>(&step.fraction, &travelled);
         let values = for_three!(i => S::mul_add(cell.at(places[i]), scale, offset));
         let cubic = cell.twist() * scale * (travelled[0] * travelled[1] * travelled[2]);
-        let mut noise = S::splat(0.0);
-        if self.precision.has_steps {
-            let size = S::max(S::abs(values[0]), S::abs(values[2]));
-            let of_place = cell.steepness() * S::splat(brick.scale.abs() * POSITION_ERROR);
-            noise = S::mul_add(size, S::splat(VALUE_ERROR), of_place);
-        }
-        Chord { values, cubic, length: h, noise }
+        let size = S::max(S::abs(values[0]), S::abs(values[2]));
+        let of_place = cell.steepness() * S::splat(brick.scale.abs() * POSITION_ERROR);
+        let noise = S::mul_add(size, S::splat(VALUE_ERROR), of_place);
+        let corners = cell.range().map(|corner| S::mul_add(corner, scale, offset));
+        let (low, high) = (S::min(corners[0], corners[1]), S::max(corners[0], corners[1]));
+        let margin = S::mul_add(high - low, S::splat(OVERSHOOT), noise);
+        Chord { values, cubic, length: h, noise, bounds: [low - margin, high + margin] }
     }
+}
+
+/// Lanes whose cell is not settled by one rule: it would spend more than is allowed, or a ray runs in a plane beside a hole.
+#[inline(always)]
+fn is_unsettled<S: Simd>(
+    step: &CellStep<S>,
+    (chord, in_plane): (&Chord<S>, S::M),
+    (spent, allowed): (S::F, S::F),
+) -> S::M {
+    S::lt(allowed, spent) | (S::is_nan(chord.values[1]) & in_plane & step.crosses())
 }
 
 /// A cell of a round in the form for queues.

@@ -39,7 +39,13 @@ impl<S: Simd> QueuedCell<S> {
         Self {
             slot: S::bits_from_float(n[0]),
             base: S::bits_from_float(n[1]),
-            chord: Chord { values: [n[2], n[3], n[4]], cubic: n[5], length: n[6], noise: n[7] },
+            chord: Chord {
+                values: [n[2], n[3], n[4]],
+                cubic: n[5],
+                length: n[6],
+                noise: n[7],
+                bounds: Chord::<S>::UNBOUNDED.map(S::splat),
+            },
             error: n[8],
             per_error: n[9],
         }

@@ -4,7 +4,7 @@
 //! The length of the first part follows from the square root of the error: in a smooth cell, the rule's error falls
 //! with the square of the number of parts. Parts that are still too inaccurate are halved. They lengthen again behind
 //! the difficult place, such as a step of the transfer function or a turn of the normal. If no part of [`LEAST_PART`]
-//! suffices, for example where a ray grazes a step, the cell is integrated by roots in `f64`
+//! suffices, for example where a ray grazes a step, or what rounding makes is too much, the cell is integrated by roots in `f64`
 //! ([`Host::integrate_exactly`]). A lane's parts depend on its own error alone, so pictures do not depend on the
 //! packing of lanes.
 
@@ -15,10 +15,11 @@ use super::lookup::PieceLookup;
 use super::packet::{Host, Lanes, PacketTransfer};
 use super::pending::{PART_NUMBERS, PENDING_LIMIT, Pending};
 use super::queue::{CELL_NUMBERS, QueuedCell};
-use super::shade::{LightAt, PacketLighting};
+use super::shade::{LightAt, PacketLighting, Shaded};
 use super::simd::{LANES_LIMIT, Simd, Task, for_three, lanes};
 use crate::engines::rules::{
-    EASY, EXACT_FROM, HARD, LEAST_PART, LEAST_SHARE, PARTS_LIMIT, PARTS_PER_ROOT, SHORTEST, TRIES_LIMIT,
+    EASY, EXACT_FROM, HARD, LEAST_PART, LEAST_SHARE, PARTS_LIMIT, PARTS_PER_ROOT, PARTS_SHARE, ROUNDED_BELOW, SHORTEST,
+    TRIES_LIMIT,
 };
 use crate::stream::counters::RayCounters;
 
@@ -109,6 +110,7 @@ impl<S: Simd> Cuts<S> {
             cubic: whole.cubic * size * size * size,
             length: whole.length * size,
             noise: whole.noise,
+            bounds: whole.bounds,
         };
         Trial { size, end, chord }
     }
@@ -127,25 +129,32 @@ impl<S: Simd> Cuts<S> {
     fn end_part(&mut self, trial: &Trial<S>, part: &Part<S>, at_end: &LightAt<S>) {
         let going = self.going();
         let (size, sum) = (trial.size, &mut self.sum);
-        let error = sum.transmittance * part.error;
-        let allowed = S::max(size, S::splat(LEAST_SHARE));
+        let sum_in_front = sum.transmittance;
+        let error = sum_in_front * part.error;
+        // A part of what is left of the cell's tolerance.
+        let unused = S::max(S::splat(PARTS_SHARE) - sum.error * self.cell.per_error, S::splat(0.0));
+        let share = size / S::max(S::splat(1.0) - self.at, S::splat(LEAST_PART));
+        let allowed = unused * S::max(share, S::splat(LEAST_SHARE));
         let (ratio, is_shortest) = (error * self.cell.per_error, S::le(size, S::splat(SHORTEST)));
         // NaN is taken, and found in the sum.
         let is_taken = (!S::lt(allowed, ratio) | is_shortest) & going;
         for c in 0..3 {
-            let color = S::mul_add(sum.transmittance, part.color[c], sum.color[c]);
+            let color = S::mul_add(sum_in_front, part.color[c], sum.color[c]);
             sum.color[c] = S::select(is_taken, color, sum.color[c]);
         }
         sum.error = S::select(is_taken, sum.error + error, sum.error);
         sum.tau = S::select(is_taken, sum.tau + part.tau, sum.tau);
-        sum.transmittance = S::select(is_taken, sum.transmittance * part.transmittance, sum.transmittance);
+        sum.transmittance = S::select(is_taken, sum_in_front * part.transmittance, sum_in_front);
         self.begin = S::select(is_taken, trial.chord.values[2], self.begin);
         self.at = S::select(is_taken, trial.end, self.at);
         self.light.replace(is_taken, at_end);
         let longer = S::select(S::lt(ratio, allowed * S::splat(EASY)), S::splat(2.0), S::splat(1.0));
         let shorter = S::select(S::lt(allowed * S::splat(HARD), ratio), S::splat(0.25), S::splat(0.5));
         self.next = S::max(size * S::select(is_taken, longer, shorter), S::splat(LEAST_PART));
-        self.tries = self.tries - S::splat(1.0);
+        // Shorter parts around a step are rounded as much.
+        let is_rounded = S::lt(unused, sum_in_front * part.rounding * self.cell.per_error);
+        let is_hopeless = is_rounded & S::le(size, S::splat(ROUNDED_BELOW)) & !is_taken;
+        self.tries = S::select(is_hopeless, S::splat(0.0), self.tries - S::splat(1.0));
     }
 
     /// Lanes whose cells are not at their end.
@@ -258,15 +267,18 @@ impl<L: PieceLookup> Refine<'_, L> {
     /// Integrates the next part of each cell, and takes it or halves it.
     #[inline(always)]
     fn cut<S: Simd>(&self, cuts: &mut Cuts<S>) {
-        let &PacketTransfer { table, narrow, .. } = self.classifier;
+        let &PacketTransfer { table, limits, .. } = self.classifier;
         let trial = cuts.next_part();
         let mut along = [cuts.light; 3];
         if let Some(lighting) = self.lighting {
             [along[1], along[2]] = cuts.light_behind(&trial, lighting);
         }
-        let mut part = integrate::<S, L>(table, S::splat(narrow), &trial.chord);
+        let mut part = integrate::<S, L>(table, limits, &trial.chord);
         if let Some(lighting) = self.lighting {
-            (part.color, part.error) = lighting.shade::<S>(&part, &along, &cuts.to_eye);
+            let cube = trial.size * trial.size * trial.size;
+            let cubic = for_three!(a => cuts.gradients[a][3] * cube);
+            let Shaded { color, error, .. } = lighting.shade::<S>(&part, &along, &cubic);
+            (part.color, part.error) = (color, error);
         }
         cuts.end_part(&trial, &part, &along[2]);
     }

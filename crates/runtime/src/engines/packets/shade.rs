@@ -1,12 +1,15 @@
 //! Shading of visible cells: two-sided Blinn-Phong (RENDERING-MODEL, section 5).
 //!
 //! A part of a ray has a mean colour c and an opacity. At a position with gradient g, shading gives `f = min(c D + S,
-//! 1)`; D and S depend on the direction of g alone. f is computed at the part's beginning, middle and end, and its mean
-//! is weighted by the origin of the light. Let the weight vary evenly from w0 at the beginning to w1 at the end. The
-//! mean of a quadratic f is then `(w0 f0 + w1 f1 + 2 (w0 + w1) fm) / (3 (w0 + w1))`: Simpson's rule if w0 = w1.
+//! 1)`; D and S depend on the direction of g alone. They are computed at the part's beginning, middle and end, and
+//! averaged by the density of colour, or of opacity, that is linear along the part ([`Part::moments`]):
+//! `(f0 + 4 fm + f1) / 6` times its sum, and `f1 - f0` times its first moment.
 //!
-//! [`PacketLighting::shade`] states the error of this: the light does not vary evenly ([`Part::misplaced`]), f bends,
-//! or the normal turns so far that there may be a highlight between the three positions.
+//! The error of this has a bound ([`PacketLighting::shade`]):
+//! - D and S are no quadratics: [`super::turn`];
+//! - the density is not linear ([`Part::misplaced`]): as much light in a wrong place as D and S change over that way;
+//! - `|n.l|` has a kink where the light passes from one side to the other, f where it is cut off at 1, and light may jump where
+//!   the gradient vanishes.
 //!
 //! Gradients are interpolated differences over two voxels (`cells::shade` explains this definition). The 32 voxels
 //! around a cell are gathered once, and along the ray the gradient is one cubic per axis.
@@ -14,16 +17,16 @@
 use glam::{DMat3, DVec3};
 use supervol_format::Geometry;
 
+use super::highlight::{Highlight, HighlightBounds, LEAST_COSINE};
 use super::integrate::Part;
 use super::simd::{Simd, exp_minus, for_three, minus_ln};
+use super::turn::{OF_THIRD, Turn};
 use crate::engines::cells::shade::Lighting;
-use crate::engines::rules::{
-    BEND_SHARE, BOW_SHARE, COLOR_SHARE, CUT_SHARE, DEPARTURE_SHARE, GREATEST_TURN, HIGHLIGHT_REACH, HIGHLIGHT_SHARE,
-    KINK_SHARE, KINKED_BELOW, STEEP_FALL, STEEP_SHARE, TURN_SHARE, UNEVEN_SHARE,
-};
 
 /// Greatest whole half of a shininess that is reached by multiplications.
 const WHOLE_LIMIT: u32 = 128;
+/// Mean of what it misses of any function, in parts of the greatest slope: 5/36, rounded up.
+const OF_FIRST: f32 = 0.139;
 /// Least square of |n.h|: a normal `f32`.
 const LEAST_SQUARE: f32 = 1e-37;
 
@@ -38,10 +41,10 @@ pub struct PacketLighting<'a> {
     pub world_from_cells: [[f32; 3]; 3],
     /// Intensity of all lights.
     pub light: f32,
-    /// Largest factor of a colour.
-    gain: f32,
     /// Half the shininess, if it is an integer for which multiplications are faster than a logarithm.
     whole_half: Option<u32>,
+    /// How fast highlights change.
+    pub highlight: Highlight,
 }
 
 /// Product of a matrix, given by columns, and a vector.
@@ -58,7 +61,7 @@ pub fn transform<S: Simd>(columns: &[[f32; 3]; 3], v: [S::F; 3]) -> [S::F; 3] {
 
 /// Inverse of the length of the sum of two unit vectors; 0 if the sum vanishes.
 #[inline(always)]
-fn inverse_of_sum<S: Simd>(a: &[S::F; 3], b: &[S::F; 3]) -> S::F {
+pub fn inverse_of_sum<S: Simd>(a: &[S::F; 3], b: &[S::F; 3]) -> S::F {
     let (zero, one) = (S::splat(0.0), S::splat(1.0));
     // |a + b|^2 = 2 + 2 a.b.
     let square = S::mul_add(S::splat(2.0), dot::<S>(a, b), S::splat(2.0));
@@ -66,8 +69,9 @@ fn inverse_of_sum<S: Simd>(a: &[S::F; 3], b: &[S::F; 3]) -> S::F {
     S::select(is_there, one / S::sqrt(S::select(is_there, square, one)), zero)
 }
 
+/// Scalar product.
 #[inline(always)]
-fn dot<S: Simd>(a: &[S::F; 3], b: &[S::F; 3]) -> S::F {
+pub fn dot<S: Simd>(a: &[S::F; 3], b: &[S::F; 3]) -> S::F {
     S::mul_add(a[0], b[0], S::mul_add(a[1], b[1], a[2] * b[2]))
 }
 
@@ -103,74 +107,6 @@ impl<S: Simd> LightAt<S> {
         self.nearest = S::select(mask, other.nearest, self.nearest);
     }
 
-    /// Lanes with a normal at all three positions.
-    #[inline(always)]
-    pub fn have_normals(along: &[Self; 3]) -> S::M {
-        S::lt(S::splat(0.0), along[0].inverse_length * along[1].inverse_length * along[2].inverse_length)
-    }
-
-    /// Square of the difference between two normals.
-    #[inline(always)]
-    fn turn(a: &Self, b: &Self) -> S::F {
-        let zero = S::splat(0.0);
-        let scale = a.inverse_length * b.inverse_length;
-        let difference = S::mul_add(S::splat(-2.0) * dot::<S>(&a.gradient, &b.gradient), scale, S::splat(2.0));
-        S::select(S::lt(zero, scale), S::max(difference, zero), zero)
-    }
-
-    /// Share of a half of a part in which the gradient may be shorter than `floor` unseen. The gradients are those at
-    /// its ends. The model is a gradient that varies evenly, on the chord through a sphere. The share is 0 if both ends
-    /// are that short: then it is seen.
-    #[inline(always)]
-    fn without_normal(a: &Self, b: &Self, floor: f32) -> S::F {
-        let (zero, one) = (S::splat(0.0), S::splat(1.0));
-        let (aa, ab) = (dot::<S>(&a.gradient, &a.gradient), dot::<S>(&a.gradient, &b.gradient));
-        let bb = dot::<S>(&b.gradient, &b.gradient);
-        let way = S::max(S::mul_add(S::splat(-2.0), ab, aa + bb), S::splat(f32::MIN_POSITIVE));
-        // Twice as wide, since it does not vary exactly evenly.
-        let floor = S::splat(2.0 * floor);
-        let nearest = S::max(S::mul_add(aa, bb, zero - ab * ab), zero) / way;
-        let has_normal = S::lt(zero, a.inverse_length + b.inverse_length);
-        let is_passed = S::lt(ab, aa) & S::lt(ab, bb) & S::lt(nearest, floor * floor) & has_normal;
-        S::select(is_passed, S::min(floor / S::sqrt(way), one), zero)
-    }
-
-    /// Square of the second difference of the gradients at three positions.
-    #[inline(always)]
-    fn second_difference(along: &[Self; 3]) -> S::F {
-        let [a, b, c] = along;
-        let second = for_three!(i => (a.gradient[i] - b.gradient[i]) + (c.gradient[i] - b.gradient[i]));
-        dot::<S>(&second, &second)
-    }
-
-    /// Inverse lengths of the longest and the shortest gradient at three positions.
-    #[inline(always)]
-    fn inverse_lengths(along: &[Self; 3]) -> [S::F; 2] {
-        let inverse = for_three!(i => along[i].inverse_length);
-        [least_of::<S>(inverse), greatest_of::<S>(inverse)]
-    }
-
-    /// Share of a part, given by its three positions, in which there may be a normal although neither end of that half
-    /// has one. This is where the gradient may reach `floor` in between, by the square of its second difference.
-    #[inline(always)]
-    fn hidden_normal(along: &[Self; 3], second: S::F, floor: f32) -> S::F {
-        let zero = S::splat(0.0);
-        let [a, b, c] = along;
-        let lacks = [(a, b), (b, c)].map(|(a, b)| S::le(a.inverse_length + b.inverse_length, zero));
-        if S::bits(lacks[0] | lacks[1]) == 0 {
-            return zero;
-        }
-        let squares = for_three!(i => dot::<S>(&along[i].gradient, &along[i].gradient));
-        let bow = S::sqrt(second) * S::splat(BOW_SHARE);
-        let mut share = zero;
-        for (i, lacks) in lacks.into_iter().enumerate() {
-            let reach = S::sqrt(S::max(squares[i], squares[i + 1])) + bow;
-            let is_hidden = lacks & S::le(S::splat(floor), reach);
-            share = share + S::select(is_hidden, S::splat(0.5), zero);
-        }
-        share
-    }
-
     /// A colour after shading.
     #[inline(always)]
     pub fn of(&self, color: S::F) -> S::F {
@@ -190,8 +126,8 @@ impl<'a> PacketLighting<'a> {
             world_from_differences: (lighting.world_from_level_gradient(scale) * per_difference).to_cols_array_2d(),
             world_from_cells: world_from_cells.as_mat3().to_cols_array_2d(),
             light,
+            highlight: Highlight::new(lighting.shininess),
             whole_half: (1..=WHOLE_LIMIT).find(|&half| half as f32 * 2.0 == lighting.shininess),
-            gain: (lighting.ambient + (lighting.diffuse + lighting.specular) * light).max(1.0),
         }
     }
 
@@ -244,141 +180,135 @@ impl<'a> PacketLighting<'a> {
         at
     }
 
-    /// The part's colour after shading, and its error, from the light at its beginning, middle and end.
+    /// The part's colour after shading, and its error, from the light at its beginning, middle and end; `cubic` is the
+    /// cubic coefficient of the gradient.
     #[inline(always)]
-    pub fn shade<S: Simd>(&self, part: &Part<S>, along: &[LightAt<S>; 3], to_eye: &[S::F; 3]) -> ([S::F; 3], S::F) {
-        let one = S::splat(1.0);
+    pub fn shade<S: Simd>(&self, part: &Part<S>, along: &[LightAt<S>; 3], cubic: &[S::F; 3]) -> Shaded<S> {
+        let (zero, one) = (S::splat(0.0), S::splat(1.0));
         let opacity = one - part.transmittance;
-        let per_opacity = one / S::max(opacity, S::splat(f32::MIN_POSITIVE));
-        let plain = for_three!(c => part.color[c] * per_opacity);
-        let strongest = greatest_of::<S>(plain);
         let (diffuse, specular) = (for_three!(i => along[i].diffuse), for_three!(i => along[i].specular));
-        let (mean_diffuse, mean_specular) = (mean_along::<S>(part, diffuse), mean_along::<S>(part, specular));
-        let of_specular = opacity * mean_specular;
-        let mut color = for_three!(c => S::mul_add(part.color[c], mean_diffuse, of_specular));
-        let (of_sides, goes_over) = self.error_of_sides::<S>(along, to_eye);
-        // Range and bend of a channel are convex in its colour: greatest at the strongest channel, or at black.
-        let brightest = for_three!(i => along[i].of(strongest));
-        let range = S::max(range_of::<S>(brightest), range_of::<S>(specular));
-        let bend = S::max(bend_of::<S>(brightest), bend_of::<S>(specular));
-        let uneven = uneven(part);
-        let has_kink = goes_over | !LightAt::have_normals(along);
-        let share = S::select(has_kink, S::splat(KINK_SHARE), share_of_bend::<S>(along));
-        let mut of_place = S::mul_add(share, bend, range * uneven);
-        let most = greatest_of::<S>(brightest);
-        let spread = part.colors * greatest_of::<S>(diffuse);
-        let is_near = S::lt(one, most + spread);
-        if S::bits(is_near) != 0 {
-            for c in 0..3 {
-                let f = for_three!(i => S::min(along[i].of(plain[c]), one));
-                color[c] = S::select(is_near, opacity * mean_along::<S>(part, f), color[c]);
-            }
-            let darkest = least_of::<S>(plain);
-            let dark = for_three!(i => along[i].of(darkest));
-            let low = least_of::<S>(dark);
-            let half = spread * S::splat(0.5);
-            let is_cut = S::lt(one, most + half) & S::lt(low, one + half);
-            let of_cut = S::mul_add(S::splat(KINK_SHARE), S::mul_add(range, S::splat(0.5), bend), range * uneven);
-            let of_colors = S::select(is_near, cut_from_colors::<S>(spread, [low, most], one), S::splat(0.0));
-            of_place = S::select(is_cut, of_cut, of_place) + of_colors;
-        }
-        let of_place = S::max(of_place, of_sides) + self.error_of_turn::<S>(along);
-        // The part's own colour error is lit like the part; its opacity error is not.
-        let lit = for_three!(i => along[i].diffuse + along[i].specular);
-        let gain = S::max(greatest_of::<S>(lit), one);
-        (color, S::mul_add(opacity, S::min(of_place, one), part.error * gain))
-    }
-
-    /// Error of a part's colour that does not come from the light.
-    #[inline(always)]
-    pub fn error_but_light<S: Simd>(&self, part: &Part<S>, along: &[LightAt<S>; 3]) -> ErrorButLight<S> {
-        let opacity = S::splat(1.0) - part.transmittance;
+        let [mean_diffuse, mean_specular] = [simpson::<S>(diffuse), simpson::<S>(specular)];
+        let [rise, rise_of_specular] = [diffuse[2] - diffuse[0], specular[2] - specular[0]];
+        let of_specular = S::mul_add(part.moments[0], rise_of_specular, opacity * mean_specular);
+        let mut color = for_three!(c => {
+            S::mul_add(part.color[c], mean_diffuse, S::mul_add(part.moments[c + 1], rise, of_specular))
+        });
+        let turn = Turn::<S>::along(along, cubic, self.floor());
+        let lit = self.light_between::<S>(along, &turn);
+        // What three places miss, by a density that is linear.
         let strongest = greatest_of::<S>(part.color);
-        let darkest = least_of::<S>(part.color);
-        let lit = |color: S::F| for_three!(i => S::mul_add(color, along[i].diffuse, opacity * along[i].specular));
-        let (brightest, dark) = (lit(strongest), lit(darkest));
-        let most = greatest_of::<S>(brightest);
-        let low = least_of::<S>(dark);
-        let diffuse = for_three!(i => along[i].diffuse);
-        let spread = opacity * part.colors * greatest_of::<S>(diffuse);
-        let cut = cut_from_colors::<S>(spread, [low, most], opacity);
-        let certain = S::mul_add(part.error, S::splat(self.gain), cut);
-        let varies = range_of::<S>(diffuse);
-        let at_most = S::mul_add(opacity * varies, S::splat(UNEVEN_SHARE) * uneven(part), certain);
-        ErrorButLight { certain, at_most }
+        let moment = greatest_of::<S>(for_three!(c => S::abs(part.moments[c + 1])));
+        let of_diffuse = self.error_of_diffuse::<S>(along, &turn, [strongest, moment]);
+        let moment_of_opacity = S::abs(part.moments[0]);
+        let of_highlight = S::mul_add(opacity, lit.highlight.missed, moment_of_opacity * lit.highlight.of_moment);
+        let of_place = of_diffuse + of_highlight * S::splat(self.lighting.specular * self.light);
+        let of_place = S::mul_add(part.misplaced, lit.change, of_place);
+        let of_place = S::select(turn.is_dark, zero, S::select(turn.is_known, of_place, one));
+        let of_cut = self.cut::<S>(part, &lit, &mut color);
+        let of_part = part.error * lit.gain();
+        Shaded { color, error: S::min(of_place + of_cut, opacity) + of_part, of_part }
     }
 
-    /// Error of the light between three positions: a highlight where the normal turns, and a gradient that is too short
-    /// or long enough for a normal only in between.
+    /// Bounds of the light anywhere between three positions.
     #[inline(always)]
-    fn error_of_turn<S: Simd>(&self, along: &[LightAt<S>; 3]) -> S::F {
-        let mut turn = S::splat(0.0);
-        let second = LightAt::second_difference(along);
-        let [_, inverse] = LightAt::inverse_lengths(along);
-        let aside = second * S::splat(DEPARTURE_SHARE * DEPARTURE_SHARE) * inverse * inverse;
-        let (mut flat, mut widest) = (LightAt::hidden_normal(along, second, self.floor()), turn);
-        for [a, b] in [[0, 1], [1, 2]] {
-            let of_pair = S::min(LightAt::turn(&along[a], &along[b]) + aside, S::splat(GREATEST_TURN));
-            turn = turn + of_pair;
-            widest = S::max(widest, of_pair);
-            flat = flat + LightAt::without_normal(&along[a], &along[b], self.floor());
-        }
+    fn light_between<S: Simd>(&self, along: &[LightAt<S>; 3], turn: &Turn<S>) -> LightBetween<S> {
+        let (zero, one) = (S::splat(0.0), S::splat(1.0));
+        let [ambient, diffuse, specular] = self.strengths().map(S::splat);
+        // No place is further from one of the three than a quarter.
+        let [first, second, ..] = turn.anywhere;
+        let angle = S::splat(0.25) * first;
+        // Nor is a cosine further from the line between two of them.
+        let reach = S::min(angle, second * S::splat(1.0 / 32.0));
         let nearest = greatest_of::<S>(for_three!(i => along[i].nearest));
-        let nearest = S::mul_add(S::sqrt(widest), S::splat(HIGHLIGHT_REACH), nearest);
-        let [seen] = self.highlights::<S, 1>([S::min(nearest * nearest, S::splat(1.0))]);
-        S::mul_add(flat, S::splat(self.gain), self.missed_by_turn::<S>(turn, seen))
+        let nearest = S::min(nearest_within::<S>(nearest, angle), S::max(nearest + reach, S::splat(LEAST_COSINE)));
+        let [power] = self.highlights::<S, 1>([nearest * nearest]);
+        let highlight = self.highlight.along::<S>(turn, nearest, power);
+        let (seen, shine) = (for_three!(i => along[i].diffuse), for_three!(i => along[i].specular));
+        let most = S::min(S::mul_add(reach, diffuse, greatest_of::<S>(seen)), ambient + diffuse);
+        let least = S::max(S::mul_add(zero - reach, diffuse, least_of::<S>(seen)), ambient);
+        let dimmer = S::splat(0.25) * highlight.first * specular;
+        let least_shine = S::max(least_of::<S>(shine) - dimmer, zero);
+        // Without a normal there is the colour itself.
+        let unknown = [[S::min(ambient, one), S::max(ambient + diffuse, one)], [zero, specular]];
+        LightBetween {
+            diffuse: turn.choose([least, most], unknown[0], one),
+            specular: turn.choose([least_shine, power * specular], unknown[1], zero),
+            change: S::mul_add(turn.mean_first, diffuse, highlight.mean_first * specular),
+            highlight,
+        }
     }
 
-    /// Error of the light for a turn of the normal (given as a square), with highlights of at most the strength `seen`.
-    /// A wide highlight behaves like diffuse light.
+    /// Ambient, diffuse and specular light, of all lights together.
     #[inline(always)]
-    pub fn missed_by_turn<S: Simd>(&self, turn: S::F, seen: S::F) -> S::F {
-        let Lighting { diffuse, specular, shininess, .. } = *self.lighting;
-        let (square, widths) = (turn * turn, turn * S::splat(shininess));
-        let of_width = widths * widths * S::splat(HIGHLIGHT_SHARE);
-        let highlight = S::min(S::mul_add(square, S::splat(TURN_SHARE), of_width), S::splat(1.0));
-        let of_highlight = highlight * seen * S::splat(specular * self.light);
-        S::mul_add(square, S::splat(TURN_SHARE * diffuse * self.light), of_highlight)
+    pub fn strengths(&self) -> [f32; 3] {
+        [self.lighting.ambient, self.lighting.diffuse * self.light, self.lighting.specular * self.light]
     }
 
-    /// Error of the light between two positions with these gradients, by the turn of the normal.
+    /// What three places miss of the diffuse light, for a density with this sum and this moment.
     #[inline(always)]
-    pub fn error_between<S: Simd>(&self, a: &[S::F; 3], b: &[S::F; 3]) -> S::F {
-        let floor = S::splat(f32::MIN_POSITIVE);
-        let product = S::sqrt(S::max(dot::<S>(a, a), floor)) * S::sqrt(S::max(dot::<S>(b, b), floor));
-        let cosine = dot::<S>(a, b) / S::max(product, floor);
-        let turn = S::max(S::mul_add(S::splat(-2.0), cosine, S::splat(2.0)), S::splat(0.0));
-        self.missed_by_turn::<S>(turn, S::splat(1.0))
-    }
-
-    /// Error, not seen by the second difference, of light that passes from one side to the other between two positions
-    /// and vanishes in between. Also returns whether it does.
-    #[inline(always)]
-    fn error_of_sides<S: Simd>(&self, along: &[LightAt<S>; 3], to_eye: &[S::F; 3]) -> (S::F, S::M) {
+    fn error_of_diffuse<S: Simd>(&self, along: &[LightAt<S>; 3], turn: &Turn<S>, [sum, moment]: [S::F; 2]) -> S::F {
         let zero = S::splat(0.0);
-        let (mut error, mut goes_over) = (zero, S::lt(zero, zero));
-        let Lighting { diffuse, specular, shininess, .. } = *self.lighting;
+        let [first, second, third, _] = turn.anywhere;
+        let of_moment = S::min(third * S::splat(OF_THIRD), second * S::splat(1.0 / 16.0));
+        let smooth = S::mul_add(sum, turn.missed(), moment * of_moment);
+        let any = first * S::mul_add(sum, S::splat(OF_FIRST), moment * S::splat(0.5));
+        let mut error = zero;
         for (to_light, intensity) in &self.lighting.lights {
             let to_light = [S::splat(to_light.x), S::splat(to_light.y), S::splat(to_light.z)];
             let cosines = for_three!(i => dot::<S>(&along[i].gradient, &to_light) * along[i].inverse_length);
-            let (dip, goes) = dip_between::<S>(&cosines, &for_three!(i => S::abs(cosines[i])));
-            (error, goes_over) = (S::mul_add(dip, S::splat(diffuse * intensity), error), goes_over | goes);
-            if shininess < KINKED_BELOW {
-                let half = for_three!(a => to_light[a] + to_eye[a]);
-                let per_half = inverse_of_sum::<S>(&to_light, to_eye);
-                let cosines =
-                    for_three!(i => dot::<S>(&along[i].gradient, &half) * (per_half * along[i].inverse_length));
-                let powers = self.highlights::<S, 3>(for_three!(i => S::min(cosines[i] * cosines[i], S::splat(1.0))));
-                let (dip, goes) = dip_between::<S>(&cosines, &powers);
-                (error, goes_over) = (S::mul_add(dip, S::splat(specular * intensity), error), goes_over | goes);
-            }
+            // Between two places the cosine is off their line by at most an eighth of the square of the way.
+            let bow = second * S::splat(1.0 / 32.0);
+            let [low, high] = [least_of::<S>(cosines) - bow, greatest_of::<S>(cosines) + bow];
+            // The part of it that may lie on the other side.
+            let over = S::max(S::min(zero - low, high), zero);
+            let kinked = S::min(S::mul_add(over + over, sum + moment, smooth), any);
+            let of_light = S::select(S::lt(zero, over), kinked, smooth);
+            error = S::mul_add(of_light, S::splat(self.lighting.diffuse * intensity), error);
         }
-        (error, goes_over)
+        error
+    }
+
+    /// What `|n.l|` is off its line on each side of a place, in the mean, where n.l changes its sign within this reach; weighted by the
+    /// diffuse light.
+    #[inline(always)]
+    pub fn kinks<S: Simd>(&self, at: &LightAt<S>, reach: S::F) -> S::F {
+        let zero = S::splat(0.0);
+        let mut sum = zero;
+        for (to_light, intensity) in &self.lighting.lights {
+            let to_light = [S::splat(to_light.x), S::splat(to_light.y), S::splat(to_light.z)];
+            let cosine = S::abs(dot::<S>(&at.gradient, &to_light) * at.inverse_length);
+            let beyond = S::max(reach - cosine, zero);
+            sum = S::mul_add(beyond, S::splat(0.5 * self.lighting.diffuse * intensity), sum);
+        }
+        sum
+    }
+
+    /// Cuts colours off at 1; returns the error of doing so after averaging.
+    #[inline(always)]
+    fn cut<S: Simd>(&self, part: &Part<S>, lit: &LightBetween<S>, color: &mut [S::F; 3]) -> S::F {
+        let (zero, one) = (S::splat(0.0), S::splat(1.0));
+        let opacity = one - part.transmittance;
+        let per_opacity = one / S::max(opacity, S::splat(f32::MIN_POSITIVE));
+        let plain = for_three!(c => part.color[c] * per_opacity);
+        let strongest = S::min(greatest_of::<S>(plain) + part.colors, one);
+        let goes_over = S::lt(one, S::mul_add(strongest, lit.diffuse[1], lit.specular[1]));
+        if S::bits(goes_over) == 0 {
+            return zero;
+        }
+        let mut error = zero;
+        for c in 0..3 {
+            let least = S::mul_add(S::max(plain[c] - part.colors, zero), lit.diffuse[0], lit.specular[0]);
+            let most = S::mul_add(S::min(plain[c] + part.colors, one), lit.diffuse[1], lit.specular[1]);
+            let of_channel = S::max(S::min(most - one, one - least), zero);
+            error = S::max(error, of_channel);
+            color[c] = S::min(S::select(S::lt(one, least), opacity, color[c]), opacity);
+        }
+        error * opacity
     }
 
     /// Length of a gradient below which there is no normal.
     #[inline(always)]
-    fn floor(&self) -> f32 {
+    pub fn floor(&self) -> f32 {
         self.lighting.gradient_floor.max(f32::MIN_POSITIVE.sqrt())
     }
 
@@ -410,167 +340,55 @@ impl<'a> PacketLighting<'a> {
     }
 }
 
-/// Error of a part's colour that does not come from the light.
-pub struct ErrorButLight<S: Simd> {
-    /// The error whatever the light does.
-    pub certain: S::F,
-    /// The error including light that varies where colour or extinction do.
-    pub at_most: S::F,
+/// A part after shading.
+pub struct Shaded<S: Simd> {
+    /// Premultiplied colour.
+    pub color: [S::F; 3],
+    /// Bound on the error of colour and opacity, and what of it does not come from the light.
+    pub error: S::F,
+    pub of_part: S::F,
 }
 
-/// Error of the mean of a varying quantity along a part, as a share of its variation.
-#[inline(always)]
-pub fn uneven<S: Simd>(part: &Part<S>) -> S::F {
-    S::mul_add(part.colors, S::splat(COLOR_SHARE), part.misplaced)
+/// Bounds of the light along a part.
+struct LightBetween<S: Simd> {
+    /// Least and greatest D.
+    diffuse: [S::F; 2],
+    /// Least and greatest S.
+    specular: [S::F; 2],
+    /// Change of D and S together over the part, there and back.
+    change: S::F,
+    highlight: HighlightBounds<S>,
 }
 
-/// Excess of the mean of lines between three values of a light over the light's true mean. It occurs where the cosine
-/// changes its sign between two positions and passes zero on a line: the triangles in between. Also returns where it
-/// occurs.
-#[inline(always)]
-fn dip_between<S: Simd>(cosines: &[S::F; 3], lights: &[S::F; 3]) -> (S::F, S::M) {
-    let zero = S::splat(0.0);
-    let (mut dip, mut passes) = (zero, S::lt(zero, zero));
-    for [a, b] in [[0, 1], [1, 2]] {
-        let has_zero = S::lt(cosines[a] * cosines[b], zero);
-        let sum = S::max(lights[a] + lights[b], S::splat(f32::MIN_POSITIVE));
-        // Only half of the part.
-        let triangle = S::splat(0.5) * (lights[a] * lights[b]) / sum;
-        (dip, passes) = (dip + S::select(has_zero, triangle, zero), passes | has_zero);
+impl<S: Simd> LightBetween<S> {
+    /// Bound on the light of a colour and an opacity that are off by 1 each; not below 1, for opacity itself is not lit.
+    #[inline(always)]
+    pub fn gain(&self) -> S::F {
+        S::max(self.diffuse[1] + self.specular[1], S::splat(1.0))
     }
-    (dip, passes)
 }
 
-/// Error from clipping at `white` after averaging instead of before: at most `(r - d)^2 / 4r` for a range r and a mean
-/// that is d from white. The worst case is the brightest colour next to the darkest. Means lie between these two.
+/// Greatest cosine within an angle of a direction with this one; not below [`LEAST_COSINE`], and at most 1.
 #[inline(always)]
-fn cut_from_colors<S: Simd>(range: S::F, [low, most]: [S::F; 2], white: S::F) -> S::F {
-    let zero = S::splat(0.0);
-    let apart = S::max(S::max(white - most, low - white), zero);
-    let reach = S::max(range - apart, zero);
-    S::splat(CUT_SHARE) * reach * reach / S::max(range, S::splat(f32::MIN_POSITIVE))
+pub fn nearest_within<S: Simd>(cosine: S::F, angle: S::F) -> S::F {
+    let one = S::splat(1.0);
+    let cosine = S::min(cosine, one);
+    let sine = S::sqrt(S::max(one - cosine * cosine, S::splat(0.0)));
+    S::min(S::max(S::mul_add(angle, sine, cosine), S::splat(LEAST_COSINE)), one)
 }
 
-/// Error of the mean of a smooth f as a share of its second difference.
+/// Mean of a quadratic from its values at the beginning, the middle and the end.
 #[inline(always)]
-fn share_of_bend<S: Simd>(along: &[LightAt<S>; 3]) -> S::F {
-    let [longest, shortest] = LightAt::inverse_lengths(along);
-    let is_steep = S::lt(longest, shortest * S::splat(STEEP_FALL));
-    S::select(is_steep, S::splat(STEEP_SHARE), S::splat(BEND_SHARE))
-}
-
-/// The mean over a part of a quadratic between three positions, weighted by the origin of the light.
-#[inline(always)]
-fn mean_along<S: Simd>(part: &Part<S>, f: [S::F; 3]) -> S::F {
-    let ends = S::mul_add(part.front_share, f[0] - f[2], f[2]);
-    (ends + f[1] + f[1]) * S::splat(1.0 / 3.0)
-}
-
-/// The second difference.
-#[inline(always)]
-fn bend_of<S: Simd>(f: [S::F; 3]) -> S::F {
-    S::abs((f[0] - f[1]) + (f[2] - f[1]))
+fn simpson<S: Simd>([first, middle, last]: [S::F; 3]) -> S::F {
+    S::mul_add(middle, S::splat(4.0 / 6.0), (first + last) * S::splat(1.0 / 6.0))
 }
 
 #[inline(always)]
-fn greatest_of<S: Simd>(f: [S::F; 3]) -> S::F {
+pub fn greatest_of<S: Simd>(f: [S::F; 3]) -> S::F {
     S::max(S::max(f[0], f[1]), f[2])
 }
 
 #[inline(always)]
-fn least_of<S: Simd>(f: [S::F; 3]) -> S::F {
+pub fn least_of<S: Simd>(f: [S::F; 3]) -> S::F {
     S::min(S::min(f[0], f[1]), f[2])
-}
-
-#[inline(always)]
-fn range_of<S: Simd>(f: [S::F; 3]) -> S::F {
-    greatest_of::<S>(f) - least_of::<S>(f)
-}
-
-#[cfg(test)]
-mod tests {
-    use glam::Vec3;
-
-    use super::super::simd::{LANES_LIMIT, Portable};
-    use super::*;
-
-    type S = Portable;
-
-    fn first(lanes: <S as Simd>::F) -> f64 {
-        let mut numbers = [0.0; LANES_LIMIT];
-        S::store(lanes, &mut numbers);
-        f64::from(numbers[0])
-    }
-
-    /// Two consecutive colours, clipped: their distance from the clipped mean is at most the stated bound, and reaches
-    /// it.
-    #[test]
-    fn colors_that_are_cut_off_are_no_further_off_than_said() {
-        let (splat, mut worst) = (<S as Simd>::splat, 0.0f64);
-        for number in 0..20_000u32 {
-            let [low, range, share] = [number % 31, number / 31 % 29, number / 899].map(f64::from);
-            let (low, range, share) = (low / 25.0, (range + 1.0) / 20.0, share / 22.0);
-            let mean = low + share * range;
-            let cut = |color: f64| color.min(1.0);
-            let missed = (cut(mean) - ((1.0 - share) * cut(low) + share * cut(low + range))).abs();
-            let mean = splat(mean as f32);
-            let stated = first(cut_from_colors::<S>(splat(range as f32), [mean, mean], splat(1.0)));
-            assert!(missed <= stated + 1e-6, "{missed} missed, {stated} stated: {low}, {range}, {share}");
-            worst = worst.max(missed / (stated + 1e-6));
-        }
-        assert!(worst > 0.99, "at worst {worst} of what is stated is missed");
-    }
-
-    /// Brightness of a part between these gradients by three positions, its error, and brightness by many positions.
-    fn brightness(lighting: &Lighting, gradients: [[f32; 3]; 3]) -> [f64; 3] {
-        let splat = <S as Simd>::splat;
-        let lighting = PacketLighting::new(lighting, &Geometry::IDENTITY, [1; 3], 1.0);
-        let to_eye = [splat(0.0), splat(0.0), splat(1.0)];
-        let (grey, opacity) = (0.4, 0.5);
-        let part = Part::<S> {
-            color: [splat(grey * opacity); 3],
-            transmittance: splat(1.0 - opacity),
-            front_share: splat(0.5),
-            ..Part::nothing()
-        };
-        let along = lighting.at::<S, 3>(&gradients.map(|g| g.map(splat)), &to_eye);
-        let ([found, ..], stated) = lighting.shade::<S>(&part, &along, &to_eye);
-        let [begin, middle, end] = gradients.map(Vec3::from_array);
-        let (mut sum, many) = (0.0, 20_000);
-        for i in 0..many {
-            let u = (i as f32 + 0.5) / many as f32;
-            let at = begin + u * (4.0 * middle - 3.0 * begin - end + u * (2.0 * (begin + end) - 4.0 * middle));
-            let [lit] = lighting.at::<S, 1>(&[at.to_array().map(splat)], &to_eye);
-            sum += first(lit.of(splat(grey))).min(1.0);
-        }
-        [first(found), first(stated), f64::from(opacity) * sum / f64::from(many)]
-    }
-
-    /// Cases that three positions miss where the gradient nearly vanishes. A turn close to an end; a turn aside and
-    /// back; a wide highlight that passes over to the other side.
-    #[test]
-    fn turns_that_three_places_do_not_see_are_stated() {
-        let light = |direction: Vec3, shininess: f32| Lighting {
-            ambient: 0.3,
-            diffuse: 0.7,
-            specular: 0.4,
-            shininess,
-            lights: vec![(direction.normalize(), 1.0)],
-            gradient_floor: 1e-6,
-            world_from_index_gradient: DMat3::IDENTITY,
-        };
-        let near_end = [[0.19, 0.04, 0.23], [0.085, 0.019, 0.103], [0.0035, 0.0026, 0.0042]];
-        let aside = [[-0.103, -0.04, -0.031], [-0.115, -0.04, -0.032], [-0.704, -0.1, -0.031]];
-        let other_side = [[0.62, -0.71, 0.1], [0.43, -0.87, 0.22], [0.4, -0.9, 0.23]];
-        for (name, lighting, gradients) in [
-            ("near an end", light(Vec3::Y, 32.0), near_end),
-            ("aside", light(Vec3::new(0.3, 0.9, 0.3), 32.0), aside),
-            ("highlight", light(Vec3::new(0.85, 0.53, -0.02), 1.0), other_side),
-        ] {
-            let [found, stated, expected] = brightness(&lighting, gradients);
-            let missed = (found - expected).abs();
-            println!("{name}: {missed:.5} missed, {stated:.5} stated");
-            assert!(missed <= stated, "{name}: {missed} missed, {stated} stated");
-        }
-    }
 }

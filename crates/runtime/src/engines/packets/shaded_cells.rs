@@ -9,7 +9,7 @@ use super::integrate::Part;
 use super::packet::{Lanes, Stages, queued};
 use super::pending::{RefineQueue, RoundParts};
 use super::queue::{Queue, QueuedCell};
-use super::shade::{LightAt, PacketLighting, transform};
+use super::shade::{PacketLighting, Shaded, transform};
 use super::simd::{LANES_LIMIT, Simd, Task, TaskOf, exp_minus, for_three};
 use super::turning::{SettleLight, TurningCells};
 use super::walk::{CellStep, PacketBrick, ROUND, Walker, places_along};
@@ -108,20 +108,15 @@ impl CellShader<'_> {
     ) -> ([S::F; 3], S::F) {
         let one = S::splat(1.0);
         let lit = self.lighting.at::<S, 3>(&along.gradients, to_eye);
-        let (mut color, mut error) = self.lighting.shade::<S>(part, &lit, to_eye);
-        // If the other errors leave room, only the light is improved. Not where normals begin or end, possibly between
-        // the cell's end and the next position.
-        let is_unsettled = S::lt(one, error * per_error) & shows & LightAt::have_normals(&lit);
+        let Shaded { mut color, mut error, of_part } = self.lighting.shade::<S>(part, &lit, &along.cubics);
+        // If the other errors leave room, only the light is improved.
+        let is_unsettled = S::lt(one, error * per_error) & S::lt(of_part * per_error, S::splat(REST_SHARE)) & shows;
         if S::bits(is_unsettled) != 0 {
-            let of_rest = self.lighting.error_but_light::<S>(part, &lit);
-            let is_turning = is_unsettled & S::lt(of_rest.at_most * per_error, S::splat(REST_SHARE));
-            if S::bits(is_turning) != 0 {
-                let mut cells = TurningCells::new::<S>(self.lighting, part, along, to_eye, &color, of_rest.certain);
-                S::apart(SettleLight { lighting: self.lighting, cells: &mut cells, lanes: S::bits(is_turning) });
-                let (lit, settled) = cells.outcome::<S>();
-                color = for_three!(c => S::select(is_turning, lit[c], color[c]));
-                error = S::select(is_turning, settled, error);
-            }
+            let mut cells = TurningCells::new::<S>(part, along, to_eye, of_part);
+            S::apart(SettleLight { lighting: self.lighting, cells: &mut cells, lanes: S::bits(is_unsettled) });
+            let (lit, settled) = cells.outcome::<S>();
+            color = for_three!(c => S::select(is_unsettled, lit[c], color[c]));
+            error = S::select(is_unsettled, settled, error);
         }
         (color, S::select(along.is_unknown & in_plane, S::splat(f32::NAN), error))
     }
@@ -182,9 +177,11 @@ impl<S: Simd> TaskOf<S> for ShadeRound<'_, S> {
 /// Packets of cells that pass a stage together: stages are short, so that the processor overlaps several packets.
 const GROUP: usize = ROUND;
 
-/// Additional numbers of a cell: position of its beginning; and of its part the colour, optical depth, front share and
-/// misplaced share.
-pub type ShadeQueue = Queue<{ (ROUND + 1) * LANES_LIMIT }, 10>;
+/// Additional numbers of a cell: position of its beginning; and of its part the colour, its moments, the optical depth, how far it
+/// is misplaced, and how colour varies.
+pub type ShadeQueue = Queue<{ (ROUND + 1) * LANES_LIMIT }, SHADE_NUMBERS>;
+/// Their number.
+pub const SHADE_NUMBERS: usize = 13;
 
 /// Shades the visible cells of a round.
 pub struct ShadeCells<'a> {
@@ -238,15 +235,17 @@ impl ShadeCells<'_> {
     #[inline(always)]
     fn shade<S: Simd>(&mut self, first: usize, along: &AlongRay<S>) {
         let mut cell = self.cells.cells::<S>(first);
-        let [tau, front_share, misplaced] = self.cells.three::<S>(6, first);
+        let [tau, misplaced, colors] = self.cells.three::<S>(10, first);
+        let [red, green, blue] = self.cells.three::<S>(7, first);
         let part = Part {
             color: self.cells.three::<S>(3, first),
             tau,
             transmittance: exp_minus::<S>(tau),
             error: cell.error,
-            front_share,
+            rounding: S::splat(0.0),
+            moments: [self.cells.one::<S>(6, first), red, green, blue],
             misplaced,
-            colors: self.cells.one::<S>(9, first),
+            colors,
         };
         let to_eye = self.lanes.toward_eye::<S>(self.shader.lighting, cell.slot);
         let in_plane = S::lt(S::splat(0.0), S::lookup16(&self.lanes.in_plane, cell.slot));

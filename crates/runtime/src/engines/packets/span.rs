@@ -8,8 +8,11 @@
 //! The choice depends on the brick, the transfer function, the requested error and the view. It does not depend on the
 //! order of casting.
 
+use std::marker::PhantomData;
+
 use supervol_format::cast::single;
 
+use super::budget::Budget;
 use super::integrate::{Chord, Line, integrate_at, locate};
 use super::lookup::PieceLookup;
 use super::packet::{ClassifyTask, PacketTransfer, Precision, Round};
@@ -74,7 +77,7 @@ impl ChooseSpan<'_> {
         // SAFETY: `place` begins and ends its rays between the first and the last voxel of the core.
         let mut walker = unsafe { Walker::<S>::new(&packet, &self.brick.walked) };
         let steps = walker.round();
-        let round = Round { brick: self.brick, classifier, precision: self.precision, front: S::splat(1.0) };
+        let round = Round { brick: self.brick, classifier, precision: self.precision, lanes: PhantomData };
         let mut chords = [Chord::nothing(); ROUND];
         let mut rows = [None; ROUND];
         // SAFETY: the walk stays in cells of the core.
@@ -83,12 +86,13 @@ impl ChooseSpan<'_> {
             for cells in chords.chunks_exact(*span) {
                 let line = Line::over(cells);
                 let shows = round.shows(line.range(), line.crosses());
-                let part = integrate_at::<S, L>(
-                    classifier.table,
-                    S::splat(classifier.narrow),
-                    &locate(classifier.table, &line),
-                );
-                let is_settled = S::le(part.error, S::splat(self.precision.cell_error));
+                let located = locate(classifier.table, &line);
+                let part = integrate_at::<S, L>(classifier.table, classifier.limits, &line, &located);
+                // Typical rays have spent half of their reserve.
+                let half = S::splat(0.5 * self.precision.reserve);
+                let budget = Budget::<S>::new(half, S::splat(1.0), [self.precision.by_opacity, 0.0]);
+                let allowed = budget.allowed(S::splat(1.0) - part.transmittance, *span).sum();
+                let is_settled = S::le(part.error, allowed);
                 // Holes say nothing about the field around them.
                 let shows = shows & !S::is_nan(part.error);
                 tried.shown += S::bits(shows).count_ones();

@@ -29,7 +29,7 @@ use super::tile::BrickGrid;
 use super::walk::{PacketBrick, WalkedBrick};
 use crate::engines::ray_scene::RayScene;
 use crate::engines::rules::{
-    END_SHARE, FIT_SHARE, LEAST_SHADED_SHARE, MAX_ERROR_LIMITS, cell_error, fit_error, rounding_error,
+    BY_OPACITY, END_SHARE, FIT_SHARE, LEAST_SHADED_SHARE, MAX_ERROR_LIMITS, fit_error, reserve, rounding_error,
 };
 use crate::lod::deviation::Deviation;
 use crate::stream::classify::Skipping;
@@ -98,14 +98,14 @@ impl<T: ClassifyTask> Task for WithTable<'_, T> {
     #[inline(always)]
     fn run<S: Simd>(self) -> T::Output {
         let Self { tables: PacketTables { pieces, table, .. }, task } = self;
-        let TransferPieces { narrow, clear, .. } = *pieces;
+        let TransferPieces { limits, clear, .. } = *pieces;
         if S::LANES <= FEW_LANES {
-            return task.run::<S, _>(&PacketTransfer { table: &ManyPieces::new(pieces), narrow, clear });
+            return task.run::<S, _>(&PacketTransfer { table: &ManyPieces::new(pieces), limits, clear });
         }
         match table {
-            PieceTable::UpTo16(few) => task.run::<S, _>(&PacketTransfer { table: &**few, narrow, clear }),
-            PieceTable::UpTo32(few) => task.run::<S, _>(&PacketTransfer { table: &**few, narrow, clear }),
-            PieceTable::Many => task.run::<S, _>(&PacketTransfer { table: &ManyPieces::new(pieces), narrow, clear }),
+            PieceTable::UpTo16(few) => task.run::<S, _>(&PacketTransfer { table: &**few, limits, clear }),
+            PieceTable::UpTo32(few) => task.run::<S, _>(&PacketTransfer { table: &**few, limits, clear }),
+            PieceTable::Many => task.run::<S, _>(&PacketTransfer { table: &ManyPieces::new(pieces), limits, clear }),
         }
     }
 }
@@ -116,7 +116,7 @@ impl PacketTables {
         let max_error = rule.max_error.clamp(MAX_ERROR_LIMITS[0], MAX_ERROR_LIMITS[1]);
         let origin = origin_of(source, scene.map.shift);
         let pieces = TransferPieces::new(source, scene.map.shift + f64::from(origin), FIT_SHARE * max_error);
-        let precision = precision_of(max_error, pieces.has_steps(), rule.sums_errors);
+        let precision = precision_of(max_error, scene.pyramid.layout().core(), rule.sums_errors);
         let for_levels = if rule.sums_errors { made_bytes / LEVELS_SHARE } else { 0 };
         let for_silhouettes = if scene.mode == Mode::Dvr { made_bytes / SILHOUETTES_SHARE } else { 0 };
         let for_bricks = made_bytes - for_levels - for_silhouettes;
@@ -256,12 +256,12 @@ fn origin_of(source: &TransferFunction, shift: f64) -> f32 {
     if is_far { single(middle) } else { 0.0 }
 }
 
-fn precision_of(max_error: f64, has_steps: bool, sums_errors: bool) -> Precision {
+fn precision_of(max_error: f64, core: usize, sums_errors: bool) -> Precision {
     Precision {
-        cell_error: single(cell_error(max_error)),
+        by_opacity: single(BY_OPACITY * max_error),
+        reserve: single(reserve(max_error, core)),
         last_transmittance: single(END_SHARE * max_error),
         least_shaded: single(LEAST_SHADED_SHARE * max_error),
-        has_steps,
         sums_errors,
     }
 }

@@ -45,6 +45,8 @@ pub struct Gathered {
     pub transmittance: PerRay,
     /// `dvr`: sum of the errors of cells, each times the transmittance in front of it.
     pub error: PerRay,
+    /// `dvr`: what the ray's cells may still spend of its error budget.
+    pub left: PerRay,
     /// `mip`, `minip`: the extreme so far; `mean`: the integral so far; NaN before the first present value.
     pub value: PerRay,
     /// `mean`: present world length so far.
@@ -174,6 +176,7 @@ impl TileRays {
                 color: [zero; 3],
                 transmittance: [1.0; TILE_RAYS],
                 error: zero,
+                left: zero,
                 value: [f64::NAN; TILE_RAYS],
                 length: zero,
                 iso: [IsoSides::default(); TILE_RAYS],
@@ -196,8 +199,9 @@ impl TileRays {
         }
     }
 
-    /// Removes all rays.
-    pub fn clear(&mut self) {
+    /// Removes all rays; those that follow have this error budget.
+    pub fn clear(&mut self, budget: f32) {
+        self.gathered.left.fill(f64::from(budget));
         self.stop.fill(f64::NEG_INFINITY);
         self.ahead.clear();
         self.gathered.color = [[0.0; TILE_RAYS]; 3];
@@ -423,6 +427,7 @@ impl TileRays {
         packet.length[lane] = single(self.exit[ray] - entry);
         packet.start[lane] = if self.has_starts { self.start[ray] } else { 0.0 };
         packet.front[lane] = single(self.gathered.transmittance[ray]);
+        packet.left[lane] = single(self.gathered.left[ray]);
         packet.rays[lane] = narrow::<u16>(ray);
     }
 
@@ -446,6 +451,12 @@ impl TileRays {
     pub fn add_error(&mut self, ray: u16, error: f32) {
         let ray = usize::from(ray);
         self.gathered.error[ray] += self.gathered.transmittance[ray] * f64::from(error);
+    }
+
+    /// What is left of a ray's error budget.
+    #[inline(always)]
+    pub fn set_left(&mut self, ray: u16, left: f32) {
+        self.gathered.left[usize::from(ray)] = f64::from(left);
     }
 
     /// Ends a ray.

@@ -290,6 +290,7 @@ impl Host for TileHost<'_> {
         if self.tables.precision.sums_errors {
             self.rays.add_error(packet.rays[lane], packet.error[lane]);
         }
+        self.rays.set_left(packet.rays[lane], packet.left[lane]);
         self.rays.add(packet.rays[lane], color, packet.transmittance[lane], last);
     }
 

@@ -42,6 +42,8 @@ pub struct Packet {
     pub length: PerLane,
     /// Transmittance in front of the brick.
     pub front: PerLane,
+    /// Error that the ray's cells may still have together ([`super::budget`]).
+    pub left: PerLane,
     /// Premultiplied colour gathered in the brick, over transmittance 1.
     pub color: [PerLane; 3],
     /// Transmittance of the brick.
@@ -61,6 +63,7 @@ impl Default for Packet {
             start: zero,
             length: zero,
             front: zero,
+            left: zero,
             color: [zero; 3],
             transmittance: [1.0; LANES_LIMIT],
             error: zero,

@@ -303,7 +303,7 @@ macro_rules! for_three {
         ]
     };
 }
-pub(super) use for_three;
+pub(crate) use for_three;
 
 /// Runs a task with a set of instructions.
 ///

@@ -1,0 +1,238 @@
+//! One trilinear cell in `f64`, for what packets do not settle in `f32`: where a ray grazes a step of the transfer function, where
+//! rounding decides on which side of a step an even field lies, where a normal turns over.
+//!
+//! The transfer function is that of the scene, over data values. The chord is cut at the values at which it bends or steps.
+//! Each part is integrated by one pair of Gauss points and by two, and halved until both agree and the normal certainly turns
+//! little, or the part hardly shows. What is left is far below any error that can be asked for, but has no proven bound.
+
+use glam::{DMat3, DVec3};
+use supervol_format::BrickKey;
+use supervol_format::cast::single;
+use supervol_scene::transfer_function::TransferFunction;
+
+use super::cell::{
+    Real, cubic_at, cubic_extremes, cubic_of_cell, monotone_intervals, monotone_root, replace_unreached,
+};
+use super::quadrature::GAUSS_OFFSET;
+use super::shade::Lighting;
+use super::visit::{BrickVisit, LevelVisit, StoredVoxel};
+use crate::stream::residency::{DecodedBrick, Voxels};
+
+/// Difference of one pair and two pairs that counts as agreement: a fifteenth of it is left.
+const AGREEMENT: f64 = 1e-6;
+/// Most halvings of a part.
+const HALVINGS: u32 = 30;
+/// Greatest turn of the normal over a part, as a length, for wide highlights. For narrow ones the shininess reduces it.
+const NORMAL_CHANGE: f64 = 0.5;
+/// Shininess of such wide highlights.
+const WIDE_SHININESS: f64 = 4.0;
+/// `1/sqrt(3)`: distance of the two points of a pair, in parts of theirs.
+const GAUSS_DISTANCE: f64 = 0.577_350_269_189_625_8;
+
+/// Premultiplied colour and transmittance of a part.
+type Seen = (DVec3, f64);
+
+/// A chord, and everything that its light depends on.
+struct ExactChord<'a> {
+    transfer_function: &'a TransferFunction,
+    lighting: Option<&'a Lighting>,
+    /// World gradient from the gradient along the chord; and unit vector to the eye.
+    world_from_index: DMat3,
+    to_eye: DVec3,
+    /// Data values.
+    cubic: [Real; 4],
+    /// Least and greatest value.
+    range: [f64; 2],
+    /// One cubic for each index axis; `None`: unshaded.
+    gradient: Option<[[Real; 4]; 3]>,
+    /// World length.
+    length: f64,
+}
+
+/// Premultiplied colour and transmittance of the part of a ray in one trilinear cell of a brick. The cell's first corner lies `base`
+/// voxels from the brick's first; `t` is the ray's interval in the brick.
+pub(crate) fn exact_cell(
+    level: LevelVisit<'_>,
+    brick: &DecodedBrick,
+    key: BrickKey,
+    base: usize,
+    t: [f64; 2],
+) -> [f32; 4] {
+    let visit = BrickVisit::new(level, brick, key);
+    let index = visit.cell_at_base(base);
+    let t = visit.cell_planes.chord(visit.level.axis_ray, index, t);
+    let chord = match visit.voxels() {
+        _ if t[0] >= t[1] => None,
+        Voxels::U8(voxels) => ExactChord::new(&visit, (voxels, index), t),
+        Voxels::U16(voxels) => ExactChord::new(&visit, (voxels, index), t),
+        Voxels::F32(voxels) => ExactChord::new(&visit, (voxels, index), t),
+    };
+    let (color, transmittance) = chord.map_or((DVec3::ZERO, 1.0), |chord| chord.seen());
+    [color.x, color.y, color.z, transmittance].map(single)
+}
+
+impl<'a> ExactChord<'a> {
+    /// The chord of a ray through a cell; `None` beside a hole.
+    fn new<T: StoredVoxel>(
+        visit: &'a BrickVisit<'_>,
+        (voxels, index): (&[T], [i64; 3]),
+        [t0, t1]: [f64; 2],
+    ) -> Option<Self> {
+        let (level, map) = (&visit.level, &visit.level.scene.map);
+        let [a, b] = [t0, t1].map(|t| visit.cell_planes.fractions(level.axis_ray, t, index));
+        let base = visit.base(index);
+        let data = |voxel: T| voxel.data_value(map);
+        let corners = present(visit.corners_by(voxels, base, data), a, b)?;
+        let cubic = cubic_of_cell(&corners, a, b);
+        let lighting = level.setup.lighting;
+        let gradient = lighting.and_then(|_| {
+            let [x, y, z] = visit.steps().map(|step| {
+                let [after, before] = [base + step, base - step].map(|base| visit.corners_by(voxels, base, data));
+                let differences = std::array::from_fn(|i| 0.5 * (after[i] - before[i]));
+                Some(cubic_of_cell(&present(differences, a, b)?, a, b))
+            });
+            Some([x?, y?, z?])
+        });
+        let (low, high) = cubic_extremes(&cubic, monotone_intervals(&cubic).as_slice());
+        Some(Self {
+            transfer_function: &level.scene.data_transfer_function,
+            lighting,
+            world_from_index: level.setup.world_from_level_gradient.as_dmat3(),
+            to_eye: level.setup.to_eye.as_dvec3(),
+            cubic,
+            range: [low, high],
+            gradient,
+            length: t1 - t0,
+        })
+    }
+
+    /// What is seen of the whole chord.
+    fn seen(&self) -> Seen {
+        let cuts = self.cuts();
+        let parts = cuts.windows(2).filter(|part| part[0] < part[1]);
+        parts.fold((DVec3::ZERO, 1.0), |seen, part| behind(seen, self.refined([part[0], part[1]], HALVINGS)))
+    }
+
+    /// Both ends, the crossings of the field with control points, and the places at which the light has a kink, because the normal is
+    /// at right angles to a light or to a highlight; ascending.
+    fn cuts(&self) -> Vec<f64> {
+        let intervals = monotone_intervals(&self.cubic);
+        let points = self.transfer_function.points();
+        let first = points.partition_point(|point| point.value < self.range[0]);
+        let inside = points[first..].iter().take_while(|point| point.value <= self.range[1]);
+        let mut cuts = vec![0.0, 1.0];
+        for value in inside.map(|point| point.value) {
+            add_crossings(&mut cuts, &self.cubic, intervals.as_slice(), value);
+        }
+        if let (Some(lighting), Some(gradient)) = (self.lighting, &self.gradient) {
+            for &(to_light, _) in &lighting.lights {
+                let half = (to_light.as_dvec3() + self.to_eye).normalize_or_zero();
+                for direction in [to_light.as_dvec3(), half] {
+                    let weights = self.world_from_index.transpose() * direction;
+                    let along = std::array::from_fn(|k| (0..3).map(|axis| weights[axis] * gradient[axis][k]).sum());
+                    add_crossings(&mut cuts, &along, monotone_intervals(&along).as_slice(), 0.0);
+                }
+            }
+        }
+        cuts.sort_by(f64::total_cmp);
+        cuts
+    }
+
+    /// A part, halved until halving it changes nothing.
+    fn refined(&self, [begin, end]: [f64; 2], halvings: u32) -> Seen {
+        let middle = 0.5 * (begin + end);
+        let (whole, halves) = (self.pair([begin, end]), behind(self.pair([begin, middle]), self.pair([middle, end])));
+        let change = (halves.0 - whole.0).abs().max_element().max((halves.1 - whole.1).abs());
+        let is_settled = change < AGREEMENT && (1.0 - halves.1 < AGREEMENT || !self.turns_far([begin, end]));
+        if is_settled || halvings == 0 {
+            return halves;
+        }
+        behind(self.refined([begin, middle], halvings - 1), self.refined([middle, end], halvings - 1))
+    }
+
+    /// One pair of Gauss points. See [`super::quadrature::integrate_pair`].
+    fn pair(&self, [begin, end]: [f64; 2]) -> Seen {
+        let at = |offset: f64| self.light(begin + offset * (end - begin));
+        let [(near, near_color), (far, far_color)] = [at(GAUSS_OFFSET), at(1.0 - GAUSS_OFFSET)];
+        let tau = 0.5 * (near + far) * self.length * (end - begin);
+        if tau <= 0.0 {
+            return (DVec3::ZERO, 1.0);
+        }
+        let far = far * (-tau * GAUSS_DISTANCE).exp().max(f64::MIN_POSITIVE);
+        let opacity = -(-tau).exp_m1();
+        ((near * near_color + far * far_color) * (opacity / (near + far)), 1.0 - opacity)
+    }
+
+    /// Extinction and colour at a place.
+    fn light(&self, u: f64) -> (f64, DVec3) {
+        let value = cubic_at(&self.cubic, u).clamp(self.range[0], self.range[1]);
+        let (color, alpha) = self.transfer_function.classify(value);
+        let color = match self.lighting {
+            Some(lighting) if alpha > 0.0 => match self.gradient_at(u) {
+                Some(gradient) => self.lit(lighting, color.into(), gradient),
+                None => color.into(),
+            },
+            _ => color.into(),
+        };
+        (self.transfer_function.kappa(alpha), color)
+    }
+
+    fn gradient_at(&self, u: f64) -> Option<DVec3> {
+        let gradient = self.gradient.as_ref()?;
+        Some(self.world_from_index * DVec3::from_array(gradient.map(|cubic| cubic_at(&cubic, u))))
+    }
+
+    /// The colour after shading. See [`super::shade::shade`].
+    fn lit(&self, lighting: &Lighting, color: DVec3, gradient: DVec3) -> DVec3 {
+        let length = gradient.length();
+        if length == 0.0 || length < f64::from(lighting.gradient_floor) {
+            return color;
+        }
+        let normal = gradient / -length;
+        let (mut diffuse, mut specular) = (f64::from(lighting.ambient), 0.0);
+        for &(to_light, intensity) in &lighting.lights {
+            let (to_light, intensity) = (to_light.as_dvec3(), f64::from(intensity));
+            let half = (to_light + self.to_eye).normalize_or_zero();
+            diffuse += f64::from(lighting.diffuse) * normal.dot(to_light).abs() * intensity;
+            let shine = normal.dot(half).abs().powf(f64::from(lighting.shininess));
+            specular += f64::from(lighting.specular) * shine * intensity;
+        }
+        (color * diffuse + specular).clamp(DVec3::ZERO, DVec3::ONE)
+    }
+
+    /// Whether the normal may turn far over a part, by at most the way of the gradient over its least length, or there may be one in
+    /// some of it only.
+    fn turns_far(&self, [begin, end]: [f64; 2]) -> bool {
+        let (Some(lighting), Some(cubics)) = (self.lighting, &self.gradient) else { return false };
+        let most = NORMAL_CHANGE / (f64::from(lighting.shininess) / WIDE_SHININESS).max(1.0).sqrt();
+        let (u, half) = (0.5 * (begin + end), 0.5 * (end - begin));
+        let length = |of: fn(&[f64; 4], f64) -> f64| {
+            (self.world_from_index * DVec3::from_array(cubics.map(|cubic| of(&cubic, u)))).length()
+        };
+        let long = length(cubic_at);
+        let slope = length(|k, u| k[1] + u * (2.0 * k[2] + u * 3.0 * k[3]));
+        let bow = length(|k, u| 2.0 * k[2] + u * 6.0 * k[3]);
+        let third = length(|k, _| 6.0 * k[3]);
+        let away = half * (slope + half * (bow + half * third));
+        let floor = f64::from(lighting.gradient_floor);
+        // Without a normal anywhere, there is nothing to turn.
+        long + away >= floor && (long - away < floor || 2.0 * away > most * (long - away))
+    }
+}
+
+/// Adds the places at which a cubic has a value. `ends`: those of its monotone intervals.
+fn add_crossings(cuts: &mut Vec<f64>, cubic: &[Real; 4], ends: &[f64], value: f64) {
+    cuts.extend(ends.windows(2).filter_map(|ends| monotone_root(cubic, ends[0], ends[1], value)));
+}
+
+/// Corners of which none is absent that has a weight on the chord from `a` to `b`.
+fn present(mut corners: [f64; 8], a: [Real; 3], b: [Real; 3]) -> Option<[f64; 8]> {
+    if corners.iter().any(|c| c.is_nan()) {
+        replace_unreached(&mut corners, a, b);
+    }
+    (!corners.iter().any(|c| c.is_nan())).then_some(corners)
+}
+
+fn behind((color, transmittance): Seen, (next, through): Seen) -> Seen {
+    (color + transmittance * next, transmittance * through)
+}

@@ -1,0 +1,245 @@
+//! Tests: stated errors of parts are bounds ([`super::integrate`]), for one cell and for spans of several.
+//!
+//! Cases are random, and those that an adversary finds, who changes numbers as long as the true error gets nearer to the stated one.
+
+use supervol_format::random::Random;
+use supervol_scene::transfer_function::pieces::{CHANNELS, TransferPieces};
+use supervol_scene::transfer_function::{ControlPoint, TransferFunction};
+
+use super::integrate::{Chord, Line, integrate_at, locate};
+use super::lookup::ManyPieces;
+use super::simd::{LANES_LIMIT, Portable, Simd, Task};
+use crate::engines::cubics::{Cubic, cubic, exact};
+
+/// Contribution of consecutive chords, by one line.
+struct Integrate<'a> {
+    pieces: &'a TransferPieces,
+    cubics: &'a [Cubic],
+}
+
+impl Task for Integrate<'_> {
+    type Output = Found;
+
+    #[inline(always)]
+    fn run<S: Simd>(self) -> Found {
+        let chord = |&(k, length): &Cubic| Chord::<S> {
+            values: [0.0, 0.5, 1.0].map(|u| S::splat(cubic(k, u) as f32)),
+            cubic: S::splat(k[3] as f32),
+            length: S::splat(length as f32),
+            noise: S::splat(0.0),
+            bounds: Chord::<S>::UNBOUNDED.map(S::splat),
+        };
+        let chords: Vec<_> = self.cubics.iter().map(chord).collect();
+        let line = if chords.len() == 1 { chords[0].line() } else { Line::over(&chords) };
+        let table = ManyPieces::new(self.pieces);
+        let part = integrate_at::<S, _>(&table, self.pieces.limits, &line, &locate(&table, &line));
+        let first = |v: S::F| {
+            let mut lanes = [0.0; LANES_LIMIT];
+            S::store(v, &mut lanes);
+            lanes[0]
+        };
+        let [r, g, b] = part.color.map(first);
+        Found {
+            sums: [r, g, b, first(part.transmittance)],
+            error: first(part.error),
+            moments: part.moments.map(first),
+            misplaced: first(part.misplaced),
+        }
+    }
+}
+
+/// Numbers of a part.
+struct Found {
+    /// Colour and transmittance.
+    sums: [f32; 4],
+    error: f32,
+    moments: [f32; CHANNELS],
+    misplaced: f32,
+}
+
+/// A part and its transfer function, as numbers that may be changed one by one.
+#[derive(Clone, Debug)]
+struct Case {
+    /// Value, red, green, blue and opacity of each control point.
+    points: Vec<[f64; 5]>,
+    cubics: Vec<Cubic>,
+}
+
+impl Case {
+    fn random(random: &mut impl FnMut() -> f64) -> Self {
+        let steep = [0.01, 0.05, 0.3, 0.9][(random() * 4.0) as usize];
+        let mut values: Vec<f64> = (0..2 + (random() * 4.0) as usize).map(|_| 100.0 + 20.0 * random()).collect();
+        values.sort_by(f64::total_cmp);
+        if random() < 0.3 {
+            values[1] = values[0];
+        }
+        let mut alpha = || if random() < 0.3 { 0.0 } else { steep * random() };
+        let alphas: Vec<f64> = values.iter().map(|_| alpha()).collect();
+        let points = values.into_iter().zip(alphas).map(|(v, alpha)| [v, random(), random(), random(), alpha]);
+        let points = points.collect();
+        let wide = [1.0, 0.3, 0.1, 0.02][(random() * 4.0) as usize];
+        let bowed = [1.0, 0.2, 0.02][(random() * 3.0) as usize];
+        let cells = [1, 1, 3, 6][(random() * 4.0) as usize];
+        // The slope shared by the cells of a span, and each cell's own share.
+        let (slope, own) = (10.0 * (random() - 0.5), if cells == 1 { 0.0 } else { random() });
+        let mut cubics: Vec<Cubic> = Vec::new();
+        for _ in 0..cells {
+            let begin = cubics.last().map_or(100.0 + 20.0 * random(), |&(k, _)| cubic(k, 1.0));
+            let slope = wide * (slope + own * 10.0 * (random() - 0.5));
+            let k = [begin, slope, bowed * wide * 6.0 * (random() - 0.5), bowed * wide * (random() - 0.5)];
+            // A cell in which a ray waits has no length, and one value.
+            let is_waited_in = cells > 1 && random() < 0.1;
+            cubics.push(if is_waited_in { ([begin, 0.0, 0.0, 0.0], 0.0) } else { (k, 1.5 * random()) });
+        }
+        Self { points, cubics }
+    }
+
+    /// The case with one number changed.
+    fn changed(&self, size: f64, random: &mut impl FnMut() -> f64) -> Self {
+        let mut case = self.clone();
+        let by = size * (random() - 0.5);
+        if random() < 0.5 {
+            let i = (random() * case.points.len() as f64) as usize;
+            let number = (random() * 5.0) as usize;
+            let point = &mut case.points[i];
+            point[number] = match number {
+                0 => point[0] + 20.0 * by,
+                4 => (point[4] + by).clamp(0.0, 1.0),
+                _ => (point[number] + 2.0 * by).clamp(0.0, 1.0),
+            };
+            case.points.sort_by(|a, b| a[0].total_cmp(&b[0]));
+        } else {
+            let i = (random() * case.cubics.len() as f64) as usize;
+            let number = (random() * 5.0) as usize;
+            let (k, length) = &mut case.cubics[i];
+            match number {
+                4 => *length = (*length + 2.0 * by).clamp(0.0, 3.0),
+                _ => k[number] += 10.0 * by,
+            }
+            for i in 1..case.cubics.len() {
+                case.cubics[i].0[0] = cubic(case.cubics[i - 1].0, 1.0);
+            }
+        }
+        case
+    }
+
+    fn transfer_function(&self) -> Option<TransferFunction> {
+        let points = self.points.iter().map(|&[value, r, g, b, alpha]| ControlPoint {
+            value: f64::from(value as f32),
+            color: [r, g, b],
+            alpha,
+        });
+        TransferFunction::new(points.collect(), 1.0).ok()
+    }
+
+    /// True and stated error, and true and stated distance of the densities from lines. The fit of the pieces is far finer
+    /// than either.
+    fn errors(&self) -> [[f64; 2]; 2] {
+        let Some(tf) = self.transfer_function() else { return [[0.0; 2]; 2] };
+        let pieces = TransferPieces::new(&tf, 0.0, FIT);
+        let rounded: Vec<Cubic> =
+            self.cubics.iter().map(|&(k, length)| (k.map(|k| f64::from(k as f32)), f64::from(length as f32))).collect();
+        let found = Integrate { pieces: &pieces, cubics: &rounded }.run::<Portable>();
+        let expected = exact(&tf, &rounded);
+        let [r, g, b, through]: [f64; 4] = std::array::from_fn(|c| f64::from(found.sums[c]) - expected[c]);
+        // In front of black, and in front of white.
+        let seen = [r, g, b, through, r + through, g + through, b + through];
+        let off = seen.map(f64::abs).into_iter().fold(0.0, f64::max);
+        let misplaced = distance_from_lines(&tf, &rounded, &found.moments);
+        [[off, f64::from(found.error)], [misplaced, f64::from(found.misplaced)]]
+    }
+}
+
+/// Greatest distance of the integrals of opacity and colours, from the beginning of some chords, from those of linear densities
+/// with the same sums and these moments; by a sum of [`STEPS`] terms a chord, less what it may be off by.
+fn distance_from_lines(tf: &TransferFunction, cubics: &[Cubic], moments: &[f32; CHANNELS]) -> f64 {
+    let whole: f64 = cubics.iter().map(|&(_, length)| length).sum();
+    let (mut depth, mut at, mut most) = (0.0f64, 0.0, 0.0f64);
+    let mut places = vec![([0.0; CHANNELS], 0.0)];
+    for &(k, length) in cubics.iter().filter(|&&(_, length)| length > 0.0) {
+        for i in 0..STEPS {
+            let (color, alpha) = tf.classify(cubic(k, (f64::from(i) + 0.5) / f64::from(STEPS)));
+            let extinction = tf.kappa(alpha) * length / f64::from(STEPS);
+            let seen = (-depth).exp() * (1.0 - (-extinction).exp());
+            (depth, at, most) = (depth + extinction, at + length / f64::from(STEPS), most.max(seen));
+            let (mut sums, _) = places[places.len() - 1];
+            sums[0] += seen;
+            (0..3).for_each(|c| sums[c + 1] += seen * color[c]);
+            places.push((sums, at / whole.max(1e-12)));
+        }
+    }
+    let (all, _) = places[places.len() - 1];
+    let distance = |&(sums, u): &([f64; CHANNELS], f64)| {
+        let line = |c: usize| all[c] * u + 6.0 * f64::from(moments[c]) * (u * u - u);
+        (0..CHANNELS).map(|c| (sums[c] - line(c)).abs()).fold(0.0, f64::max)
+    };
+    (places.iter().map(distance).fold(0.0, f64::max) - most).max(0.0)
+}
+
+const FIT: f64 = 1e-6;
+const STEPS: u32 = 400;
+/// Errors that the test itself makes: by the fit, by roundings of values of 100 to 120, and of the antiderivatives.
+const ROUNDED: f64 = 2e-5;
+
+fn check(case: &Case, [off, stated]: [f64; 2], name: &str) {
+    assert!(off <= stated + ROUNDED, "{name}: {off} off, {stated} stated: {case:?}");
+}
+
+/// Stated errors of parts are bounds, for one cell and for spans of several, and so is what is stated of the origin of light: for
+/// random ones, and for those that an adversary finds, who changes numbers as long as the true error gets nearer to the stated
+/// one, once for all errors and once for small ones.
+#[test]
+fn stated_errors_are_errors() {
+    let mut numbers = Random::new(11);
+    let mut random = || numbers.unit();
+    for (which, name) in ["sums", "origin"].into_iter().enumerate() {
+        let cases: Vec<Case> = (0..10_000).map(|_| Case::random(&mut random)).collect();
+        for most in [f64::INFINITY, 0.05, 0.003] {
+            let rank = |errors: [f64; 2]| if errors[1] > most { 0.0 } else { errors[0] / (errors[1] + ROUNDED) };
+            let mut worst = Vec::new();
+            for case in &cases {
+                let errors = case.errors()[which];
+                check(case, errors, name);
+                worst.push((rank(errors), case.clone()));
+            }
+            worst.sort_by(|a, b| b.0.total_cmp(&a.0));
+            worst.truncate(10);
+            println!("{name}, at most {most}: random {:?}", worst[0].0);
+            for (ratio, case) in &mut worst {
+                for step in 0..800 {
+                    let next = case.changed(0.3f64.powi(step / 100), &mut random);
+                    let errors = next.errors()[which];
+                    check(&next, errors, name);
+                    if rank(errors) > *ratio && errors[0] > 10.0 * ROUNDED {
+                        (*ratio, *case) = (rank(errors), next);
+                    }
+                }
+            }
+            worst.sort_by(|a, b| b.0.total_cmp(&a.0));
+            println!("adversary: {:?} {:?}", worst[0], worst[0].1.errors()[which]);
+        }
+    }
+}
+
+/// In a shell that is thin against its chord hardly anything is in front of anything else: changing colour there
+/// becomes the mean colour.
+#[test]
+fn order_does_no_more_than_it_can() {
+    let point = |value, color, alpha| ControlPoint { value, color, alpha };
+    let (before, behind) = ([0.08, 0.77, 0.98], [0.97, 0.78, 0.38]);
+    let points = vec![point(0.842, [0.1; 3], 0.0), point(0.842, before, 0.61), point(0.846, behind, 0.82)];
+    let tf = TransferFunction::new(points, 0.4).unwrap();
+    let pieces = TransferPieces::new(&tf, 0.0, 1e-4);
+    for length in [0.3, 1.0, 3.0] {
+        // The chord ends in the shell, which the exact sum treats separately.
+        let line = |[from, to]: [f64; 2]| ([from, to - from, 0.0, 0.0], length * (to - from) / 0.646);
+        let found = Integrate { pieces: &pieces, cubics: &[line([0.2, 0.846])] }.run::<Portable>();
+        let expected = exact(&tf, &[line([0.2, 0.842]), line([0.842, 0.846])]);
+        let opacity = 1.0 - expected[3];
+        assert!(opacity > 0.001, "nothing is seen");
+        let error = (0..3).map(|c| (f64::from(found.sums[c]) - expected[c]).abs()).fold(0.0, f64::max);
+        // The effect of order in both directions, and the fit.
+        let allowed = opacity * (0.25 * opacity + 1e-3);
+        assert!(error < allowed, "{length}: {error} of {opacity}, {:?} for {expected:?}", found.sums);
+    }
+}
