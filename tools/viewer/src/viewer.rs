@@ -14,6 +14,7 @@ use supervol_preprocess::kept::Reading;
 use supervol_runtime::render::stats::FrameStats;
 use supervol_scene::scene::{Mode, Scene};
 
+use crate::cine::{self, Cine};
 use crate::command::{self, Command};
 use crate::folders::Folders;
 use crate::history::History;
@@ -93,6 +94,7 @@ pub struct Viewer {
     pub(crate) panel_state: PanelState,
     pub(crate) slice: Option<ShownSlice>,
     pub(crate) sections: Sections,
+    pub(crate) cine: Cine,
     pub(crate) transfer: Transfer,
     pub(crate) status_height: StatusHeight,
     /// Key frames of an animation.
@@ -145,6 +147,7 @@ impl Viewer {
             panel_state: PanelState::default(),
             slice: None,
             sections: Sections { layout: saved.layout, ..Sections::default() },
+            cine: Cine::default(),
             transfer: Transfer::default(),
             status_height: StatusHeight::default(),
             keys: KeyFrames::default(),
@@ -202,6 +205,12 @@ impl Viewer {
         self.ahead.filter(|ahead| ahead.number == self.requests)
     }
 
+    /// State of the cine.
+    #[must_use]
+    pub fn cine(&self) -> &Cine {
+        &self.cine
+    }
+
     /// The last failure or success.
     #[must_use]
     pub fn message(&self) -> Option<&Message> {
@@ -239,6 +248,7 @@ impl Viewer {
         for command in command::pressed(&ctx) {
             self.run(&ctx, command);
         }
+        cine::advance(self, &ctx);
         panels::status::show(self, ui);
         if !self.saved.panels_hidden {
             panels::tools::show(self, ui);
@@ -465,6 +475,7 @@ impl Viewer {
             Command::SaveScene | Command::Export | Command::Animate | Command::CopyCommand if self.is_preview() => {
                 self.message = self.preview_message();
             }
+            Command::Cine => self.cine.is_running = !self.cine.is_running,
             Command::Handles => self.panel_state.are_handles_shown = !self.panel_state.are_handles_shown,
             Command::Sections => self.set_layout(match self.sections.layout {
                 Layout::Three => Layout::Alone,

@@ -18,12 +18,13 @@ use crate::worker::{Inspect, OpenVolume};
 /// Default width of the panel, in points.
 const WIDTH: f32 = 300.0;
 /// Modes with names and descriptions for the user.
-const MODES: [(Mode, &str, &str); 5] = [
+const MODES: [(Mode, &str, &str); 6] = [
     (Mode::Dvr, "Volume", "Emission and absorption (dvr)"),
     (Mode::Iso, "Iso", "Isosurfaces (iso)"),
     (Mode::Mip, "Max", "Maximum value along each ray (mip)"),
     (Mode::Minip, "Min", "Minimum value along each ray (minip)"),
     (Mode::Mean, "Mean", "Mean value along each ray (mean)"),
+    (Mode::Slice, "Slices only", "Slices in place, without the volume: a fence, or three planes (slice)"),
 ];
 /// Least and greatest density, relative to the volume's first picture.
 const DENSITIES: std::ops::RangeInclusive<f64> = 0.01..=100.0;
@@ -72,6 +73,9 @@ pub(crate) fn show(viewer: &mut Viewer, ui: &mut Ui) {
                 Some(Mode::Dvr) => {
                     colors(viewer, &opened, ui);
                     inner_surfaces(viewer, &opened, ui);
+                }
+                Some(Mode::Slice) => {
+                    ui.weak("Slices have colours of their own: see Slices in the volume, at the left.");
                 }
                 _ => colors(viewer, &opened, ui),
             }
@@ -331,7 +335,7 @@ fn list_of_surfaces(surfaces: &mut Vec<IsoSpec>, opened: &OpenVolume, may_go: bo
 fn light(viewer: &mut Viewer, ui: &mut Ui) {
     heading(ui, "Light");
     if !matches!(viewer.scene.mode, Some(Mode::Dvr | Mode::Iso)) {
-        ui.weak("Projections have no lighting.");
+        ui.weak("Projections and slices have no lighting.");
         return;
     }
     let mut is_lit = matches!(viewer.scene.shading, Some(Some(_)));

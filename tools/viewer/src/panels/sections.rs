@@ -6,9 +6,9 @@ use supervol_format::cast::{single, whole};
 use supervol_scene::scene::{CameraSpec, ImageSpec, RAY_LIMIT, Scene};
 
 use super::picture::{color, pixels_of, place, wheel_steps};
-use super::{coordinate, extent_in_words, heading, slices, voxel_slider, wide_slider};
+use super::{coordinate, extent_in_words, heading, reading, slices, voxel_slider, wide_slider};
 use crate::planes::{self, axis_name};
-use crate::sections::{Layout, describe_point};
+use crate::sections::{Layout, describe_point, short};
 use crate::viewer::Viewer;
 use crate::worker::{Message, OpenVolume, PANELS, Probe};
 use crate::{edit, navigate};
@@ -103,15 +103,22 @@ fn handle_input(viewer: &mut Viewer, opened: &OpenVolume, ui: &Ui, axis: usize, 
     let rect = response.rect;
     let moves = ui.input(|input| input.modifiers.shift) || response.dragged_by(PointerButton::Middle);
     let moves = moves || response.dragged_by(PointerButton::Secondary);
+    let wants_window = viewer.sections.drag_sets_window || ui.input(|input| input.modifiers.command);
+    let sets_window = wants_window && !moves && response.is_pointer_button_down_on();
     let at = response.interact_pointer_pos().map(|at| place(rect, at));
     let is_pointing = response.is_pointer_button_down_on() || response.clicked();
     if response.double_clicked() {
         viewer.sections.panels[axis].camera = None;
+    } else if sets_window && response.drag_delta() != Vec2::ZERO {
+        let delta = response.drag_delta() / rect.size().max(Vec2::splat(1.0));
+        viewer.sections.drag_window([f64::from(delta.x), -f64::from(delta.y)], &opened.facts);
     } else if moves && response.drag_delta() != Vec2::ZERO {
         let height = f64::from(rect.height().max(1.0));
         let by = [f64::from(response.drag_delta().x) / height, -f64::from(response.drag_delta().y) / height];
         turn(viewer, axis, |camera| navigate::pan(camera, by));
-    } else if let Some(at) = at.filter(|_| is_pointing && !moves && ui.input(|i| i.pointer.primary_down())) {
+    } else if let Some(at) =
+        at.filter(|_| is_pointing && !moves && !wants_window && ui.input(|i| i.pointer.primary_down()))
+    {
         viewer.sections.point_at(axis, at, &opened.facts, &mut viewer.scene);
     }
     if !response.contains_pointer() {
@@ -241,7 +248,9 @@ fn title(viewer: &Viewer, opened: &OpenVolume, axis: usize) -> String {
     let at = format!("{} {}", coordinate(scale, voxel), scale.unit);
     let failed = viewer.sections.panels[axis].shown.as_ref().map_or(0, |shown| shown.stats.bricks_failed);
     let failed = if failed > 0 { format!(", {failed} bricks failed") } else { String::new() };
-    format!("{} {}, voxel {voxel}{failed}", axis_name(opened, axis), at.trim_end())
+    let slab = viewer.sections.slab.filter(|_| viewer.sections.shows_slabs(&opened.facts));
+    let slab = slab.map_or(String::new(), |slab| format!(", slab of {} voxels", short(slab.thickness)));
+    format!("{} {}, voxel {voxel}{slab}{failed}", axis_name(opened, axis), at.trim_end())
 }
 
 /// Draws value and position of the point under the mouse, when they are known.
@@ -301,6 +310,7 @@ pub(super) fn controls(viewer: &mut Viewer, ui: &mut Ui) {
         let look = &mut viewer.sections.look;
         slices::interpolation(look, "Panels", ui);
         slices::filter(look, &opened, "Panels", ui);
+        reading::controls(viewer, &opened, ui);
     });
     let words = "Adds slices at the cursor to the picture; they move with the cursor";
     if ui.button("Show them in the volume").on_hover_text(words).clicked() {
@@ -325,9 +335,8 @@ fn show_in_volume(viewer: &mut Viewer, opened: &OpenVolume) {
         }
         if let Some(slice) = viewer.scene.slices.last_mut() {
             planes::move_to(slice, &opened.facts, place);
-            let look = &viewer.sections.look;
-            (slice.interpolation, slice.filter) = (look.interpolation, look.filter);
-            slice.colors.clone_from(&look.colors);
+            let look = viewer.sections.painted_look(&opened.facts);
+            (slice.interpolation, slice.filter, slice.colors) = (look.interpolation, look.filter, look.colors);
         }
     }
 }

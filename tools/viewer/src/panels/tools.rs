@@ -146,6 +146,7 @@ fn slice(viewer: &mut Viewer, ui: &mut Ui) {
         if response.accessible_name("Place of the slice").changed() {
             viewer.set_slice(Some((axis, at)));
         }
+        ui.horizontal(|ui| super::reading::cine_button(viewer, ui));
     }
 }
 
