@@ -5,7 +5,7 @@
 
 use std::path::Path;
 
-use clap::{Args, ValueEnum};
+use clap::{Args, Parser, ValueEnum};
 use supervol_format::container::manifest::Source;
 use supervol_format::{Dims, Geometry};
 use supervol_preprocess::BuildError;
@@ -286,6 +286,26 @@ impl SourceArguments {
     }
 }
 
+/// Reading options of words of a command line such as `--dims=8,8,8`, for programs with fields for them.
+///
+/// # Errors
+/// In words, if a word is no option, or its value is not valid.
+pub fn reading_of_words(words: Vec<String>, memory_bytes: u64) -> Result<Reading, String> {
+    #[derive(clap::Parser)]
+    #[command(no_binary_name = true)]
+    struct Reader {
+        #[command(flatten)]
+        source: SourceArguments,
+    }
+    let read = Reader::try_parse_from(words).map_err(|error| {
+        // The first paragraph says what is wrong; usage and help are about command lines.
+        let words = error.to_string();
+        let first = words.split("\n\n").next().unwrap_or_default();
+        first.trim_start_matches("error: ").to_owned()
+    })?;
+    read.source.reading(memory_bytes).map_err(|failure| failure.message().unwrap_or_default().to_owned())
+}
+
 /// Refuses options for volume files if the input is a container: they would change nothing.
 ///
 /// # Errors
@@ -390,6 +410,17 @@ mod tests {
         ReadOption::SkipTraces,
         ReadOption::Duplicates,
     ];
+
+    #[test]
+    fn fields_are_read_as_the_command_line_is() {
+        let words = |words: &[&str]| reading_of_words(words.iter().map(|word| (*word).to_owned()).collect(), 1 << 30);
+        let reading = words(&["--dims=4,5,6", "--dtype=u16", "--nodata=-9"]).expect("valid");
+        assert_eq!(reading.options.raw.map(|raw| (raw.dims.0, raw.nodata)), Some(([4, 5, 6], Some(-9.0))));
+        assert!(words(&[]).expect("no options").is_default());
+        let refused = words(&["--dims=4,5", "--dtype=u8"]).expect_err("two numbers");
+        assert!(refused.contains("--dims") && !refused.contains("Usage") && !refused.contains("error:"), "{refused}");
+        assert!(words(&["--dims=4,5,6"]).expect_err("no type").contains("--dtype"));
+    }
 
     /// Commands define `--memory` themselves.
     #[test]

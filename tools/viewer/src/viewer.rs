@@ -19,6 +19,7 @@ use crate::command::{self, Command};
 use crate::folders::Folders;
 use crate::history::History;
 use crate::panels::animate::KeyFrames;
+use crate::panels::file_options::FileOptions;
 use crate::panels::status::StatusHeight;
 use crate::panels::transfer::{self, Transfer};
 use crate::panels::{self, Dialogs, PanelState};
@@ -288,6 +289,12 @@ impl Viewer {
         self.open_with(path, Reading::default(), Scene::default());
     }
 
+    /// Opens a file with options of its own, with its default picture.
+    pub(crate) fn open_read(&mut self, path: &Path, reading: Reading) {
+        self.exaggeration = 1.0;
+        self.open_with(path, reading, Scene::default());
+    }
+
     fn open_with(&mut self, path: &Path, reading: Reading, scene: Scene) {
         self.message = None;
         if let Some(worker) = &self.worker {
@@ -327,6 +334,9 @@ impl Viewer {
             let what = "the drawing thread has crashed because of a bug in supervol; its message is on standard error. Save the scene \
                         and start supervol again";
             self.message = Some(Message::Failure(what.into()));
+        }
+        if let Some(refused) = messages.refused {
+            self.dialogs.file_options = Some(FileOptions::refused(*refused));
         }
         if let Some(opened) = messages.opened {
             self.show_volume(ctx, opened);
@@ -377,7 +387,7 @@ impl Viewer {
         }
         edit::write_out(&mut scene, &opened.facts);
         if is_same {
-            self.history.commit(&scene);
+            self.history.commit(&scene, ctx.input(|input| input.time));
         } else {
             self.history = History::new(&scene);
             self.sections = Sections::of(&opened.facts, self.sections.layout);
@@ -486,11 +496,11 @@ impl Viewer {
             Command::Animate => panels::dialogs::begin_animation(self),
             Command::CopyCommand => self.copy_command(ctx),
             Command::Undo => {
-                let before = self.history.undo(&self.scene);
+                let before = self.history.undo(&self.scene, ctx.input(|input| input.time));
                 self.restore(before);
             }
             Command::Redo => {
-                let after = self.history.redo(&self.scene);
+                let after = self.history.redo(&self.scene, ctx.input(|input| input.time));
                 self.restore(after);
             }
             view => self.run_view(view),
@@ -603,7 +613,7 @@ impl Viewer {
         let Some(worker) = &self.worker else { return };
         // A drag is one edit: it ends when the button is released.
         if !ctx.input(|input| input.pointer.any_down()) {
-            self.history.commit(&self.scene);
+            self.history.commit(&self.scene, ctx.input(|input| input.time));
         }
         let are_set = self.settings == self.sent_settings;
         if !are_set {

@@ -192,8 +192,8 @@ pub fn around_slices(points: PointsSpec, facts: &VolumeFacts) -> PointsSpec {
     let mean = if facts.histogram.is_empty() {
         function.kappa(points.points.iter().map(|p| p.alpha).fold(0.0, f64::max))
     } else {
-        let shares = Histogram::new(&facts.histogram, facts.central_range).shares();
-        let seen = shares.map(|(value, share)| (share, function.kappa(function.classify(value).1)));
+        let histogram = Histogram::new(&facts.histogram, facts.central_range);
+        let seen = histogram.shares().map(|(value, share)| (share, function.kappa(function.classify(value).1)));
         let [sum, visible] = seen.fold([0.0; 2], |[sum, visible], (share, kappa)| {
             [sum + share * kappa, visible + if kappa > 0.0 { share } else { 0.0 }]
         });

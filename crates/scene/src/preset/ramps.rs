@@ -312,7 +312,13 @@ pub fn repainted(
         out.iter_mut().for_each(|(place, point)| point.color = color_at(colors, *place));
     }
     let [low, high] = window.unwrap_or([low, high]);
-    out.iter().map(|(place, p)| ControlPoint { value: low * (1.0 - place) + high * place, ..*p }).collect()
+    let mut least = f64::NEG_INFINITY;
+    let mut value = |place: f64| {
+        // Rounding must not put a point before the one at its left.
+        least = (low * (1.0 - place) + high * place).max(least);
+        least
+    };
+    out.iter().map(|(place, p)| ControlPoint { value: value(*place), ..*p }).collect()
 }
 
 fn alpha_at(points: &[ControlPoint], value: f64) -> f64 {

@@ -5,6 +5,7 @@ mod browse;
 mod cutting;
 pub(crate) mod dialogs;
 mod editor;
+pub(crate) mod file_options;
 mod handles;
 mod marks;
 pub(crate) mod picture;

@@ -1,7 +1,9 @@
 //! The right panel: properties of the volume, look, and render settings.
 
 use eframe::egui::{self, Button, ComboBox, DragValue, Slider, SliderClamping, Ui};
+use supervol_arguments::flags;
 use supervol_format::cast::{narrow, single};
+use supervol_format::readable::counted;
 use supervol_runtime::engines::rules::MAX_ERROR_LIMITS;
 use supervol_runtime::render::options::Backend;
 use supervol_scene::facts::DataKind;
@@ -93,13 +95,20 @@ fn volume(opened: &OpenVolume, ui: &mut Ui) {
     let read = &manifest.source.name;
     // The name includes the chosen channel or time point of the file.
     let name = if read.starts_with(&*name) { read.clone() } else { name.into_owned() };
-    let notes: String = manifest.notes.iter().map(|note| format!("\n{note}")).collect();
-    ui.label(name).on_hover_text(format!("{}{notes}", opened.path.display()));
+    ui.label(name).on_hover_text(opened.path.display().to_string());
     let unit = &manifest.unit;
     ui.label(format!("{x} x {y} x {z} voxels, {}", opened.container.descriptor().voxel_type.name()));
     ui.label(format!("values {} to {} {unit}", short(facts.value_range.min), short(facts.value_range.max)));
     for words in extent(opened) {
         ui.label(words);
+    }
+    if !manifest.notes.is_empty() {
+        let title = counted(manifest.notes.len() as u64, "note");
+        egui::CollapsingHeader::new(title).id_salt("notes").default_open(true).show(ui, |ui| {
+            for note in &manifest.notes {
+                ui.small(flags::with_flags(note));
+            }
+        });
     }
 }
 

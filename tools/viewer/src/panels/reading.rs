@@ -46,7 +46,7 @@ fn window(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
     let speed = (facts.central_range.width() / 500.0).max(f64::MIN_POSITIVE);
     let [level, width] = windows::level_and_width(now);
     let mut numbers = [level, width];
-    ui.horizontal(|ui| {
+    ui.horizontal_wrapped(|ui| {
         for (number, name) in numbers.iter_mut().zip(["Level", "Width"]) {
             ui.label(name);
             ui.add(DragValue::new(number).speed(speed).max_decimals(3))
@@ -74,21 +74,21 @@ fn window(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
     ui.checkbox(&mut sections.drag_sets_window, "Drag sets the window").on_hover_text(
         "A drag in a panel to the right widens the window, a drag up lowers its level. Without this, Ctrl and a drag do",
     );
-    ui.horizontal(|ui| {
-        ui.label("Gamma");
-        let [least, most] = windows::GAMMAS;
-        let slider = Slider::new(&mut sections.gamma, least..=most).clamping(SliderClamping::Always);
-        ui.add(slider.logarithmic(true).max_decimals(2))
-            .on_hover_text("Below 1 brightens a grey picture (--gamma)")
-            .accessible_name("Panels, gamma");
-    });
+    ui.label("Gamma");
+    wide_slider(ui);
+    let [least, most] = windows::GAMMAS;
+
+    let slider = Slider::new(&mut sections.gamma, least..=most).clamping(SliderClamping::Always);
+    ui.add(slider.logarithmic(true).max_decimals(2))
+        .on_hover_text("Below 1 brightens a grey picture (--gamma)")
+        .accessible_name("Panels, gamma");
 }
 
 fn slab(viewer: &mut Viewer, ui: &mut Ui) {
     let Slab { mut thickness, mut mode } =
         viewer.sections.slab.unwrap_or(Slab { thickness: 1.0, mode: SlabMode::Mean });
     let mut is_slab = viewer.sections.slab.is_some();
-    ui.horizontal(|ui| {
+    ui.horizontal_wrapped(|ui| {
         ui.checkbox(&mut is_slab, "Slab").on_hover_text("Shows a layer around each section (--slab, --slab-mode)");
         if !is_slab {
             return;
@@ -97,7 +97,7 @@ fn slab(viewer: &mut Viewer, ui: &mut Ui) {
             .on_hover_text("Thickness of the layer")
             .accessible_name("Panels, thickness of the slab");
         let name = SLABS.iter().find(|(known, _)| *known == mode).map_or("", |(_, name)| name);
-        let box_ = ComboBox::from_id_salt("slab").width(80.0).selected_text(name).show_ui(ui, |ui| {
+        let box_ = ComboBox::from_id_salt("slab").width(60.0).selected_text(name).show_ui(ui, |ui| {
             SLABS.into_iter().find(|(known, name)| ui.selectable_label(*known == mode, *name).clicked())
         });
         box_.response.on_hover_text("Quantity that the layer shows").accessible_name("Panels, quantity of the slab");
@@ -116,9 +116,7 @@ pub(super) fn cine_button(viewer: &mut Viewer, ui: &mut Ui) {
     if ui.add(Button::new(label)).on_hover_text(words).clicked() {
         cine.is_running = !cine.is_running;
     }
-    ui.spacing_mut().interact_size.x = 50.0;
     ui.add(DragValue::new(&mut cine.rate).speed(0.2).range(cine::RATES).suffix(" /s").max_decimals(1))
         .on_hover_text("Slices per second, at most; no slice is left out")
         .accessible_name("Rate of the cine");
-    wide_slider(ui);
 }

@@ -138,7 +138,7 @@ fn a_headerless_file_is_read_as_the_command_line_says() {
     session.harness.state_mut().open(&file);
     session.until("it is refused", |s| matches!(s.viewer().message(), Some(Message::Failure(_))));
     let Some(Message::Failure(words)) = session.viewer().message() else { unreachable!("it was one") };
-    assert!(words.contains("--dims") && words.contains("supervol view") && words.contains("a.raw"), "{words}");
+    assert!(words.contains("--dims") && words.contains("File options") && words.contains("a.raw"), "{words}");
 }
 
 /// A volume that is large enough for a preview: every fourth voxel along x, every second along y and z.
