@@ -14,6 +14,7 @@ use supervol_sources::formats::nrrd::Outside;
 use supervol_sources::formats::raw::RawOptions;
 use supervol_sources::formats::segy::{Duplicates, Offsets, SegyOptions};
 use supervol_sources::grid::named::NamedSource;
+use supervol_sources::grid::nulls::Nulls;
 use supervol_sources::grid::placed::{Domain, Placing};
 use supervol_sources::input::selection::Selection;
 use supervol_sources::input::values::Values;
@@ -121,6 +122,13 @@ struct ValueArguments {
     /// GDAL, ImageJ, DICOM, NIfTI and MetaImage.
     #[arg(long)]
     stored_values: bool,
+    /// Keep usual nulls as values
+    ///
+    /// Without this option, a usual null is absent if the file declares no other absent value: 1e30, 1e20, -999.25, -999,
+    /// -9999, -32768 and the like. It must be frequent, and farther from all other values than these are from each other.
+    /// A note says so.
+    #[arg(long)]
+    keep_nulls: bool,
 }
 
 /// Permissions of headers that name data files.
@@ -281,7 +289,8 @@ impl SourceArguments {
         let selection = Selection { frame, channel, level, series: series.clone(), array: None, axes: axes.clone() };
         let values = if self.values.stored_values { Values::Stored } else { Values::Explained };
         let nodata = self.values.nodata.filter(|_| raw.is_none());
-        let options = OpenOptions { raw, outside, segy, selection, values, nodata, ..OpenOptions::default() };
+        let nulls = if self.values.keep_nulls { Nulls::Kept } else { Nulls::Hidden };
+        let options = OpenOptions { raw, outside, segy, selection, values, nodata, nulls, ..OpenOptions::default() };
         Ok(Reading { options, placing: self.place.placing() })
     }
 }
@@ -331,6 +340,36 @@ pub fn refuse_without_file(reading: &Reading, option: &str) -> Result<(), Failur
     Err(Failure::Command(message))
 }
 
+/// All options of the readers.
+pub const OPTIONS: [ReadOption; 26] = [
+    ReadOption::Dims,
+    ReadOption::VoxelType,
+    ReadOption::HeaderBytes,
+    ReadOption::Frame,
+    ReadOption::Channel,
+    ReadOption::Series,
+    ReadOption::Level,
+    ReadOption::Outside,
+    ReadOption::Spacing,
+    ReadOption::Domain,
+    ReadOption::AxisUnit,
+    ReadOption::MemoryBytes,
+    ReadOption::SampleFormat,
+    ReadOption::Endian,
+    ReadOption::Samples,
+    ReadOption::Interval,
+    ReadOption::InlineByte,
+    ReadOption::CrosslineByte,
+    ReadOption::OffsetByte,
+    ReadOption::Offsets,
+    ReadOption::Nodata,
+    ReadOption::Values,
+    ReadOption::Nulls,
+    ReadOption::Axes,
+    ReadOption::SkipTraces,
+    ReadOption::Duplicates,
+];
+
 /// The flag of an option of the readers.
 pub fn flag(option: ReadOption) -> &'static str {
     match option {
@@ -355,6 +394,7 @@ pub fn flag(option: ReadOption) -> &'static str {
         ReadOption::OffsetByte => "--offset-byte",
         ReadOption::Nodata => "--nodata",
         ReadOption::Values => "--stored-values",
+        ReadOption::Nulls => "--keep-nulls",
         ReadOption::Axes => "--axes",
         ReadOption::SkipTraces => "--skip-trace",
         ReadOption::Duplicates => "--on-duplicate",
@@ -382,34 +422,6 @@ mod tests {
         #[command(flatten)]
         source: SourceArguments,
     }
-
-    const OPTIONS: [ReadOption; 25] = [
-        ReadOption::Dims,
-        ReadOption::VoxelType,
-        ReadOption::HeaderBytes,
-        ReadOption::Frame,
-        ReadOption::Channel,
-        ReadOption::Series,
-        ReadOption::Level,
-        ReadOption::Outside,
-        ReadOption::Spacing,
-        ReadOption::Domain,
-        ReadOption::AxisUnit,
-        ReadOption::MemoryBytes,
-        ReadOption::SampleFormat,
-        ReadOption::Endian,
-        ReadOption::Samples,
-        ReadOption::Interval,
-        ReadOption::InlineByte,
-        ReadOption::CrosslineByte,
-        ReadOption::OffsetByte,
-        ReadOption::Offsets,
-        ReadOption::Nodata,
-        ReadOption::Values,
-        ReadOption::Axes,
-        ReadOption::SkipTraces,
-        ReadOption::Duplicates,
-    ];
 
     #[test]
     fn fields_are_read_as_the_command_line_is() {

@@ -173,12 +173,6 @@ impl<'a> Canvas<'a> {
         }
     }
 
-    /// Keeps an area free of later texts.
-    pub fn reserve(&mut self, [left, top]: [i32; 2], size: [i32; 2]) {
-        let [width, height] = size.map(|n| u32::try_from(n).unwrap_or(0));
-        self.taken.push(Rectangle::new(Point::new(left, top), Size::new(width, height)));
-    }
-
     /// Number of pixels of an area that are not empty.
     pub fn covered(&self, [left, top]: [i32; 2], [width, height]: [i32; 2]) -> usize {
         let [columns, rows] = self.size();

@@ -45,8 +45,8 @@ use self::canvas::{Anchor, Canvas, Layer};
 const MARGIN: i32 = 6;
 /// Width of the colour bar in pixels, and its height as a share of the picture's height.
 const BAR_WIDTH: i32 = 10;
-/// Letters beside the colour bar: two at the border, the others in its numbers.
-const BAR_LETTERS: i32 = 9;
+/// Most letters of a number beside the colour bar.
+const BAR_LETTERS: i32 = 8;
 const BAR_SHARE: f64 = 0.4;
 /// Greatest length of the scale bar, as a share of the picture's width.
 const SCALE_SHARE: f64 = 0.25;
@@ -77,7 +77,6 @@ pub fn decorate(
     let placed = &units.facts(facts);
     let shown = [0, 1, 2].map(|axis| scene.clip.slab_of(placed.dims, axis));
     let mut canvas = Canvas::new(image, scene.background);
-    let side = free_side(&canvas);
     let edges = if shows_box(scene, placed, &camera) {
         axes::draw_box(&mut canvas, placed, shown, &camera)
     } else {
@@ -87,9 +86,6 @@ pub fn decorate(
     if let Projection::Orthographic { height } = camera.projection {
         draw_scale(&mut canvas, container, units.length * height / camera.extent[1]);
     }
-    if scene.mode != Mode::Iso {
-        draw_colors(&mut canvas, container, scene, units.value, side);
-    }
     let source = &container.manifest().source;
     canvas.text(&format!("{}  ({})", source.name, facts.kind.name()), [MARGIN, MARGIN], Anchor::TopLeft);
     if let Some(name) = name {
@@ -98,6 +94,10 @@ pub fn decorate(
     let coordinates = Coordinates::of(container);
     for edge in &edges {
         edge.label(&mut canvas, &axes::AxisEnds::of(&coordinates.axes()[edge.axis], edge.voxels()));
+    }
+    // The bar looks for a free place, so it comes last.
+    if scene.mode != Mode::Iso {
+        draw_colors(&mut canvas, container, scene, units.value);
     }
 }
 
@@ -187,23 +187,28 @@ enum Side {
     Right,
 }
 
-/// Rows of the colour bar, and its first row.
-fn bar_rows(height: i32) -> [i32; 2] {
-    let rows = whole::<i32>(BAR_SHARE * f64::from(height));
-    [rows, (height - rows) / 2]
-}
-
-/// The side where the colour bar and its numbers cover fewer pixels of the volume; if equal, the right one.
-fn free_side(canvas: &Canvas<'_>) -> Side {
+/// Side and first row of a colour bar of this many rows, where bar and numbers cover the fewest pixels of the volume and
+/// of other decorations. Of equal places, the one nearest to the middle of the right side.
+fn place_of_bar(canvas: &Canvas<'_>, rows: i32) -> (Side, i32) {
+    /// Number of places along each side.
+    const PLACES: i32 = 9;
     let [width, height] = canvas.size();
-    let [rows, top] = bar_rows(height);
-    let across = MARGIN + BAR_WIDTH + BAR_LETTERS * canvas::LETTER[0];
-    let covered = |left: i32| canvas.covered([left, top - canvas::LETTER[1]], [across, rows + 2 * canvas::LETTER[1]]);
-    if covered(0) < covered(width - across) { Side::Left } else { Side::Right }
+    // The letters of the border lie beside the bar.
+    let border = MARGIN + 2 * canvas::LETTER[0];
+    let across = BAR_WIDTH + BAR_LETTERS * canvas::LETTER[0];
+    let beyond = 2 * canvas::LETTER[1];
+    let (middle, room) = ((height - rows) / 2, (height - rows - 2 * beyond).max(0));
+    let shifted = (0..PLACES).map(|n| beyond + n * room / (PLACES - 1));
+    let places = std::iter::once(middle).chain(shifted).flat_map(|top| [(Side::Right, top), (Side::Left, top)]);
+    let cost = |&(side, top): &(Side, i32)| {
+        let left = if side == Side::Right { width - border - across } else { border };
+        (canvas.covered([left, top - beyond], [across, rows + 2 * beyond]), (top - middle).abs(), side == Side::Left)
+    };
+    places.min_by_key(cost).unwrap_or((Side::Right, middle))
 }
 
 /// Draws the colour bar of the transfer function with values in data units; `value_unit` converts into these.
-fn draw_colors(canvas: &mut Canvas<'_>, container: &Container, scene: &ResolvedScene, value_unit: f64, side: Side) {
+fn draw_colors(canvas: &mut Canvas<'_>, container: &Container, scene: &ResolvedScene, value_unit: f64) {
     // A slice alone has its own colours. With a filter that changes the meaning of values, no bar is drawn.
     let slice = scene.slices.first().filter(|_| scene.mode == Mode::Slice);
     if slice.is_some_and(|slice| slice.filter.is_some_and(|filter| !filter.kind.keeps_values())) {
@@ -219,14 +224,14 @@ fn draw_colors(canvas: &mut Canvas<'_>, container: &Container, scene: &ResolvedS
     let (Some(first), Some(last)) = (points.first(), points.last()) else { return };
     let (low, high) = (first.value, last.value);
     let [width, height] = canvas.size();
-    let [rows, top] = bar_rows(height);
+    let rows = whole::<i32>(BAR_SHARE * f64::from(height));
     if rows < 2 || high <= low {
         return;
     }
+    let (side, top) = place_of_bar(canvas, rows);
     // Room for the letters at the border, beside which the bar is drawn.
     let border = MARGIN + 2 * canvas::LETTER[0];
     let left = if side == Side::Right { width - border - BAR_WIDTH } else { border };
-    canvas.reserve([left, top], [BAR_WIDTH, rows]);
     for row in 0..rows {
         let share = f64::from(row) / f64::from(rows - 1);
         let color = colors.classify(high * (1.0 - share) + low * share).0;

@@ -43,6 +43,7 @@ impl Cine {
 /// Moves to the next slice if it is due, and requests a frame for the following one.
 pub(crate) fn advance(viewer: &mut Viewer, ctx: &egui::Context) {
     let Some(opened) = viewer.opened.clone().filter(|_| viewer.cine.is_running) else { return };
+    // The shown panel, if it is another one.
     if !viewer.sections.layout.shows(viewer.cine.axis) {
         viewer.cine.axis = (0..PANELS).find(|axis| viewer.sections.layout.shows(*axis)).unwrap_or(viewer.cine.axis);
     }

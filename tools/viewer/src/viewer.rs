@@ -485,7 +485,12 @@ impl Viewer {
             Command::SaveScene | Command::Export | Command::Animate | Command::CopyCommand if self.is_preview() => {
                 self.message = self.preview_message();
             }
-            Command::Cine => self.cine.is_running = !self.cine.is_running,
+            Command::Cine => {
+                self.cine.is_running = !self.cine.is_running;
+                if self.cine.is_running && self.slice.is_none() && self.sections.layout == Layout::Alone {
+                    self.set_layout(Layout::Three);
+                }
+            }
             Command::Handles => self.panel_state.are_handles_shown = !self.panel_state.are_handles_shown,
             Command::Sections => self.set_layout(match self.sections.layout {
                 Layout::Three => Layout::Alone,
@@ -611,8 +616,8 @@ impl Viewer {
     /// Sends the changes of this frame to the worker.
     fn send(&mut self, ctx: &egui::Context) {
         let Some(worker) = &self.worker else { return };
-        // A drag is one edit: it ends when the button is released.
-        if !ctx.input(|input| input.pointer.any_down()) {
+        // A drag is one edit: it ends when the button is released. So is a cine.
+        if !ctx.input(|input| input.pointer.any_down()) && !self.cine.is_running {
             self.history.commit(&self.scene, ctx.input(|input| input.time));
         }
         let are_set = self.settings == self.sent_settings;
