@@ -7,7 +7,7 @@ use glam::DVec3;
 use supervol_format::Geometry;
 use supervol_scene::camera::unit_vector;
 use supervol_scene::facts::VolumeFacts;
-use supervol_scene::preset::{colormap, domain_corners, ramps};
+use supervol_scene::preset::{Look, colormap, domain_corners, ramps};
 use supervol_scene::scene::section::plane_across;
 use supervol_scene::scene::{Mode, PointSpec, PointsSpec, Scene};
 use supervol_scene::slices::{ColorSpec, Interpolation, SLICE_LIMIT, SliceSpec};
@@ -54,7 +54,8 @@ pub fn remove(scene: &mut Scene, facts: &VolumeFacts, number: usize) {
     }
 }
 
-/// Changes the default opacities of a volume when its first slice comes or its last one goes. Other opacities stay.
+/// Changes the default opacities of a volume when its first slice comes or its last one goes. Other opacities stay. Around
+/// slices one ray a pixel suffices for a faint volume; each slice needs memory for the rays of a picture.
 pub(crate) fn follow_slices(before: &Scene, scene: &mut Scene, facts: &VolumeFacts) {
     if before.slices.is_empty() == scene.slices.is_empty() {
         return;
@@ -65,6 +66,9 @@ pub(crate) fn follow_slices(before: &Scene, scene: &mut Scene, facts: &VolumeFac
     };
     if scene.mode == Some(Mode::Dvr) && scene.transfer_function == usual(before) {
         scene.transfer_function = usual(scene);
+        let look = Look::of(facts);
+        let is_whole = scene.slices.is_empty() && look.mode == Mode::Dvr;
+        scene.samples_per_pixel = Some(if is_whole { look.samples_per_pixel } else { 1 });
     }
 }
 
@@ -81,7 +85,7 @@ pub fn axis_name(opened: &OpenVolume, axis: usize) -> String {
 /// If the mode has no depth, or the scene has the most slices already.
 pub fn add(scene: &mut Scene, facts: &VolumeFacts, axis: Option<usize>) -> Result<(), String> {
     if !has_depth(scene.mode.unwrap_or_default()) {
-        return Err("projections have no depth: choose Volume or Iso first".into());
+        return Err("projections have no depth: choose Volume, Iso or Slices only first".into());
     }
     if scene.slices.len() >= SLICE_LIMIT {
         return Err(format!("expected at most {SLICE_LIMIT} slices"));

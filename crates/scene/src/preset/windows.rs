@@ -10,7 +10,7 @@ use crate::transfer_function::ControlPoint;
 /// Least and greatest gamma.
 pub const GAMMAS: [f64; 2] = [0.1, 10.0];
 /// Number of straight pieces that stand for the curve of a gamma. The difference is below half a grey level of 255.
-const GAMMA_PIECES: u32 = 256;
+const GAMMA_PIECES: u32 = 512;
 
 /// Named window of tomography.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

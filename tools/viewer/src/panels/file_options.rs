@@ -144,6 +144,11 @@ impl FileOptions {
             self.take(&choice);
             opens = true;
         }
+        // Above the fields, so that it stays in a small window.
+        opens |= ui.button("Open with these options").clicked();
+        if let Some(trouble) = &self.trouble {
+            ui.colored_label(ui.visuals().error_fg_color, trouble);
+        }
         let mut texts = self.texts.iter_mut();
         for (heading, fields) in FIELDS {
             ui.strong(heading);
@@ -154,10 +159,7 @@ impl FileOptions {
                 }
             });
         }
-        if let Some(trouble) = &self.trouble {
-            ui.colored_label(ui.visuals().error_fg_color, trouble);
-        }
-        ui.button("Open with these options").clicked() || opens
+        opens
     }
 }
 

@@ -119,4 +119,7 @@ pub(super) fn cine_button(viewer: &mut Viewer, ui: &mut Ui) {
     ui.add(DragValue::new(&mut cine.rate).speed(0.2).range(cine::RATES).suffix(" /s").max_decimals(1))
         .on_hover_text("Slices per second, at most; no slice is left out")
         .accessible_name("Rate of the cine");
+    if cine.is_running {
+        ui.weak("running");
+    }
 }

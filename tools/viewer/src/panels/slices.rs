@@ -26,7 +26,7 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     };
     let is_possible = planes::has_depth(viewer.scene.mode.unwrap_or_default());
     if !is_possible {
-        ui.weak("Projections have no depth. Choose Volume or Iso.");
+        ui.weak("Projections have no depth. Choose Volume, Iso or Slices only.");
     }
     let has_room = viewer.scene.slices.len() < SLICE_LIMIT;
     ui.add_enabled_ui(is_possible && has_room, |ui| ui.horizontal_wrapped(|ui| adders(viewer, &opened, ui)));

@@ -25,7 +25,11 @@ const PROGRESS_INTERVAL: Duration = Duration::from_millis(100);
 
 /// Opens a container and completes the scene for it, or returns the message of the failure.
 pub(super) fn open(path: &Path, request: Open, number: u64) -> Result<Arc<OpenVolume>, Message> {
-    let container = Container::open(path).map_err(|e| Message::Failure(format!("{}: {e}", path.display())))?;
+    let failure = |error| Message::Failure(format!("{}: {error}", path.display()));
+    let container = match Container::open(path) {
+        Err(_) if !split_array(path).0.exists() => return Err(missing(path)),
+        opened => opened.map_err(failure)?,
+    };
     opened(container, request, number, None)
 }
 
@@ -99,22 +103,28 @@ fn build_failure(error: &BuildError, source: &Path) -> Message {
         _ if error.is_stopped() => {
             Message::Done(format!("the build of {} was stopped before it had finished any part", source.display()))
         }
-        _ if !split_array(source).0.exists() => {
-            Message::Failure(format!("{} does not exist. Check the name, or open another file.", source.display()))
-        }
+        _ if !split_array(source).0.exists() => missing(source),
         _ if may_need_options(error) => {
-            let advice = "This file needs options (for example --dims). Choose them in the window File options.";
-            Message::Failure(format!("{}\n{advice}", flags::message(error)))
+            // The window File options has the reason.
+            let path = source.display();
+            Message::Failure(format!(
+                "{path} needs options (for example --dims). Choose them in the window File options."
+            ))
         }
         _ => Message::Failure(flags::message(error)),
     }
 }
 
-/// Whether options may help against an error.
+/// Message for a file that is not there.
+fn missing(path: &Path) -> Message {
+    Message::Failure(format!("{} does not exist. Check the name, or open another file.", path.display()))
+}
+
+/// Whether options may help against an error. The window knows the channels and time points that it asks for.
 fn may_need_options(error: &BuildError) -> bool {
-    use SourceError::{Invalid, NoSuchPart, Options, RawLength, Unsupported};
+    use SourceError::{Invalid, Options, RawLength, Unsupported};
     let BuildError::Source(error) = error else { return false };
-    matches!(error, Unsupported { .. } | Invalid { .. } | RawLength { .. } | Options(_) | NoSuchPart { .. })
+    matches!(error, Unsupported { .. } | Invalid { .. } | RawLength { .. } | Options(_))
 }
 
 /// The refusal of a file that may be read with other options.

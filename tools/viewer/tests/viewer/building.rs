@@ -154,7 +154,8 @@ fn a_file_without_a_header_gets_its_options_in_the_window() {
     session.type_over("Voxels along x, y, z", "6,5");
     session.type_over("Type of the voxels", "u8");
     session.click("Open with these options");
-    assert!(session.harness.query_by_label_contains("--dims").is_some(), "the reason names the option");
+    session.screenshot("file-options");
+    assert!(session.harness.query_by_label_contains("'6,5'").is_some(), "the reason names the option");
     session.type_over("Voxels along x, y, z", "6,5,4");
     session.click("Open with these options");
     session.until("it is open", |s| s.viewer().opened().is_some_and(|opened| opened.source == file));
