@@ -78,18 +78,16 @@ impl PanelState {
         self.chosen = None;
         let slices = slices::with_mode(&mut self.kept_slices, &opened.facts, (now, &scene.slices), mode);
         let scene = Scene { slices, ..scene.clone() };
-        match self.left.iter().find(|(left, _)| *left == mode) {
+        let mut shown = match self.left.iter().find(|(left, _)| *left == mode) {
             Some((_, look)) => {
                 let Look { transfer_function, shading, iso, samples_per_pixel } = look.clone();
                 Scene { mode: Some(mode), transfer_function, shading, iso, samples_per_pixel, ..scene }
             }
-            None => {
-                let alone = Scene { slices: Vec::new(), ..edit::with_mode(&scene, opened, mode) };
-                let mut scene = Scene { slices: scene.slices.clone(), ..alone.clone() };
-                planes::follow_slices(&alone, &mut scene, &opened.facts);
-                scene
-            }
-        }
+            None => Scene { slices: scene.slices.clone(), ..edit::with_mode(&scene, opened, mode) },
+        };
+        let alone = Scene { slices: Vec::new(), ..shown.clone() };
+        planes::follow_slices(&alone, &mut shown, &opened.facts);
+        shown
     }
 }
 
