@@ -173,6 +173,13 @@ impl<'a> Canvas<'a> {
         }
     }
 
+    /// Number of texts that reach into an area.
+    pub fn texts_in(&self, [left, top]: [i32; 2], size: [i32; 2]) -> usize {
+        let [width, height] = size.map(|n| u32::try_from(n).unwrap_or(0));
+        let area = Rectangle::new(Point::new(left, top), Size::new(width, height));
+        self.taken.iter().filter(|text| !text.intersection(&area).is_zero_sized()).count()
+    }
+
     /// Number of pixels of an area that are not empty.
     pub fn covered(&self, [left, top]: [i32; 2], [width, height]: [i32; 2]) -> usize {
         let [columns, rows] = self.size();

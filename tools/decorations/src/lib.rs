@@ -187,8 +187,8 @@ enum Side {
     Right,
 }
 
-/// Side and first row of a colour bar of this many rows, where bar and numbers cover the fewest pixels of the volume and
-/// of other decorations. Of equal places, the one nearest to the middle of the right side.
+/// Side and first row of a colour bar of this many rows, where bar and numbers cover the fewest texts, then the fewest
+/// pixels of the volume and of other decorations. Of equal places, the one nearest to the middle of the right side.
 fn place_of_bar(canvas: &Canvas<'_>, rows: i32) -> (Side, i32) {
     /// Number of places along each side.
     const PLACES: i32 = 9;
@@ -202,7 +202,8 @@ fn place_of_bar(canvas: &Canvas<'_>, rows: i32) -> (Side, i32) {
     let places = std::iter::once(middle).chain(shifted).flat_map(|top| [(Side::Right, top), (Side::Left, top)]);
     let cost = |&(side, top): &(Side, i32)| {
         let left = if side == Side::Right { width - border - across } else { border };
-        (canvas.covered([left, top - beyond], [across, rows + 2 * beyond]), (top - middle).abs(), side == Side::Left)
+        let (at, size) = ([left, top - beyond], [across, rows + 2 * beyond]);
+        (canvas.texts_in(at, size), canvas.covered(at, size), (top - middle).abs(), side == Side::Left)
     };
     places.min_by_key(cost).unwrap_or((Side::Right, middle))
 }
