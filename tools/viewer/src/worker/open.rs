@@ -105,11 +105,8 @@ fn build_failure(error: &BuildError, source: &Path) -> Message {
         }
         _ if !split_array(source).0.exists() => missing(source),
         _ if may_need_options(error) => {
-            // The window File options has the reason.
-            let path = source.display();
-            Message::Failure(format!(
-                "{path} needs options (for example --dims). Choose them in the window File options."
-            ))
+            let advice = "Some files need options (for example --dims). Choose them in the window File options.";
+            Message::Failure(format!("{}\n{advice}", flags::message(error)))
         }
         _ => Message::Failure(flags::message(error)),
     }

@@ -208,7 +208,7 @@ fn datasets_are_chosen_in_the_window() {
 fn notes_of_the_build_stand_in_the_window() {
     let null = |folder: &Path| {
         let path = folder.join("null.nrrd");
-        let value = |i: usize| if i % 4 == 0 { -999.25f32 } else { (i % 100) as f32 };
+        let value = |i: usize| if i.is_multiple_of(4) { -999.25f32 } else { (i % 100) as f32 };
         let mut bytes =
             b"NRRD0004\ntype: float\ndimension: 3\nsizes: 12 12 12\nencoding: raw\nendian: little\n\n".to_vec();
         bytes.extend((0..12 * 12 * 12).flat_map(|i| value(i).to_le_bytes()));
