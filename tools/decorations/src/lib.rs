@@ -187,23 +187,27 @@ enum Side {
     Right,
 }
 
-/// Side and first row of a colour bar of this many rows, where bar and numbers cover the fewest texts, then the fewest
-/// pixels of the volume and of other decorations. Of equal places, the one nearest to the middle of the right side.
+/// Side and first row of a colour bar of this many rows, where bar and numbers cover the fewest pixels of the volume and
+/// of other decorations. Of equal places, the one nearest to the middle of the right side.
 fn place_of_bar(canvas: &Canvas<'_>, rows: i32) -> (Side, i32) {
     /// Number of places along each side.
     const PLACES: i32 = 9;
+    /// Pixels of the volume that a covered text counts for.
+    const TEXT: usize = 2000;
     let [width, height] = canvas.size();
     // The letters of the border lie beside the bar.
     let border = MARGIN + 2 * canvas::LETTER[0];
     let across = BAR_WIDTH + BAR_LETTERS * canvas::LETTER[0];
-    let beyond = 2 * canvas::LETTER[1];
-    let (middle, room) = ((height - rows) / 2, (height - rows - 2 * beyond).max(0));
-    let shifted = (0..PLACES).map(|n| beyond + n * room / (PLACES - 1));
+    // The unit above; half a number below.
+    let [above, below] = [canvas::LETTER[1] + MARGIN, canvas::LETTER[1] / 2 + 1];
+    let (middle, room) = ((height - rows) / 2, (height - rows - above - below).max(0));
+    let shifted = (0..PLACES).map(|n| above + n * room / (PLACES - 1));
     let places = std::iter::once(middle).chain(shifted).flat_map(|top| [(Side::Right, top), (Side::Left, top)]);
     let cost = |&(side, top): &(Side, i32)| {
         let left = if side == Side::Right { width - border - across } else { border };
-        let (at, size) = ([left, top - beyond], [across, rows + 2 * beyond]);
-        (canvas.texts_in(at, size), canvas.covered(at, size), (top - middle).abs(), side == Side::Left)
+        let (at, size) = ([left, top - above], [across, above + rows + below]);
+        let covered = canvas.covered(at, size) + TEXT * canvas.texts_in(at, size);
+        (covered, (top - middle).abs(), side == Side::Left)
     };
     places.min_by_key(cost).unwrap_or((Side::Right, middle))
 }

@@ -50,7 +50,7 @@ const LEAST_OTHERS: usize = 8;
 const SLICES: [f64; 3] = [1.0 / 6.0, 0.5, 5.0 / 6.0];
 /// Parts of a slice that are looked at, and most voxels of one.
 const PARTS: u64 = 8;
-const PART_VOXELS: u64 = 1 << 16;
+const PART_VOXELS: u64 = 1 << 13;
 
 /// The source with its usual null absent, if it has one for certain. A source that declares an absent value, or holds
 /// labels, stays as it is.
