@@ -199,8 +199,8 @@ fn paint(viewer: &Viewer, opened: &OpenVolume, ui: &Ui, axis: usize, response: &
     }
     painter.rect_stroke(rect, 0.0, Stroke::new(1.0, PLANE_COLORS[axis]), eframe::egui::StrokeKind::Inside);
     let corner = rect.left_top() + Vec2::splat(MARGIN);
-    draw_text(&painter, corner, Align2::LEFT_TOP, &title(viewer, opened, axis));
-    name_borders(viewer.sections.panels[axis].scene.as_ref(), opened, &painter, rect);
+    let title = draw_text(&painter, corner, Align2::LEFT_TOP, &title(viewer, opened, axis));
+    name_borders(viewer.sections.panels[axis].scene.as_ref(), opened, &painter, (rect, title));
     if response.contains_pointer() {
         draw_point_description(viewer, opened, Some(axis), &painter, rect);
     }
@@ -209,16 +209,26 @@ fn paint(viewer: &Viewer, opened: &OpenVolume, ui: &Ui, axis: usize, response: &
     }
 }
 
-/// Draws the names of a patient's sides, or of compass directions, at the borders of a section.
-fn name_borders(scene: Option<&Scene>, opened: &OpenVolume, painter: &eframe::egui::Painter, rect: Rect) {
+/// Draws the names of a patient's sides, or of compass directions, at the borders of a section. The upper one lies below
+/// a title that reaches so far.
+fn name_borders(
+    scene: Option<&Scene>,
+    opened: &OpenVolume,
+    painter: &eframe::egui::Painter,
+    (rect, title): (Rect, Rect),
+) {
     let Some(camera) = scene.and_then(|scene| scene.camera.as_ref()) else { return };
     let right = navigate::right_of(camera);
     let names = named_borders(&opened.container, &opened.facts, [right, right.cross(navigate::forward_of(camera))]);
     let inner = rect.shrink(MARGIN);
+    let mut top = inner.center_top();
+    if title.right() + 2.0 * MARGIN > top.x {
+        top.y = title.bottom() + MARGIN;
+    }
     let borders = [
         (inner.right_center(), Align2::RIGHT_CENTER),
         (inner.left_center(), Align2::LEFT_CENTER),
-        (inner.center_top(), Align2::CENTER_TOP),
+        (top, Align2::CENTER_TOP),
         (inner.center_bottom(), Align2::CENTER_BOTTOM),
     ];
     for (name, (at, align)) in names.into_iter().zip(borders) {
@@ -234,12 +244,13 @@ pub(super) fn point(rect: Rect, [x, y]: [f64; 2]) -> Pos2 {
     rect.min + Vec2::new(single(x), single(y)) * rect.size()
 }
 
-/// Draws text over a picture on a readable background.
-fn draw_text(painter: &eframe::egui::Painter, at: Pos2, align: Align2, words: &str) {
+/// Draws text over a picture on a readable background. Returns its rectangle.
+fn draw_text(painter: &eframe::egui::Painter, at: Pos2, align: Align2, words: &str) -> Rect {
     let galley = painter.layout(words.into(), FontId::proportional(12.0), Color32::WHITE, painter.clip_rect().width());
     let rect = align.anchor_size(at, galley.size());
     painter.rect_filled(rect.expand(2.0), 2.0, Color32::from_black_alpha(170));
     painter.galley(rect.min, galley, Color32::WHITE);
+    rect
 }
 
 fn title(viewer: &Viewer, opened: &OpenVolume, axis: usize) -> String {
@@ -266,10 +277,16 @@ pub(super) fn draw_point_description(
     let Some(probed) = viewer.sections.probed().filter(|probed| is_present && is_asked(&probed.probe)) else { return };
     let corner = rect.left_bottom() + Vec2::new(MARGIN, -MARGIN);
     match &probed.found {
-        Ok(Some(picked)) => draw_text(painter, corner, Align2::LEFT_BOTTOM, &describe_point(picked, opened)),
-        Ok(None) if panel.is_some() => draw_text(painter, corner, Align2::LEFT_BOTTOM, "nothing visible"),
+        Ok(Some(picked)) => {
+            draw_text(painter, corner, Align2::LEFT_BOTTOM, &describe_point(picked, opened));
+        }
+        Ok(None) if panel.is_some() => {
+            draw_text(painter, corner, Align2::LEFT_BOTTOM, "nothing visible");
+        }
         Ok(None) => {}
-        Err(why) if panel.is_some() => draw_text(painter, corner, Align2::LEFT_BOTTOM, why),
+        Err(why) if panel.is_some() => {
+            draw_text(painter, corner, Align2::LEFT_BOTTOM, why);
+        }
         Err(_) => {}
     }
 }
