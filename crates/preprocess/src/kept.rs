@@ -33,7 +33,7 @@ use crate::report::Progress;
 /// Default limit in bytes of the containers in a cache folder.
 pub const CACHE_LIMIT_BYTES: u64 = 32 << 30;
 /// Number that grows when builds make other statistics or levels of the same source.
-const GENERATION: u32 = 2;
+const GENERATION: u32 = 3;
 /// Subfolder of the cache folder. Files outside it are never removed.
 const CONTAINERS: &str = "containers";
 /// Ending of the names of containers.

@@ -65,6 +65,8 @@ pub enum SourceError {
         what: String,
         /// Action for the user.
         advice: Message,
+        /// Volumes of the file, if it holds several and the user must choose.
+        choices: Vec<Part>,
     },
     /// Another program wrote to the file while it was read.
     Changed {
@@ -99,6 +101,32 @@ pub enum SourceError {
     Options(Message),
 }
 
+/// A volume of a file that holds several.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Part {
+    /// The way to choose it.
+    pub by: PartName,
+    /// Description of the volume, for the user.
+    pub words: String,
+}
+
+/// The way to choose a volume of a file.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum PartName {
+    /// Path with the name of an array in the file: `FILE:/NAME`.
+    Path(PathBuf),
+    /// Number or UID of a series.
+    Series(String),
+}
+
+impl Part {
+    /// A choice of an array by its name in a file.
+    pub(crate) fn of_array(file: &Path, name: &str, words: impl Into<String>) -> Self {
+        let path = PathBuf::from(format!("{}:/{}", file.display(), name.trim_start_matches('/')));
+        Self { by: PartName::Path(path), words: words.into() }
+    }
+}
+
 impl SourceError {
     /// Shorthand for [`SourceError::Invalid`].
     pub fn invalid(
@@ -112,7 +140,25 @@ impl SourceError {
 
     /// Shorthand for [`SourceError::Unsupported`].
     pub fn unsupported(path: &Path, what: impl Into<String>, advice: impl Into<Message>) -> Self {
-        Self::Unsupported { path: path.into(), what: what.into(), advice: advice.into() }
+        Self::Unsupported { path: path.into(), what: what.into(), advice: advice.into(), choices: Vec::new() }
+    }
+
+    /// The error with the volumes among which the user must choose; only for [`SourceError::Unsupported`].
+    #[must_use]
+    pub(crate) fn with_choices(mut self, all: impl IntoIterator<Item = Part>) -> Self {
+        if let Self::Unsupported { choices, .. } = &mut self {
+            choices.extend(all);
+        }
+        self
+    }
+
+    /// Volumes of the file, if it holds several and the user must choose.
+    #[must_use]
+    pub fn choices(&self) -> &[Part] {
+        match self {
+            Self::Unsupported { choices, .. } => choices,
+            _ => &[],
+        }
     }
 
     /// Shorthand for [`SourceError::Spool`].
@@ -166,7 +212,7 @@ impl SourceError {
                 ));
                 start.message(advice.clone()).text(")")
             }
-            Self::Unsupported { path, what, advice } => {
+            Self::Unsupported { path, what, advice, .. } => {
                 Message::from(format!("{}: {what}; ", path.display())).message(advice.clone())
             }
             Self::Changed { path, what } => {

@@ -51,7 +51,7 @@ pub mod synthetic;
 pub use supervol_format::survey::{LineNumbers, Survey};
 
 pub use crate::endian::Endian;
-pub use crate::error::SourceError;
+pub use crate::error::{Part, PartName, SourceError};
 pub use crate::info::{AccessOrder, Axis, SourceInfo};
 pub use crate::message::{Message, ReadOption};
 pub use crate::source::VolumeSource;

@@ -52,6 +52,8 @@ pub enum ReadOption {
     Nodata,
     /// Use of the attributes that explain the numbers of a file.
     Values,
+    /// Rule for usual nulls.
+    Nulls,
     /// Names of the axes of an array.
     Axes,
     /// SEG-Y traces to leave out.
@@ -88,6 +90,7 @@ impl ReadOption {
             Self::Offsets => "offsets",
             Self::Nodata => "nodata",
             Self::Values => "values",
+            Self::Nulls => "nulls",
             Self::Axes => "axes",
             Self::SkipTraces => "skip_traces",
             Self::Duplicates => "duplicates",

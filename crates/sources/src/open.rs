@@ -8,6 +8,7 @@ use crate::formats::format::{Certainty, Folder, FolderFiles, Format};
 use crate::formats::unsupported::{refusal_of_file, refusal_of_folder};
 use crate::formats::{FORMATS, titles};
 use crate::grid::absent::AbsentSource;
+use crate::grid::nulls::{self, Nulls};
 use crate::grid::stored::StoredSource;
 use crate::input::file::SourceFile;
 use crate::input::folder::{FolderDepth, Listing};
@@ -38,6 +39,7 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn VolumeSource>,
     // Numbers that are not finite are absent anyway.
     Ok(match options.nodata.filter(|value| options.raw.is_none() && value.is_finite()) {
         Some(nodata) => Box::new(AbsentSource::new(source, nodata)?),
+        None if options.nulls == Nulls::Hidden && options.values == Values::Explained => nulls::hide(source)?,
         None => source,
     })
 }

@@ -10,7 +10,7 @@ use supervol_preprocess::error::{MemoryPurpose, kept_advice};
 use supervol_preprocess::report::BuildNote;
 use supervol_sources::SourceError;
 
-use crate::source::flag;
+use crate::source::{OPTIONS, flag};
 
 /// Message of a failed build, check or export.
 #[must_use]
@@ -84,7 +84,9 @@ pub fn note(note: &BuildNote) -> String {
 /// A note of a container with flags of the command line for the options that it names.
 #[must_use]
 pub fn with_flags(note: &str) -> String {
-    note.replace("the option `nodata` with the value ", "--nodata ")
+    let note = note.replace("the option `nodata` with the value ", "--nodata ");
+    // Notes of containers that were built without names of options have their fields.
+    OPTIONS.iter().fold(note, |note, option| note.replace(&format!("`{}`", option.field()), flag(*option)))
 }
 
 #[cfg(test)]

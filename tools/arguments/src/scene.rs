@@ -20,6 +20,8 @@ pub enum ModeName {
     Mean,
     /// Isosurfaces
     Iso,
+    /// Slices alone, without the volume
+    Slice,
 }
 
 impl From<ModeName> for Mode {
@@ -30,6 +32,7 @@ impl From<ModeName> for Mode {
             ModeName::Minip => Self::Minip,
             ModeName::Mean => Self::Mean,
             ModeName::Iso => Self::Iso,
+            ModeName::Slice => Self::Slice,
         }
     }
 }

@@ -5,7 +5,7 @@
 
 use std::path::Path;
 
-use clap::{Args, ValueEnum};
+use clap::{Args, Parser, ValueEnum};
 use supervol_format::container::manifest::Source;
 use supervol_format::{Dims, Geometry};
 use supervol_preprocess::BuildError;
@@ -14,6 +14,7 @@ use supervol_sources::formats::nrrd::Outside;
 use supervol_sources::formats::raw::RawOptions;
 use supervol_sources::formats::segy::{Duplicates, Offsets, SegyOptions};
 use supervol_sources::grid::named::NamedSource;
+use supervol_sources::grid::nulls::Nulls;
 use supervol_sources::grid::placed::{Domain, Placing};
 use supervol_sources::input::selection::Selection;
 use supervol_sources::input::values::Values;
@@ -121,6 +122,13 @@ struct ValueArguments {
     /// GDAL, ImageJ, DICOM, NIfTI and MetaImage.
     #[arg(long)]
     stored_values: bool,
+    /// Keep usual nulls as values
+    ///
+    /// Without this option, a usual null is absent if the file declares no other absent value: 1e30, 1e20, -999.25, -999,
+    /// -9999, -32768 and the like. It must be frequent, and farther from all other values than these are from each other.
+    /// A note says so.
+    #[arg(long)]
+    keep_nulls: bool,
 }
 
 /// Permissions of headers that name data files.
@@ -281,9 +289,30 @@ impl SourceArguments {
         let selection = Selection { frame, channel, level, series: series.clone(), array: None, axes: axes.clone() };
         let values = if self.values.stored_values { Values::Stored } else { Values::Explained };
         let nodata = self.values.nodata.filter(|_| raw.is_none());
-        let options = OpenOptions { raw, outside, segy, selection, values, nodata, ..OpenOptions::default() };
+        let nulls = if self.values.keep_nulls { Nulls::Kept } else { Nulls::Hidden };
+        let options = OpenOptions { raw, outside, segy, selection, values, nodata, nulls, ..OpenOptions::default() };
         Ok(Reading { options, placing: self.place.placing() })
     }
+}
+
+/// Reading options of words of a command line such as `--dims=8,8,8`, for programs with fields for them.
+///
+/// # Errors
+/// In words, if a word is no option, or its value is not valid.
+pub fn reading_of_words(words: Vec<String>, memory_bytes: u64) -> Result<Reading, String> {
+    #[derive(clap::Parser)]
+    #[command(no_binary_name = true)]
+    struct Reader {
+        #[command(flatten)]
+        source: SourceArguments,
+    }
+    let read = Reader::try_parse_from(words).map_err(|error| {
+        // The first paragraph says what is wrong; usage and help are about command lines.
+        let words = error.to_string();
+        let first = words.split("\n\n").next().unwrap_or_default();
+        first.trim_start_matches("error: ").to_owned()
+    })?;
+    read.source.reading(memory_bytes).map_err(|failure| failure.message().unwrap_or_default().to_owned())
 }
 
 /// Refuses options for volume files if the input is a container: they would change nothing.
@@ -311,6 +340,36 @@ pub fn refuse_without_file(reading: &Reading, option: &str) -> Result<(), Failur
     Err(Failure::Command(message))
 }
 
+/// All options of the readers.
+pub const OPTIONS: [ReadOption; 26] = [
+    ReadOption::Dims,
+    ReadOption::VoxelType,
+    ReadOption::HeaderBytes,
+    ReadOption::Frame,
+    ReadOption::Channel,
+    ReadOption::Series,
+    ReadOption::Level,
+    ReadOption::Outside,
+    ReadOption::Spacing,
+    ReadOption::Domain,
+    ReadOption::AxisUnit,
+    ReadOption::MemoryBytes,
+    ReadOption::SampleFormat,
+    ReadOption::Endian,
+    ReadOption::Samples,
+    ReadOption::Interval,
+    ReadOption::InlineByte,
+    ReadOption::CrosslineByte,
+    ReadOption::OffsetByte,
+    ReadOption::Offsets,
+    ReadOption::Nodata,
+    ReadOption::Values,
+    ReadOption::Nulls,
+    ReadOption::Axes,
+    ReadOption::SkipTraces,
+    ReadOption::Duplicates,
+];
+
 /// The flag of an option of the readers.
 pub fn flag(option: ReadOption) -> &'static str {
     match option {
@@ -335,6 +394,7 @@ pub fn flag(option: ReadOption) -> &'static str {
         ReadOption::OffsetByte => "--offset-byte",
         ReadOption::Nodata => "--nodata",
         ReadOption::Values => "--stored-values",
+        ReadOption::Nulls => "--keep-nulls",
         ReadOption::Axes => "--axes",
         ReadOption::SkipTraces => "--skip-trace",
         ReadOption::Duplicates => "--on-duplicate",
@@ -363,33 +423,16 @@ mod tests {
         source: SourceArguments,
     }
 
-    const OPTIONS: [ReadOption; 25] = [
-        ReadOption::Dims,
-        ReadOption::VoxelType,
-        ReadOption::HeaderBytes,
-        ReadOption::Frame,
-        ReadOption::Channel,
-        ReadOption::Series,
-        ReadOption::Level,
-        ReadOption::Outside,
-        ReadOption::Spacing,
-        ReadOption::Domain,
-        ReadOption::AxisUnit,
-        ReadOption::MemoryBytes,
-        ReadOption::SampleFormat,
-        ReadOption::Endian,
-        ReadOption::Samples,
-        ReadOption::Interval,
-        ReadOption::InlineByte,
-        ReadOption::CrosslineByte,
-        ReadOption::OffsetByte,
-        ReadOption::Offsets,
-        ReadOption::Nodata,
-        ReadOption::Values,
-        ReadOption::Axes,
-        ReadOption::SkipTraces,
-        ReadOption::Duplicates,
-    ];
+    #[test]
+    fn fields_are_read_as_the_command_line_is() {
+        let words = |words: &[&str]| reading_of_words(words.iter().map(|word| (*word).to_owned()).collect(), 1 << 30);
+        let reading = words(&["--dims=4,5,6", "--dtype=u16", "--nodata=-9"]).expect("valid");
+        assert_eq!(reading.options.raw.map(|raw| (raw.dims.0, raw.nodata)), Some(([4, 5, 6], Some(-9.0))));
+        assert!(words(&[]).expect("no options").is_default());
+        let refused = words(&["--dims=4,5", "--dtype=u8"]).expect_err("two numbers");
+        assert!(refused.contains("--dims") && !refused.contains("Usage") && !refused.contains("error:"), "{refused}");
+        assert!(words(&["--dims=4,5,6"]).expect_err("no type").contains("--dtype"));
+    }
 
     /// Commands define `--memory` themselves.
     #[test]

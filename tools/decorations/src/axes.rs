@@ -1,4 +1,5 @@
-//! Box of the volume's domain with labels along its axes: first and last coordinate, and round numbers in between.
+//! Box of the visible part of the volume, with labels along its axes: first and last coordinate, and round numbers in
+//! between. The visible part is the volume's domain inside the clip box.
 //!
 //! Each axis is labelled at one of its four edges: the lowest edge of the box's outline (the left one of two equally
 //! low edges). There the labels have room. They are on the side of the edge that faces away from the box.
@@ -8,7 +9,6 @@ use supervol_format::cast::whole;
 use supervol_format::coordinates::{AxisScale, ScaleKind};
 use supervol_scene::camera::{Camera, Projection};
 use supervol_scene::facts::VolumeFacts;
-use supervol_scene::preset::domain_corners;
 
 use crate::canvas::{Anchor, Canvas, Layer};
 use crate::short;
@@ -32,10 +32,10 @@ const LOWER: f64 = 1.0;
 pub struct LabelledEdge {
     /// The axis parallel to the edge: 0, 1 or 2.
     pub axis: usize,
-    /// World positions of both ends: half a voxel beyond the first and the last voxel.
+    /// World positions of both ends.
     ends: [DVec3; 2],
-    /// Number of voxels along the edge.
-    voxels: f64,
+    /// Index coordinates of both ends on the axis.
+    range: [f64; 2],
     /// Unit vector in the picture that points away from the box.
     outward: [f64; 2],
     camera: Camera,
@@ -54,9 +54,18 @@ fn project(camera: &Camera, point: DVec3) -> Option<[f64; 2]> {
     (half > 0.0).then_some([0.5 * (x + 1.0) * width, 0.5 * (1.0 - y) * height])
 }
 
-/// Draws the box. Returns the edges to label after everything else is drawn.
-pub fn draw_box(canvas: &mut Canvas<'_>, placed: &VolumeFacts, camera: &Camera) -> Vec<LabelledEdge> {
-    let corners = domain_corners(placed);
+/// Draws the box of a part of the volume, given by its ranges of index coordinates. Returns the edges to label after
+/// everything else is drawn.
+pub fn draw_box(
+    canvas: &mut Canvas<'_>,
+    placed: &VolumeFacts,
+    shown: [[f64; 2]; 3],
+    camera: &Camera,
+) -> Vec<LabelledEdge> {
+    let world = placed.geometry.world_from_index();
+    let corners: [DVec3; 8] = std::array::from_fn(|corner| {
+        world.transform_point3(DVec3::from_array(std::array::from_fn(|axis| shown[axis][corner >> axis & 1])))
+    });
     let seen: [[bool; 2]; 3] = std::array::from_fn(|axis| [0, 1].map(|side| is_seen(&corners, camera, axis, side)));
     let middle = project(camera, corners.iter().sum::<DVec3>() / 8.0);
     let mut labelled = Vec::new();
@@ -80,8 +89,8 @@ pub fn draw_box(canvas: &mut Canvas<'_>, placed: &VolumeFacts, camera: &Camera) 
         if let (Some((at, ends)), Some(middle)) = (outline, middle) {
             let away = [at[0] - middle[0], at[1] - middle[1]];
             let length = away[0].hypot(away[1]).max(f64::MIN_POSITIVE);
-            let (outward, voxels) = (away.map(|x| x / length), placed.dims.0[axis] as f64);
-            labelled.push(LabelledEdge { axis, ends, voxels, outward, camera: *camera });
+            let outward = away.map(|x| x / length);
+            labelled.push(LabelledEdge { axis, ends, range: shown[axis], outward, camera: *camera });
         }
     }
     labelled
@@ -101,9 +110,17 @@ fn is_seen(corners: &[DVec3; 8], camera: &Camera, axis: usize, side: usize) -> b
 }
 
 impl LabelledEdge {
+    /// Index coordinates of the first and the last voxel of the edge; both are the middle of an edge without a voxel.
+    pub fn voxels(&self) -> [f64; 2] {
+        let [low, high] = self.range;
+        let ends = [low.ceil(), high.floor()].map(|end| end + 0.0);
+        if ends[0] <= ends[1] { ends } else { [0.5 * (low + high); 2] }
+    }
+
     /// Position in the picture at a share of the way from the first to the last voxel.
     fn at(&self, share: f64) -> Option<[f64; 2]> {
-        let along = (0.5 + share * (self.voxels - 1.0)) / self.voxels;
+        let ([low, high], [first, last]) = (self.range, self.voxels());
+        let along = (first + share * (last - first) - low) / (high - low);
         project(&self.camera, self.ends[0] + along * (self.ends[1] - self.ends[0]))
     }
 
@@ -149,12 +166,12 @@ pub struct AxisEnds {
 }
 
 impl AxisEnds {
-    /// Coordinates of the first and the last voxel along an axis of the grid.
-    pub fn of(scale: &AxisScale) -> Self {
-        let AxisScale { name, unit, first, count, kind, .. } = scale;
+    /// Coordinates of the first and the last voxel along an axis of the grid, whose index coordinates are given.
+    pub fn of(scale: &AxisScale, voxels: [f64; 2]) -> Self {
+        let AxisScale { name, unit, kind, .. } = scale;
         let name = if unit.is_empty() { name.clone() } else { format!("{name} [{unit}]") };
-        let last = scale.place(count.saturating_sub(1) as f64);
-        Self { name, first: *first, last, is_counted: *kind == ScaleKind::Counted }
+        let [first, last] = voxels.map(|voxel| scale.place(voxel));
+        Self { name, first, last, is_counted: *kind == ScaleKind::Counted }
     }
 
     /// Round numbers between the ends, and their texts. `pixels`, the length of the edge, limits their density.

@@ -173,6 +173,24 @@ impl<'a> Canvas<'a> {
         }
     }
 
+    /// Number of texts that reach into an area.
+    pub fn texts_in(&self, [left, top]: [i32; 2], size: [i32; 2]) -> usize {
+        let [width, height] = size.map(|n| u32::try_from(n).unwrap_or(0));
+        let area = Rectangle::new(Point::new(left, top), Size::new(width, height));
+        self.taken.iter().filter(|text| !text.intersection(&area).is_zero_sized()).count()
+    }
+
+    /// Number of pixels of an area that are not empty.
+    pub fn covered(&self, [left, top]: [i32; 2], [width, height]: [i32; 2]) -> usize {
+        let [columns, rows] = self.size();
+        let xs = left.max(0)..(left + width).min(columns);
+        let pixels = (top.max(0)..(top + height).min(rows)).flat_map(|y| xs.clone().map(move |x| (x, y)));
+        let index = |(x, y): (i32, i32)| {
+            whole::<usize>(f64::from(y)) * self.image.width as usize + whole::<usize>(f64::from(x))
+        };
+        pixels.filter(|at| self.image.pixels[index(*at)][3] > 0.0).count()
+    }
+
     /// Draws a row of pixels with one colour.
     pub fn row(&mut self, [left, y]: [i32; 2], pixels: i32, color: [f64; 3]) {
         for x in left..left + pixels {

@@ -45,6 +45,8 @@ use self::canvas::{Anchor, Canvas, Layer};
 const MARGIN: i32 = 6;
 /// Width of the colour bar in pixels, and its height as a share of the picture's height.
 const BAR_WIDTH: i32 = 10;
+/// Most letters of a number beside the colour bar.
+const BAR_LETTERS: i32 = 8;
 const BAR_SHARE: f64 = 0.4;
 /// Greatest length of the scale bar, as a share of the picture's width.
 const SCALE_SHARE: f64 = 0.25;
@@ -73,15 +75,16 @@ pub fn decorate(
     // Shapes are drawn in units of the picture; numbers are written in world and data units.
     let units = Units::of(facts);
     let placed = &units.facts(facts);
+    let shown = [0, 1, 2].map(|axis| scene.clip.slab_of(placed.dims, axis));
     let mut canvas = Canvas::new(image, scene.background);
-    let edges =
-        if shows_box(scene, placed, &camera) { axes::draw_box(&mut canvas, placed, &camera) } else { Vec::new() };
+    let edges = if shows_box(scene, placed, &camera) {
+        axes::draw_box(&mut canvas, placed, shown, &camera)
+    } else {
+        Vec::new()
+    };
     draw_orientation(&mut canvas, container, facts, &camera);
     if let Projection::Orthographic { height } = camera.projection {
         draw_scale(&mut canvas, container, units.length * height / camera.extent[1]);
-    }
-    if scene.mode != Mode::Iso {
-        draw_colors(&mut canvas, container, scene, units.value);
     }
     let source = &container.manifest().source;
     canvas.text(&format!("{}  ({})", source.name, facts.kind.name()), [MARGIN, MARGIN], Anchor::TopLeft);
@@ -90,7 +93,11 @@ pub fn decorate(
     }
     let coordinates = Coordinates::of(container);
     for edge in &edges {
-        edge.label(&mut canvas, &axes::AxisEnds::of(&coordinates.axes()[edge.axis]));
+        edge.label(&mut canvas, &axes::AxisEnds::of(&coordinates.axes()[edge.axis], edge.voxels()));
+    }
+    // The bar looks for a free place, so it comes last.
+    if scene.mode != Mode::Iso {
+        draw_colors(&mut canvas, container, scene, units.value);
     }
 }
 
@@ -173,6 +180,38 @@ fn round_below(length: f64) -> f64 {
     [5.0, 2.0, 1.0].into_iter().map(|factor| factor * power).find(|l| *l <= length).unwrap_or(power)
 }
 
+/// A side of the picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Side {
+    Left,
+    Right,
+}
+
+/// Side and first row of a colour bar of this many rows, where bar and numbers cover the fewest pixels of the volume and
+/// of other decorations. Of equal places, the one nearest to the middle of the right side.
+fn place_of_bar(canvas: &Canvas<'_>, rows: i32) -> (Side, i32) {
+    /// Number of places along each side.
+    const PLACES: i32 = 9;
+    /// Pixels of the volume that a covered text counts for.
+    const TEXT: usize = 2000;
+    let [width, height] = canvas.size();
+    // The letters of the border lie beside the bar.
+    let border = MARGIN + 2 * canvas::LETTER[0];
+    let across = BAR_WIDTH + BAR_LETTERS * canvas::LETTER[0];
+    // The unit above; half a number below.
+    let [above, below] = [canvas::LETTER[1] + MARGIN, canvas::LETTER[1] / 2 + 1];
+    let (middle, room) = ((height - rows) / 2, (height - rows - above - below).max(0));
+    let shifted = (0..PLACES).map(|n| above + n * room / (PLACES - 1));
+    let places = std::iter::once(middle).chain(shifted).flat_map(|top| [(Side::Right, top), (Side::Left, top)]);
+    let cost = |&(side, top): &(Side, i32)| {
+        let left = if side == Side::Right { width - border - across } else { border };
+        let (at, size) = ([left, top - above], [across, above + rows + below]);
+        let covered = canvas.covered(at, size) + TEXT * canvas.texts_in(at, size);
+        (covered, (top - middle).abs(), side == Side::Left)
+    };
+    places.min_by_key(cost).unwrap_or((Side::Right, middle))
+}
+
 /// Draws the colour bar of the transfer function with values in data units; `value_unit` converts into these.
 fn draw_colors(canvas: &mut Canvas<'_>, container: &Container, scene: &ResolvedScene, value_unit: f64) {
     // A slice alone has its own colours. With a filter that changes the meaning of values, no bar is drawn.
@@ -191,12 +230,13 @@ fn draw_colors(canvas: &mut Canvas<'_>, container: &Container, scene: &ResolvedS
     let (low, high) = (first.value, last.value);
     let [width, height] = canvas.size();
     let rows = whole::<i32>(BAR_SHARE * f64::from(height));
-    let (left, top) = (width - MARGIN - BAR_WIDTH, (height - rows) / 2);
     if rows < 2 || high <= low {
         return;
     }
-    // Room for the letters at the right border, beside which the bar is drawn.
-    let left = left - 2 * canvas::LETTER[0];
+    let (side, top) = place_of_bar(canvas, rows);
+    // Room for the letters at the border, beside which the bar is drawn.
+    let border = MARGIN + 2 * canvas::LETTER[0];
+    let left = if side == Side::Right { width - border - BAR_WIDTH } else { border };
     for row in 0..rows {
         let share = f64::from(row) / f64::from(rows - 1);
         let color = colors.classify(high * (1.0 - share) + low * share).0;
@@ -205,12 +245,19 @@ fn draw_colors(canvas: &mut Canvas<'_>, container: &Container, scene: &ResolvedS
     let unit = &container.manifest().unit;
     for (share, value) in [(0.0, high), (0.5, 0.5 * high + 0.5 * low), (1.0, low)] {
         let y = top + whole::<i32>((share * f64::from(rows - 1)).round());
-        canvas.text(&short(value * value_unit), [left - 4, y], Anchor::MiddleRight);
+        let (x, anchor) = match side {
+            Side::Right => (left - 4, Anchor::MiddleRight),
+            Side::Left => (left + BAR_WIDTH + 4, Anchor::MiddleLeft),
+        };
+        canvas.text(&short(value * value_unit), [x, y], anchor);
     }
     // A long unit would reach across a small picture; `info` shows it.
     let letters = i32::try_from(unit.chars().count()).unwrap_or(i32::MAX);
     if (2 * canvas::LETTER[0]).saturating_mul(letters) <= width {
-        canvas.text(unit, [left + BAR_WIDTH, top - 4], Anchor::BottomRight);
+        match side {
+            Side::Right => canvas.text(unit, [left + BAR_WIDTH, top - 4], Anchor::BottomRight),
+            Side::Left => canvas.text(unit, [left, top - 4], Anchor::BottomLeft),
+        }
     }
 }
 

@@ -42,6 +42,8 @@ pub enum Command {
     Sections,
     /// Show or hide the handles in the picture.
     Handles,
+    /// Start or stop the cine.
+    Cine,
     /// Switch full screen on or off.
     FullScreen,
 }
@@ -109,6 +111,7 @@ pub const BINDINGS: &[Binding] = &[
     binding(Command::Projection, &[plain(Key::P)], "Switch between perspective and parallel rays"),
     binding(Command::Sections, &[plain(Key::T)], "Show or hide three sections beside the picture"),
     binding(Command::Handles, &[plain(Key::B)], "Show or hide the handles of crop box, clip planes, slices and solids"),
+    binding(Command::Cine, &[plain(Key::C)], "Start or stop the cine: one slice after the other"),
     binding(Command::Panels, &[plain(Key::H)], "Show or hide the panels"),
     binding(Command::FullScreen, &[plain(Key::F11)], "Full screen"),
     binding(Command::Help, &[plain(Key::Questionmark), plain(Key::F1), with_shift(Key::Slash)], "Keys and mouse"),
@@ -121,6 +124,7 @@ pub const MOUSE: &[(&str, &str)] = &[
     ("Wheel, two fingers, pinch", "Move nearer or away, towards the mouse"),
     ("In a section: click or drag", "Move the cursor: all sections pass through it"),
     ("In a section: wheel; with Ctrl", "Move the section; zoom"),
+    ("In a section: Ctrl and drag", "Window: to the right wider, up brighter (a lower level)"),
     ("In a section: right drag; double click", "Move the picture; show all of it"),
     ("In a section: right click", "Save the scene of the section, or export the section"),
     ("Click in the picture, with sections", "Move the cursor to the visible point there"),

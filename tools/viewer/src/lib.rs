@@ -13,6 +13,7 @@
 //! - `panels/`: the panels around the picture.
 //! - `navigate`, `edit`, `planes`, `cutting`: effects of mouse, keys and panels on the scene.
 //! - `sections`: content of the panels beside the picture.
+//! - `cine`: slices one after the other.
 //! - `history`: undo. `command`: the list of keys. `preview`: from a preview to the volume.
 //! - [`worker`]: the thread that opens, builds, draws and exports.
 //! - `background_task`: short tasks on a thread of their own (listing folders, small files).
@@ -38,6 +39,7 @@
 )]
 
 mod background_task;
+pub mod cine;
 pub mod command;
 pub mod cutting;
 pub mod edit;

@@ -7,10 +7,11 @@ use glam::DVec3;
 use supervol_format::Geometry;
 use supervol_scene::camera::unit_vector;
 use supervol_scene::facts::VolumeFacts;
-use supervol_scene::preset::{colormap, domain_corners, ramps};
+use supervol_scene::preset::{Look, colormap, domain_corners, ramps};
 use supervol_scene::scene::section::plane_across;
 use supervol_scene::scene::{Mode, PointSpec, PointsSpec, Scene};
 use supervol_scene::slices::{ColorSpec, Interpolation, SLICE_LIMIT, SliceSpec};
+use supervol_scene::transfer_function::ControlPoint;
 
 use crate::worker::OpenVolume;
 
@@ -35,7 +36,40 @@ pub struct Place {
 /// Whether a mode draws slices at their depth.
 #[must_use]
 pub fn has_depth(mode: Mode) -> bool {
-    matches!(mode, Mode::Dvr | Mode::Iso)
+    matches!(mode, Mode::Dvr | Mode::Iso | Mode::Slice)
+}
+
+/// Whether a slice may be removed: mode `slice` needs one.
+#[must_use]
+pub fn may_remove(scene: &Scene) -> bool {
+    scene.mode != Some(Mode::Slice) || scene.slices.len() > 1
+}
+
+/// Removes a slice. Default opacities of the volume become those without slices when the last one goes.
+pub fn remove(scene: &mut Scene, facts: &VolumeFacts, number: usize) {
+    if number < scene.slices.len() && may_remove(scene) {
+        let before = scene.clone();
+        scene.slices.remove(number);
+        follow_slices(&before, scene, facts);
+    }
+}
+
+/// Changes the default opacities of a volume when its first slice comes or its last one goes. Other opacities stay. Around
+/// slices one ray a pixel suffices for a faint volume; each slice needs memory for the rays of a picture.
+pub(crate) fn follow_slices(before: &Scene, scene: &mut Scene, facts: &VolumeFacts) {
+    if before.slices.is_empty() == scene.slices.is_empty() {
+        return;
+    }
+    let usual = |scene: &Scene| {
+        let open = Scene { mode: scene.mode, slices: scene.slices.clone(), ..Scene::default() };
+        open.complete(facts, None).transfer_function
+    };
+    if scene.mode == Some(Mode::Dvr) && scene.transfer_function == usual(before) {
+        scene.transfer_function = usual(scene);
+        let look = Look::of(facts);
+        let is_whole = scene.slices.is_empty() && look.mode == Mode::Dvr;
+        scene.samples_per_pixel = Some(if is_whole { look.samples_per_pixel } else { 1 });
+    }
 }
 
 /// Name of an axis of the grid. For patients, the name of the section across it.
@@ -44,14 +78,14 @@ pub fn axis_name(opened: &OpenVolume, axis: usize) -> String {
     opened.coordinates.section_name(axis)
 }
 
-/// Adds a slice through the volume's middle, across an axis of the grid or oblique (`None`). Returns the reason if it
-/// cannot.
+/// Adds a slice through the volume's middle, across an axis of the grid or oblique (`None`). Default opacities of the
+/// volume become fainter. Returns the reason if it cannot.
 ///
 /// # Errors
 /// If the mode has no depth, or the scene has the most slices already.
 pub fn add(scene: &mut Scene, facts: &VolumeFacts, axis: Option<usize>) -> Result<(), String> {
     if !has_depth(scene.mode.unwrap_or_default()) {
-        return Err("projections have no depth: choose Volume or Iso first".into());
+        return Err("projections have no depth: choose Volume, Iso or Slices only first".into());
     }
     if scene.slices.len() >= SLICE_LIMIT {
         return Err(format!("expected at most {SLICE_LIMIT} slices"));
@@ -65,6 +99,7 @@ pub fn add(scene: &mut Scene, facts: &VolumeFacts, axis: Option<usize>) -> Resul
         }
     };
     let interpolation = Interpolation::default();
+    let before = scene.clone();
     scene.slices.push(SliceSpec {
         normal,
         offset,
@@ -74,6 +109,7 @@ pub fn add(scene: &mut Scene, facts: &VolumeFacts, axis: Option<usize>) -> Resul
         colors: Vec::new(),
         labels: false,
     });
+    follow_slices(&before, scene, facts);
     Ok(())
 }
 
@@ -142,11 +178,16 @@ pub fn turn(slice: &mut SliceSpec, facts: &VolumeFacts, normal: [f64; 3]) {
     (slice.normal, slice.offset) = (after.to_array(), after.dot(foot));
 }
 
-/// Sets the colours of a slice from a colour map by name, over the default value range of slices of this volume. Slices
-/// with a filter that changes the meaning of values keep the filter's colours.
+/// Sets the colours of a slice from a colour map by name, over the slice's range of values. Slices with a filter that
+/// changes the meaning of values keep the filter's colours.
 pub fn paint(slice: &mut SliceSpec, facts: &VolumeFacts, name: &str) {
     let Some(colors) = colormap::by_name(name) else { return };
-    let points = ramps::repainted(&ramps::plain_slice(facts), None, Some(&colors));
+    let known = slice.colors.iter().map(|c| ControlPoint { value: c.value, color: c.color, alpha: 1.0 });
+    let known: Vec<ControlPoint> = known.collect();
+    let known = if known.is_empty() { ramps::plain_slice(facts) } else { known };
+    // The ends carry the range; points between them belong to the colours before.
+    let ends = [known.first(), known.last()].into_iter().flatten().copied().collect::<Vec<_>>();
+    let points = ramps::repainted(&ends, None, Some(&colors));
     let color = |p: &PointSpec| ColorSpec { value: p.value, color: p.color };
     slice.colors = PointsSpec::of(&points, 1.0).points.iter().map(color).collect();
 }

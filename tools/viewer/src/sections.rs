@@ -2,7 +2,7 @@
 //!
 //! Each section is a scene of its own in mode `slice`, face on, on the plane across an axis of the grid through the
 //! cursor. The cursor is a voxel of level 0. Sections show the whole volume, without the clipping of the picture's
-//! scene. Positions in panels are normalised device coordinates, as in [`navigate`].
+//! scene. With a slab, a section shows the mean or an extreme over a layer around the plane. Positions in panels are normalised device coordinates, as in [`navigate`].
 
 use eframe::egui::TextureHandle;
 use glam::DVec3;
@@ -10,10 +10,12 @@ use serde::{Deserialize, Serialize};
 use supervol_format::cast::whole;
 use supervol_runtime::render::renderer::Picked;
 use supervol_runtime::render::stats::FrameStats;
-use supervol_scene::facts::VolumeFacts;
-use supervol_scene::scene::section::{face_on, plane_across};
+use supervol_scene::facts::{DataKind, VolumeFacts};
+use supervol_scene::preset::{ramps, windows};
+use supervol_scene::scene::section::{Slab, Slice, face_on, plane_across};
 use supervol_scene::scene::{CameraSpec, ImageSpec, Scene};
-use supervol_scene::slices::{Interpolation, SliceSpec};
+use supervol_scene::slices::{ColorSpec, Interpolation, SliceSpec};
+use supervol_scene::transfer_function::ControlPoint;
 
 use crate::worker::{OpenVolume, PANELS, Probe, ProbeAnswer};
 use crate::{navigate, planes};
@@ -97,6 +99,14 @@ impl Panel {
         self.shown.as_ref()
     }
 
+    /// Whether a picture of the last request is on the screen, converged or not.
+    pub(crate) fn shows_request(&self) -> bool {
+        match (&self.scene, &self.sent, &self.shown) {
+            (Some(scene), Some((_, sent, number)), Some(shown)) => scene == sent && shown.number == *number,
+            _ => false,
+        }
+    }
+
     /// Whether the picture on the screen is that of `scene`.
     fn is_idle(&self) -> bool {
         match (&self.scene, &self.sent, &self.shown) {
@@ -118,6 +128,12 @@ pub struct Sections {
     pub(crate) cursor: [f64; 3],
     /// Interpolation, filter and colours of the sections. Its plane is not used.
     pub(crate) look: SliceSpec,
+    /// Gamma of the colours.
+    pub(crate) gamma: f64,
+    /// Slab that the sections show; `None`: the plane through the cursor.
+    pub(crate) slab: Option<Slab>,
+    /// Whether a drag in a panel sets the window in place of the cursor.
+    pub(crate) drag_sets_window: bool,
     /// Panels by axis.
     pub(crate) panels: [Panel; PANELS],
     /// Number of requests made so far.
@@ -146,6 +162,9 @@ impl Default for Sections {
             layout: Layout::Alone,
             cursor: [0.0; 3],
             look,
+            gamma: 1.0,
+            slab: None,
+            drag_sets_window: false,
             panels: Default::default(),
             requests: 0,
             picture: 0,
@@ -206,16 +225,74 @@ impl Sections {
     pub fn scene_of(&self, axis: usize, opened: &OpenVolume, image: &ImageSpec) -> Option<Scene> {
         let facts = &opened.facts;
         let (normal, offset) = plane_across(facts, axis, self.cursor[axis]);
-        let slice = SliceSpec { normal, offset, ..self.look.clone() };
+        let slice = SliceSpec { normal, offset, ..self.painted_look(facts) };
         let vertical_exaggeration = (opened.exaggeration != 1.0).then_some(opened.exaggeration);
         let open = Scene { image: image.clone(), vertical_exaggeration, ..Scene::default() };
-        let mut scene = face_on(&open, facts, slice, 1.0)?;
+        let mut scene = match self.slab.filter(|_| self.shows_slabs(facts)) {
+            Some(slab) => {
+                let at = Slice { axis, at: self.cursor[axis], slab: Some(slab), zoom: 1.0 };
+                at.of(&open, facts, &self.colors(facts))?
+            }
+            None => face_on(&open, facts, slice, 1.0)?,
+        };
         scene.camera = match (&self.panels[axis].camera, scene.camera.take()) {
             (Some(now), Some(usual)) => Some(navigate::shifted_to(now, &usual)),
             (_, usual) => usual,
         };
         scene.samples_per_pixel = Some(samples(scene.camera.as_ref(), image, facts));
         Some(scene.complete(facts, None))
+    }
+
+    /// Whether the sections can show slabs: of values, with linear interpolation and no filter.
+    #[must_use]
+    pub fn shows_slabs(&self, facts: &VolumeFacts) -> bool {
+        facts.kind != DataKind::Labels && self.look.filter.is_none() && self.look.interpolation == Interpolation::Linear
+    }
+
+    /// Whether the sections have a window: of values in the volume's units.
+    #[must_use]
+    pub fn has_window(&self, facts: &VolumeFacts) -> bool {
+        facts.kind != DataKind::Labels && self.look.filter.is_none_or(|filter| filter.kind.keeps_values())
+    }
+
+    /// Least and greatest value of the window.
+    #[must_use]
+    pub fn window(&self, facts: &VolumeFacts) -> Option<[f64; 2]> {
+        let colors = unbent(&self.look, facts);
+        Some([colors.first()?.value, colors.last()?.value]).filter(|_| self.has_window(facts))
+    }
+
+    /// Sets the window; `None`: the default one. The colours stay.
+    pub fn set_window(&mut self, window: Option<[f64; 2]>, facts: &VolumeFacts) {
+        let usual = ramps::plain_slice(facts);
+        let usual = [usual.first(), usual.last()].map(|p| p.map_or(0.0, |p| p.value));
+        let window = window.unwrap_or(usual);
+        let is_good = window.iter().all(|v| v.is_finite()) && window[0] < window[1];
+        if is_good && self.has_window(facts) {
+            let points = ramps::repainted(&unbent(&self.look, facts), Some(window), None);
+            self.look.colors = points.iter().map(|p| ColorSpec { value: p.value, color: p.color }).collect();
+        }
+    }
+
+    /// Changes the window as a drag by these shares of the panel does; see [`windows::dragged`].
+    pub(crate) fn drag_window(&mut self, shares: [f64; 2], facts: &VolumeFacts) {
+        if let Some(window) = self.window(facts) {
+            self.set_window(Some(windows::dragged(window, shares)), facts);
+        }
+    }
+
+    /// Colours of the sections over values, with their gamma.
+    pub(crate) fn colors(&self, facts: &VolumeFacts) -> Vec<ControlPoint> {
+        windows::Paint { gamma: Some(self.gamma), ..windows::Paint::default() }.applied(&unbent(&self.look, facts))
+    }
+
+    /// The look of the sections with their gamma.
+    pub(crate) fn painted_look(&self, facts: &VolumeFacts) -> SliceSpec {
+        let mut look = self.look.clone();
+        if self.gamma != 1.0 && self.has_window(facts) {
+            look.colors = self.colors(facts).iter().map(|p| ColorSpec { value: p.value, color: p.color }).collect();
+        }
+        look
     }
 
     /// Moves the cursor, limited to the volume. Slices of the picture at the old cursor move with it.
@@ -265,6 +342,14 @@ impl Sections {
         let world = facts.geometry.world_from_index().transform_point3(index.into());
         navigate::place_of(camera, world, aspect(scene))
     }
+}
+
+/// Colours of a slice before its gamma: its own, else the default ones.
+fn unbent(look: &SliceSpec, facts: &VolumeFacts) -> Vec<ControlPoint> {
+    if look.colors.is_empty() {
+        return ramps::plain_slice(facts);
+    }
+    look.colors.iter().map(|c| ControlPoint { value: c.value, color: c.color, alpha: 1.0 }).collect()
 }
 
 /// Description of a point: value with unit, voxel, world position; for a survey also its lines and its time or depth.

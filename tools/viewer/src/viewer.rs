@@ -14,10 +14,12 @@ use supervol_preprocess::kept::Reading;
 use supervol_runtime::render::stats::FrameStats;
 use supervol_scene::scene::{Mode, Scene};
 
+use crate::cine::{self, Cine};
 use crate::command::{self, Command};
 use crate::folders::Folders;
 use crate::history::History;
 use crate::panels::animate::KeyFrames;
+use crate::panels::file_options::FileOptions;
 use crate::panels::status::StatusHeight;
 use crate::panels::transfer::{self, Transfer};
 use crate::panels::{self, Dialogs, PanelState};
@@ -93,6 +95,7 @@ pub struct Viewer {
     pub(crate) panel_state: PanelState,
     pub(crate) slice: Option<ShownSlice>,
     pub(crate) sections: Sections,
+    pub(crate) cine: Cine,
     pub(crate) transfer: Transfer,
     pub(crate) status_height: StatusHeight,
     /// Key frames of an animation.
@@ -145,6 +148,7 @@ impl Viewer {
             panel_state: PanelState::default(),
             slice: None,
             sections: Sections { layout: saved.layout, ..Sections::default() },
+            cine: Cine::default(),
             transfer: Transfer::default(),
             status_height: StatusHeight::default(),
             keys: KeyFrames::default(),
@@ -202,6 +206,12 @@ impl Viewer {
         self.ahead.filter(|ahead| ahead.number == self.requests)
     }
 
+    /// State of the cine.
+    #[must_use]
+    pub fn cine(&self) -> &Cine {
+        &self.cine
+    }
+
     /// The last failure or success.
     #[must_use]
     pub fn message(&self) -> Option<&Message> {
@@ -239,6 +249,7 @@ impl Viewer {
         for command in command::pressed(&ctx) {
             self.run(&ctx, command);
         }
+        cine::advance(self, &ctx);
         panels::status::show(self, ui);
         if !self.saved.panels_hidden {
             panels::tools::show(self, ui);
@@ -276,6 +287,12 @@ impl Viewer {
     pub fn open(&mut self, path: &Path) {
         self.exaggeration = 1.0;
         self.open_with(path, Reading::default(), Scene::default());
+    }
+
+    /// Opens a file with options of its own, with its default picture.
+    pub(crate) fn open_read(&mut self, path: &Path, reading: Reading) {
+        self.exaggeration = 1.0;
+        self.open_with(path, reading, Scene::default());
     }
 
     fn open_with(&mut self, path: &Path, reading: Reading, scene: Scene) {
@@ -317,6 +334,9 @@ impl Viewer {
             let what = "the drawing thread has crashed because of a bug in supervol; its message is on standard error. Save the scene \
                         and start supervol again";
             self.message = Some(Message::Failure(what.into()));
+        }
+        if let Some(refused) = messages.refused {
+            self.dialogs.file_options = Some(FileOptions::refused(*refused));
         }
         if let Some(opened) = messages.opened {
             self.show_volume(ctx, opened);
@@ -367,7 +387,7 @@ impl Viewer {
         }
         edit::write_out(&mut scene, &opened.facts);
         if is_same {
-            self.history.commit(&scene);
+            self.history.commit(&scene, ctx.input(|input| input.time));
         } else {
             self.history = History::new(&scene);
             self.sections = Sections::of(&opened.facts, self.sections.layout);
@@ -465,6 +485,12 @@ impl Viewer {
             Command::SaveScene | Command::Export | Command::Animate | Command::CopyCommand if self.is_preview() => {
                 self.message = self.preview_message();
             }
+            Command::Cine => {
+                self.cine.is_running = !self.cine.is_running;
+                if self.cine.is_running && self.slice.is_none() && self.sections.layout == Layout::Alone {
+                    self.set_layout(Layout::Three);
+                }
+            }
             Command::Handles => self.panel_state.are_handles_shown = !self.panel_state.are_handles_shown,
             Command::Sections => self.set_layout(match self.sections.layout {
                 Layout::Three => Layout::Alone,
@@ -475,11 +501,11 @@ impl Viewer {
             Command::Animate => panels::dialogs::begin_animation(self),
             Command::CopyCommand => self.copy_command(ctx),
             Command::Undo => {
-                let before = self.history.undo(&self.scene);
+                let before = self.history.undo(&self.scene, ctx.input(|input| input.time));
                 self.restore(before);
             }
             Command::Redo => {
-                let after = self.history.redo(&self.scene);
+                let after = self.history.redo(&self.scene, ctx.input(|input| input.time));
                 self.restore(after);
             }
             view => self.run_view(view),
@@ -590,9 +616,9 @@ impl Viewer {
     /// Sends the changes of this frame to the worker.
     fn send(&mut self, ctx: &egui::Context) {
         let Some(worker) = &self.worker else { return };
-        // A drag is one edit: it ends when the button is released.
-        if !ctx.input(|input| input.pointer.any_down()) {
-            self.history.commit(&self.scene);
+        // A drag is one edit: it ends when the button is released. So is a cine.
+        if !ctx.input(|input| input.pointer.any_down()) && !self.cine.is_running {
+            self.history.commit(&self.scene, ctx.input(|input| input.time));
         }
         let are_set = self.settings == self.sent_settings;
         if !are_set {

@@ -5,10 +5,10 @@ use super::overview::Overview;
 use super::{colormap, ramps};
 use crate::facts::histogram::Histogram;
 use crate::facts::{DataKind, VolumeFacts};
-use crate::scene::section::plane_across;
+use crate::scene::section::middle_slices;
 use crate::slices::{Interpolation, SliceSpec};
 use crate::spec::{IsoSpec, Mode, PointsSpec, ShadingSpec};
-use crate::transfer_function::ControlPoint;
+use crate::transfer_function::{ControlPoint, TransferFunction};
 
 /// Most labels that the default picture shows in the volume. More would hide each other, and cells between two of them
 /// hold dozens of others, which takes long. Slices show them.
@@ -27,6 +27,8 @@ const BONE: [[f64; 3]; 3] = [[0.72, 0.56, 0.44], [0.88, 0.80, 0.70], [1.0, 1.0, 
 const FLESH: [[f64; 3]; 3] = [[0.70, 0.50, 0.43], [0.86, 0.76, 0.70], [1.0, 0.98, 0.94]];
 const STEEL: [[f64; 3]; 3] = [[0.45, 0.52, 0.62], [0.70, 0.75, 0.80], [1.0, 1.0, 1.0]];
 const GLOW: [[f64; 3]; 3] = [[0.45; 3], [0.75; 3], [1.0; 3]];
+/// Opacity of default surfaces around slices.
+pub const SURFACE_AROUND_SLICES: f64 = 0.3;
 /// Default colour of a surface.
 const SURFACE: [f64; 3] = [0.86, 0.80, 0.70];
 
@@ -126,7 +128,8 @@ impl Look {
         let shading = ShadingSpec { ambient: 0.45, diffuse: 0.55, ..ShadingSpec::default() };
         let look = Self::plain(ramps::labels(facts, 0.5), unit);
         if ramps::labels_of(facts).len() > LABELS_IN_VOLUME {
-            return Self { slices: middle_slices(facts), ..look };
+            let sharp = |slice| SliceSpec { labels: true, interpolation: Interpolation::Nearest, ..slice };
+            return Self { slices: middle_slices(facts).into_iter().map(sharp).collect(), ..look };
         }
         Self { shading: Some(shading), samples_per_pixel: 4, ..look }
     }
@@ -138,16 +141,6 @@ impl Look {
         let shading = Some(ShadingSpec::default());
         Self { mode: Mode::Iso, iso, shading, samples_per_pixel: 4, ..Self::plain(grey, unit_distance(facts)) }
     }
-}
-
-/// The slices across the grid's axes through the middle of the volume.
-fn middle_slices(facts: &VolumeFacts) -> Vec<SliceSpec> {
-    let slice = |axis: usize| {
-        let (normal, offset) = plane_across(facts, axis, (facts.dims.0[axis] / 2) as f64);
-        let interpolation = Interpolation::Nearest;
-        SliceSpec { normal, offset, opacity: 1.0, interpolation, filter: None, colors: Vec::new(), labels: true }
-    };
-    (0..3).map(slice).collect()
 }
 
 /// Whether a volume is a plate: its shortest edge is far shorter than the second one.
@@ -182,6 +175,33 @@ pub fn default_surface(facts: &VolumeFacts) -> IsoSpec {
 
 fn middle(facts: &VolumeFacts) -> f64 {
     0.5 * facts.central_range.min + 0.5 * facts.central_range.max
+}
+
+/// Fainter opacities for a volume around slices: a path of half the volume's mean edge lets half of the light pass, at the
+/// mean extinction of the volume's voxels. Opacities that let more pass stay as they are. A body that fills a small share
+/// of the volume counts as if it filled more; otherwise it would stay opaque.
+///
+/// Programs for slices (3D Slicer, OpendTect, ParaView) show slices without the volume around them. Here the volume
+/// stays as a faint context. Mode `slice` shows slices alone.
+#[must_use]
+pub fn around_slices(points: PointsSpec, facts: &VolumeFacts) -> PointsSpec {
+    /// Least share of the volume that visible voxels count for.
+    const VISIBLE_SHARE: f64 = 0.3;
+    let unit = points.unit_distance.unwrap_or_else(|| facts.geometry.smallest_spacing());
+    let Ok(function) = TransferFunction::new(points.control_points(), unit) else { return points };
+    let mean = if facts.histogram.is_empty() {
+        function.kappa(points.points.iter().map(|p| p.alpha).fold(0.0, f64::max))
+    } else {
+        let histogram = Histogram::new(&facts.histogram, facts.central_range);
+        let seen = histogram.shares().map(|(value, share)| (share, function.kappa(function.classify(value).1)));
+        let [sum, visible] = seen.fold([0.0; 2], |[sum, visible], (share, kappa)| {
+            [sum + share * kappa, visible + if kappa > 0.0 { share } else { 0.0 }]
+        });
+        sum * (VISIBLE_SHARE / visible.max(f64::MIN_POSITIVE)).max(1.0)
+    };
+    let path = 0.5 * extents(facts).iter().sum::<f64>() / 3.0;
+    let denser = mean * path / std::f64::consts::LN_2;
+    PointsSpec { unit_distance: Some(unit * denser.max(1.0)), ..points }
 }
 
 /// The transfer function of mode `dvr` for kinds whose default mode is a projection: transparent background, and

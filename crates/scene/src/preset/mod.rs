@@ -12,6 +12,7 @@
 //! - `view`: camera positions
 //! - `placing`: position and proportions of the volume
 //! - `overview`: a coarse level, from which the visible region is estimated
+//! - `windows`: named windows of tomography, level and width, gamma
 //! - `transfer_file`: transfer functions and colour maps in files of other programs
 //!
 //! Presets choose parts of a scene ([`crate::spec`]). [`crate::scene`] puts them together.
@@ -25,6 +26,7 @@ pub mod placing;
 pub mod ramps;
 pub mod transfer_file;
 pub mod view;
+pub mod windows;
 
 use self::extents::unit_distance;
 pub use self::extents::{domain, domain_corners};

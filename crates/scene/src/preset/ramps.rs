@@ -15,7 +15,7 @@ const HOUNSFIELD_FACES: [f64; 3] = [-600.0, -400.0, -250.0];
 /// Hounsfield units at which the preset changes: end of soft tissue, bone, metal.
 const HOUNSFIELD_BONE: [f64; 3] = [180.0, 450.0, 1500.0];
 /// Offset of Hounsfield units in unsigned files.
-const HOUNSFIELD_OFFSET: f64 = 1024.0;
+pub(super) const HOUNSFIELD_OFFSET: f64 = 1024.0;
 /// Window of maximum projections in Hounsfield units, from fat to dense bone. A coarse level gives no useful window:
 /// air around the body makes it too dark, and averaging makes bone too low.
 const HOUNSFIELD_PROJECTED: [f64; 2] = [-150.0, 1600.0];
@@ -312,7 +312,13 @@ pub fn repainted(
         out.iter_mut().for_each(|(place, point)| point.color = color_at(colors, *place));
     }
     let [low, high] = window.unwrap_or([low, high]);
-    out.iter().map(|(place, p)| ControlPoint { value: low * (1.0 - place) + high * place, ..*p }).collect()
+    let mut least = f64::NEG_INFINITY;
+    let mut value = |place: f64| {
+        // Rounding must not put a point before the one at its left.
+        least = (low * (1.0 - place) + high * place).max(least);
+        least
+    };
+    out.iter().map(|(place, p)| ControlPoint { value: value(*place), ..*p }).collect()
 }
 
 fn alpha_at(points: &[ControlPoint], value: f64) -> f64 {
@@ -324,7 +330,7 @@ fn alpha_at(points: &[ControlPoint], value: f64) -> f64 {
     }
 }
 
-fn color_at(colors: &[(f64, [f64; 3])], place: f64) -> [f64; 3] {
+pub(super) fn color_at(colors: &[(f64, [f64; 3])], place: f64) -> [f64; 3] {
     let after = colors.partition_point(|(at, _)| *at <= place);
     match (after.checked_sub(1).map(|i| colors[i]), colors.get(after)) {
         (Some((p, a)), Some(&(q, b))) => std::array::from_fn(|i| a[i] + (b[i] - a[i]) * (place - p) / (q - p)),

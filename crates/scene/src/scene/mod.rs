@@ -64,7 +64,8 @@ pub struct Scene {
     /// Iso surfaces. Mode `iso` draws only them; mode `dvr` draws them inside the semi-transparent volume.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub iso: Vec<IsoSpec>,
-    /// Slices: planes inside the picture in modes `dvr` and `iso`. Mode `slice` draws only them.
+    /// Slices: planes inside the picture in modes `dvr` and `iso`. Mode `slice` draws only them. Default opacities of the
+    /// volume are fainter around slices.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub slices: Vec<SliceSpec>,
     /// Clipping: the part of the volume to keep.
@@ -132,6 +133,9 @@ impl Scene {
             scene.mode = Some(look.mode);
             scene.shading.get_or_insert(look.shading);
             scene.iso = look.iso;
+            if !scene.slices.is_empty() {
+                scene.iso.iter_mut().for_each(|iso| iso.alpha = looks::SURFACE_AROUND_SLICES);
+            }
             if scene.slices.is_empty() && !look.slices.is_empty() {
                 scene.slices = look.slices;
                 scene.transfer_function = Some(TransferFunctionSpec::Points(preset::clear(facts)));
@@ -148,6 +152,8 @@ impl Scene {
                 Mode::Dvr if look.mode == Mode::Mip => looks::body(facts),
                 _ => look.transfer_function,
             };
+            let shows_both = mode == Mode::Dvr && !scene.slices.is_empty();
+            let points = if shows_both { looks::around_slices(points, facts) } else { points };
             Some(TransferFunctionSpec::Points(points))
         });
         let plain = preset::ramps::plain_slice(facts);

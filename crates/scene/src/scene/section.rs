@@ -1,5 +1,5 @@
-//! One slice of a volume, face on. Across an axis of the grid it is the mean over a thin box, in any other direction a
-//! plane ([`crate::slices`]).
+//! One slice of a volume, face on. Across an axis of the grid it is the mean, the maximum or the minimum over a box, in
+//! any other direction a plane ([`crate::slices`]).
 
 use glam::DVec3;
 
@@ -8,7 +8,7 @@ use crate::camera::unit_vector;
 use crate::facts::VolumeFacts;
 use crate::preset::domain;
 use crate::preset::view::{Framed, View};
-use crate::slices::SliceSpec;
+use crate::slices::{Interpolation, SliceSpec};
 use crate::spec::{Mode, PointsSpec, TransferFunctionSpec};
 use crate::transfer_function::ControlPoint;
 
@@ -19,6 +19,37 @@ const SLICE_SUPERSAMPLING: u32 = 4;
 /// Rays along each edge of a pixel for a plane, whose values change smoothly.
 const PLANE_SUPERSAMPLING: u32 = 2;
 
+/// Quantity that a slab shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum SlabMode {
+    /// Mean across the slab.
+    #[default]
+    Mean,
+    /// Greatest value across the slab.
+    Max,
+    /// Least value across the slab.
+    Min,
+}
+
+impl From<SlabMode> for Mode {
+    fn from(mode: SlabMode) -> Self {
+        match mode {
+            SlabMode::Mean => Self::Mean,
+            SlabMode::Max => Self::Mip,
+            SlabMode::Min => Self::Minip,
+        }
+    }
+}
+
+/// A slab: layer of the volume that a slice shows as one picture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Slab {
+    /// Thickness in voxels.
+    pub thickness: f64,
+    /// Quantity that the slab shows.
+    pub mode: SlabMode,
+}
+
 /// Position of a slice across an axis of the grid.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Slice {
@@ -26,8 +57,8 @@ pub struct Slice {
     pub axis: usize,
     /// Index coordinate on the axis, in voxels.
     pub at: f64,
-    /// Thickness in voxels over which the mean is taken; `None`: a thin slice.
-    pub slab: Option<f64>,
+    /// Slab around the position; `None`: a thin slice.
+    pub slab: Option<Slab>,
     /// Magnification relative to a slice that just fits into the picture.
     pub zoom: f64,
 }
@@ -37,13 +68,14 @@ impl Slice {
     /// function. `None` if the clip box leaves nothing of the slice.
     #[must_use]
     pub fn of(&self, scene: &Scene, facts: &VolumeFacts, colors: &[ControlPoint]) -> Option<Scene> {
-        let (axis, half) = (self.axis, 0.5 * self.slab.unwrap_or(SLICE_VOXELS));
+        let Slab { thickness, mode } = self.slab.unwrap_or(Slab { thickness: SLICE_VOXELS, mode: SlabMode::Mean });
+        let (axis, half) = (self.axis, 0.5 * thickness);
         let [mut low, mut high] = scene.clip.index_box.unwrap_or_else(|| domain(facts));
         (low[axis], high[axis]) = (low[axis].max(self.at - half), high[axis].min(self.at + half));
         if low[axis] >= high[axis] {
             return None;
         }
-        let mut scene = Scene { mode: Some(Mode::Mean), iso: Vec::new(), shading: Some(None), ..scene.clone() };
+        let mut scene = Scene { mode: Some(mode.into()), iso: Vec::new(), shading: Some(None), ..scene.clone() };
         scene.clip.index_box = Some([low, high]);
         let spec = || TransferFunctionSpec::Points(PointsSpec::of(colors, facts.geometry.smallest_spacing()));
         scene.transfer_function.get_or_insert_with(spec);
@@ -52,6 +84,17 @@ impl Slice {
         scene.camera = Some(view.camera(&scene.framed(facts, None), [scene.image.width, scene.image.height]));
         Some(scene)
     }
+}
+
+/// Opaque slices across the grid's axes through the voxels in the middle of the volume.
+#[must_use]
+pub fn middle_slices(facts: &VolumeFacts) -> Vec<SliceSpec> {
+    let slice = |axis: usize| {
+        let (normal, offset) = plane_across(facts, axis, (facts.dims.0[axis] / 2) as f64);
+        let interpolation = Interpolation::default();
+        SliceSpec { normal, offset, opacity: 1.0, interpolation, filter: None, colors: Vec::new(), labels: false }
+    };
+    (0..3).map(slice).collect()
 }
 
 /// The plane across an axis of the grid at an index coordinate: unit normal and offset in world space.

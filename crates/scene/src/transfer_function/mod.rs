@@ -168,6 +168,14 @@ impl TransferFunction {
     }
 }
 
+/// The opacity of an extinction that is multiplied by a positive factor: `1 - (1 - alpha)^factor`. For factors below 1,
+/// alpha is limited to [`ALPHA_LIMIT`], as extinctions are: a share of an infinite extinction would be infinite.
+#[must_use]
+pub fn times_extinction(alpha: f64, factor: f64) -> f64 {
+    let alpha = if factor < 1.0 { alpha.min(ALPHA_LIMIT) } else { alpha };
+    1.0 - (1.0 - alpha).powf(factor)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -210,5 +218,16 @@ mod tests {
             assert!((back / alpha - 1.0).abs() < 1e-12);
         }
         assert_eq!(tf.kappa(1.0), tf.kappa(ALPHA_LIMIT));
+    }
+
+    #[test]
+    fn opacities_follow_a_multiplied_extinction() {
+        let tf = TransferFunction::new(vec![point(0.0, 0.1)], 2.5).unwrap();
+        for (alpha, factor) in [(0.3, 0.5), (0.3, 7.0), (1.0, 0.001), (1.0, 0.5), (0.99999, 0.01), (1e-6, 0.1)] {
+            let found = tf.kappa(times_extinction(alpha, factor));
+            let expected = (factor * tf.kappa(alpha)).min(tf.kappa(1.0));
+            assert!((found / expected - 1.0).abs() < 1e-8, "{alpha} times {factor}: {found}, expected {expected}");
+        }
+        assert_eq!([times_extinction(1.0, 2.0), times_extinction(0.0, 0.5)], [1.0, 0.0]);
     }
 }

@@ -12,6 +12,7 @@ use supervol_format::{ByteSource, VoxelBox};
 use zip::{CompressionMethod, ZipArchive};
 
 use super::npy::{ArrayPart, NpySource};
+use crate::error::Part;
 use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::formats::unsupported::refusal_of_zip;
 use crate::input::data_files::open_data;
@@ -117,7 +118,8 @@ where
         }
         (None, several) => {
             let what = format!("{} arrays: {}", several.len(), list());
-            Err(SourceError::unsupported(path, what, "name one: FILE.npz:/NAME"))
+            let choices = several.iter().map(|name| Part::of_array(path, &plain(name), plain(name)));
+            Err(SourceError::unsupported(path, what, "name one: FILE.npz:/NAME").with_choices(choices))
         }
     }
 }

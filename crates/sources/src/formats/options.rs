@@ -2,6 +2,7 @@
 
 use super::raw::options::RawOptions;
 use super::segy::options::SegyOptions;
+use crate::grid::nulls::Nulls;
 use crate::input::data_files::Outside;
 use crate::input::folder::FolderOptions;
 use crate::input::selection::Selection;
@@ -26,6 +27,8 @@ pub struct OpenOptions {
     /// Value that is absent, besides those that the file declares; scaled, as [`SourceInfo`](crate::SourceInfo) says.
     /// Headerless files state it in `raw`.
     pub nodata: Option<f64>,
+    /// Rule for usual nulls such as 1e30 and -999.25, of files that declare no absent value.
+    pub nulls: Nulls,
 }
 
 impl OpenOptions {

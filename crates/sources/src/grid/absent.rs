@@ -158,6 +158,13 @@ impl AbsentSource {
     }
 }
 
+impl AbsentSource {
+    /// Adds a note for the user.
+    pub(crate) fn note(&mut self, note: Message) {
+        self.info.notes.push(note);
+    }
+}
+
 impl VolumeSource for AbsentSource {
     fn info(&self) -> &SourceInfo {
         &self.info

@@ -8,6 +8,7 @@
 //! - `header_data`: a dense grid in the data files that a header names;
 //! - `mirrored`: axes that are read in reverse;
 //! - [`named`]: a source whose notes name options as a program does;
+//! - [`nulls`]: usual nulls of files that declare no absent value;
 //! - [`placed`]: a source with another place in the world;
 //! - `stored`: a source without the scale, offset, unit and absent value of its file.
 
@@ -19,5 +20,6 @@ pub(crate) mod header_data;
 pub mod layout;
 pub(crate) mod mirrored;
 pub mod named;
+pub mod nulls;
 pub mod placed;
 pub(crate) mod stored;

@@ -17,12 +17,14 @@ use supervol_format::Container;
 use supervol_scene::facts::{DataKind, VolumeFacts};
 use supervol_scene::preset::overview::Overview;
 use supervol_scene::preset::view::{Framed, View, upright};
+use supervol_scene::preset::windows::Paint;
 use supervol_scene::preset::{looks, ramps};
 use supervol_scene::scene::{
     CameraSpec, ImageSpec, IsoSpec, Mode, PointsSpec, Scene, ShadingSpec, SolidSpec, TransferFunctionSpec,
 };
+use supervol_scene::transfer_function::times_extinction;
 
-use self::parse::{CameraRequest, ClipShape, ColorMapRequest, SurfaceRequest};
+use self::parse::{CameraRequest, ClipShape, ColorMapRequest, SurfaceRequest, WindowRequest};
 use self::places::{Crop, Cut};
 use self::slices::SliceArguments;
 use crate::panels::{Grid, PANEL_LIMIT};
@@ -38,6 +40,9 @@ pub struct LookArguments {
     #[arg(long, value_name = "KIND", visible_alias = "preset")]
     kind: Option<DataKind>,
     /// Rendering mode: quantity that a ray computes
+    ///
+    /// Mode slice draws the slices of --slice in place, for example a fence. Without --slice, it draws three planes
+    /// through the middle.
     #[arg(long, value_enum)]
     mode: Option<ModeName>,
     /// Size of the picture in pixels: 1 to 32768 each, for example 1024x768
@@ -63,13 +68,23 @@ pub struct LookArguments {
     /// Names: grey, seismic, viridis, magma, inferno, plasma, cividis, turbo, cubehelix, warm, cool and spectral.
     #[arg(long, value_name = "NAME|FILE", value_parser = parse::color_map)]
     colormap: Option<ColorMapRequest>,
-    /// Range of data values that colours and opacities span, for example -100,400
-    #[arg(long, value_name = "LOW,HIGH", value_parser = parse::window, allow_hyphen_values = true)]
-    window: Option<[f64; 2]>,
+    /// Range of data values that colours and opacities span: LOW,HIGH, level=LEVEL,width=WIDTH, or a name
+    ///
+    /// Examples: -100,400 and level=150,width=500 are the same range. Names are bone (level 400, width 1800), lung (-600,
+    /// 1500), soft-tissue (50, 400) and brain (40, 80). They need tomography in Hounsfield units.
+    #[arg(long, value_name = "LOW,HIGH|NAME", value_parser = parse::window, allow_hyphen_values = true)]
+    window: Option<WindowRequest>,
     /// Set that range by percentiles: leave out this percentage of the voxels at each end, 0 to below 50
     #[arg(long, value_name = "PERCENT", value_parser = parse::percent, allow_negative_numbers = true, conflicts_with = "window")]
     clip_percent: Option<f64>,
+    /// Gamma of the colours over their range of values: 0.1 to 10, default 1; below 1 brightens a grey picture
+    ///
+    /// The value at share x of the range gets the colour at share x^GAMMA. Opacities stay the same.
+    #[arg(long, value_name = "GAMMA", value_parser = parse::gamma, allow_negative_numbers = true)]
+    gamma: Option<f64>,
     /// Density: multiplies the extinction (mode dvr); 1 keeps the transfer function
+    ///
+    /// Opacity 1 counts as 0.9999 here, so that factors below 1 make opaque data translucent.
     #[arg(long, value_name = "FACTOR", value_parser = parse::positive, allow_negative_numbers = true)]
     opacity: Option<f64>,
     /// Isosurfaces at these data values (mode iso); all but the last are semi-transparent
@@ -138,10 +153,10 @@ impl LookArguments {
     /// If several slices are requested: the options of each slice, and the grid of panels.
     pub fn panels(&self, scene: &Scene) -> Result<Option<(Vec<Self>, Grid)>, Failure> {
         let cuts = &self.slices.cuts;
-        if self.slices.are_panels() {
+        if self.shows_panels() {
             self.check_panels()?;
         }
-        if !self.slices.are_panels() || cuts.len() < 2 {
+        if !self.shows_panels() || cuts.len() < 2 {
             return Ok(None);
         }
         let size = self.size.unwrap_or([scene.image.width, scene.image.height]);
@@ -159,7 +174,7 @@ impl LookArguments {
 
     /// True if slices are shown face on.
     pub fn shows_panels(&self) -> bool {
-        self.slices.are_panels()
+        self.slices.are_panels(self.mode)
     }
 
     /// Notes about the positions of the slices.
@@ -219,7 +234,7 @@ impl LookArguments {
                 ClipShape::Solid(solid) => scene.clip.solids.push(SolidSpec::clone(solid)),
             }
         }
-        let says_light = scene.shading.is_some();
+        let (says_light, had_no_surface) = (scene.shading.is_some(), scene.iso.is_empty());
         self.set_mode(&mut scene, facts, overview);
         self.add_surfaces(&mut scene, facts)?;
         if !self.surface.is_empty() && !says_light {
@@ -233,12 +248,15 @@ impl LookArguments {
             scene.vertical_exaggeration = self.vertical_exaggeration.filter(|factor| *factor != 1.0);
         }
         match &self.slices.cuts[..] {
-            [cut] if self.slices.are_panels() => {
-                let is_painted = self.window.is_some() || self.clip_percent.is_some() || self.colormap.is_some();
-                let look = (self.zoom.unwrap_or(1.0), is_painted);
+            [cut] if self.shows_panels() => {
+                let look = (self.zoom.unwrap_or(1.0), self.paints());
                 scene = self.slices.panel(&scene, cut, (container, facts), look)?;
             }
             _ => self.slices.add_to(&mut scene, container, facts)?,
+        }
+        let has_usual_surface = self.iso.is_empty() && self.surface.is_empty() && had_no_surface;
+        if has_usual_surface && !scene.slices.is_empty() {
+            scene.iso.iter_mut().for_each(|iso| iso.alpha = looks::SURFACE_AROUND_SLICES);
         }
         if let Some(n) = self.supersample {
             scene.samples_per_pixel = Some(n * n);
@@ -336,13 +354,19 @@ impl LookArguments {
     }
 
     fn set_camera(&self, scene: &mut Scene, facts: &VolumeFacts, overview: Option<&Overview>) {
-        if self.slices.are_panels() {
+        if self.shows_panels() {
             return;
         }
         // The framed region depends on the visible region.
         let shown = Scene { camera: None, ..scene.clone() }.complete(facts, overview);
         let framed = shown.framed(facts, overview);
         scene.camera = Some(self.view(facts, &framed).camera(&framed, [scene.image.width, scene.image.height]));
+    }
+
+    /// Tests if an option sets the window or the colours of values.
+    fn paints(&self) -> bool {
+        let has_window = self.window.is_some() || self.clip_percent.is_some();
+        has_window || self.colormap.is_some() || self.gamma.is_some()
     }
 
     /// Applies the options of the transfer function: window, colours, opacities.
@@ -353,6 +377,7 @@ impl LookArguments {
             ("--colormap", self.colormap.is_some()),
             ("--window", self.window.is_some()),
             ("--clip-percent", self.clip_percent.is_some()),
+            ("--gamma", self.gamma.is_some()),
             ("--opacity", self.opacity.is_some()),
         ];
         if mode == Mode::Iso
@@ -373,21 +398,22 @@ impl LookArguments {
                 None => Ok(()),
             };
         };
-        let window = self.window.or(self.clip_percent.map(|percent| ramps::clipped_window(facts, percent)));
+        let window = self.window.map(|window| window.range(facts)).transpose()?;
+        let window = window.or(self.clip_percent.map(|percent| ramps::clipped_window(facts, percent)));
         let colors = self.colormap.as_ref().map(ColorMapRequest::colors).transpose()?;
-        for slice in &mut scene.slices {
-            if slice.labels && (window.is_some() || colors.is_some()) {
-                slices::show_numbers(slice, facts);
+        let paint = Paint { window, colors: colors.as_deref(), gamma: self.gamma };
+        if self.paints() {
+            for slice in &mut scene.slices {
+                if slice.labels {
+                    slices::show_numbers(slice, facts);
+                }
+                slices::repaint(slice, &paint)?;
             }
-            slices::repaint(slice, window, colors.as_deref())?;
-        }
-        if window.is_some() || colors.is_some() {
-            let points = ramps::repainted(&spec.control_points(), window, colors.as_deref());
+            let points = paint.applied(&spec.control_points());
             *spec = PointsSpec { unit_distance: spec.unit_distance, ..PointsSpec::of(&points, 1.0) };
         }
         if let Some(factor) = self.opacity {
-            // Multiplies the extinction.
-            spec.points.iter_mut().for_each(|p| p.alpha = 1.0 - (1.0 - p.alpha).powf(factor));
+            spec.points.iter_mut().for_each(|p| p.alpha = times_extinction(p.alpha, factor));
         }
         Ok(())
     }

@@ -8,6 +8,7 @@ use supervol_scene::facts::VolumeFacts;
 use supervol_scene::preset::colormap;
 use supervol_scene::preset::transfer_file::TransferFile;
 use supervol_scene::preset::view::Direction;
+use supervol_scene::preset::windows::{self, NamedWindow};
 use supervol_scene::scene::{BoxSpec, CylinderSpec, PlaneSpec, PointSpec, PointsSpec, SolidSpec, SphereSpec};
 
 /// Requested camera.
@@ -93,12 +94,63 @@ pub fn percent(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| format!("'{text}': expected a percentage from 0 to below 50"))
 }
 
-/// LOW,HIGH.
-pub fn window(text: &str) -> Result<[f64; 2], String> {
-    match finite_numbers(text).as_deref() {
-        Some(&[low, high]) if low < high => Ok([low, high]),
-        _ => Err(format!("'{text}': expected two numbers LOW,HIGH with LOW < HIGH")),
+/// Requested window of values.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum WindowRequest {
+    /// Least and greatest value.
+    Range([f64; 2]),
+    /// Named window of tomography.
+    Named(NamedWindow),
+}
+
+impl WindowRequest {
+    /// Least and greatest value for a volume.
+    pub fn range(self, facts: &VolumeFacts) -> Result<[f64; 2], Failure> {
+        let named = match self {
+            Self::Range(range) => return Ok(range),
+            Self::Named(named) => named,
+        };
+        named.range(facts).ok_or_else(|| {
+            Failure::Command(format!(
+                "--window: a named window needs tomography in Hounsfield units, found data of kind {}; use --kind ct or \
+                 ct-offset if this is wrong, or give the window as LOW,HIGH",
+                facts.kind.name()
+            ))
+        })
     }
+}
+
+/// LOW,HIGH, or level=L,width=W, or the name of a window.
+pub fn window(text: &str) -> Result<WindowRequest, String> {
+    if let Some((_, named)) = NamedWindow::NAMES.iter().find(|(name, _)| *name == text) {
+        return Ok(WindowRequest::Named(*named));
+    }
+    let number = |part: Option<&str>| part?.trim().parse().ok().filter(|v: &f64| v.is_finite());
+    if let Some((level, width)) = text.split_once(',').filter(|(level, _)| level.trim().starts_with("level")) {
+        let level = number(level.trim().strip_prefix("level="));
+        let width = number(width.trim().strip_prefix("width=")).filter(|width| *width > 0.0);
+        let range = level.zip(width).map(|(level, width)| windows::window_of([level, width]));
+        let range = range.filter(|[low, high]| low < high && high.is_finite() && low.is_finite());
+        return range.map(WindowRequest::Range).ok_or_else(|| {
+            format!("'{text}': expected level=LEVEL,width=WIDTH with a positive width, for example level=50,width=400")
+        });
+    }
+    match finite_numbers(text).as_deref() {
+        Some(&[low, high]) if low < high => Ok(WindowRequest::Range([low, high])),
+        _ => {
+            let names = NamedWindow::NAMES.map(|(name, _)| name).join(", ");
+            Err(format!(
+                "'{text}': expected two numbers LOW,HIGH with LOW < HIGH, or level=LEVEL,width=WIDTH, or one of {names}"
+            ))
+        }
+    }
+}
+
+/// A gamma.
+pub fn gamma(text: &str) -> Result<f64, String> {
+    let [least, most] = windows::GAMMAS;
+    let number = text.trim().parse().ok().filter(|v: &f64| (least..=most).contains(v));
+    number.ok_or_else(|| format!("'{text}': expected a number from {least} to {most}"))
 }
 
 /// NX,NY,NZ,D, or a solid: its name, a colon, and its numbers or file.
@@ -270,7 +322,7 @@ mod tests {
         for text in ["up", "1", "1,2,3,4", "1,2,-3", "nan,0"] {
             assert!(camera(text).is_err(), "{text}");
         }
-        assert_eq!(window("-5,7"), Ok([-5.0, 7.0]));
+        assert_eq!(window("-5,7"), Ok(WindowRequest::Range([-5.0, 7.0])));
         assert!(window("7,-5").is_err() && window("1").is_err());
         assert_eq!(percent("2.5%"), Ok(2.5));
         assert!(percent("50").is_err() && plane("0,0,0,1").is_err() && positive("0").is_err());

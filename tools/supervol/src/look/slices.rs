@@ -3,10 +3,12 @@
 use clap::{Args, ValueEnum};
 use glam::DVec3;
 use supervol_arguments::failure::Failure;
+use supervol_arguments::scene::ModeName;
 use supervol_format::Container;
 use supervol_scene::facts::{DataKind, VolumeFacts};
+use supervol_scene::preset::windows::Paint;
 use supervol_scene::preset::{Look, ramps};
-use supervol_scene::scene::section::{Slice, face_on, plane_across};
+use supervol_scene::scene::section::{Slab, SlabMode, Slice, face_on, middle_slices, plane_across};
 use supervol_scene::scene::{Mode, PointSpec, Scene, TransferFunctionSpec};
 use supervol_scene::slices::filter::{FilterKind, FilterSpec};
 use supervol_scene::slices::{ColorSpec, Interpolation, SliceSpec};
@@ -26,12 +28,18 @@ pub struct SliceArguments {
     /// several slices side by side.
     #[arg(long = "slice", value_name = "AXIS=PLACE|normal=...", value_parser = places::slice, allow_hyphen_values = true)]
     pub cuts: Vec<Cut>,
-    /// Place of the slices: side by side, or inside the picture of the volume
-    #[arg(long, value_enum, default_value = "panels", requires = "cuts")]
-    pub slices: Where,
-    /// Thickness of the slice in voxels: shows the mean across it
+    /// Place of the slices: side by side, or inside the picture of the volume [default: panels; volume with --mode slice]
+    ///
+    /// If the default picture of the volume would hide slices inside it, the volume is drawn fainter; --opacity makes it
+    /// denser again.
+    #[arg(long, value_enum, requires = "cuts")]
+    slices: Option<Where>,
+    /// Thickness of the slice in voxels: shows the mean across it, or the quantity of --slab-mode
     #[arg(long, value_name = "VOXELS", value_parser = parse::positive, requires = "cuts")]
     slab: Option<f64>,
+    /// Quantity that a slab shows: mean, maximum or minimum of the values across it
+    #[arg(long, value_enum, default_value = "mean", requires = "slab")]
+    slab_mode: SlabModeName,
     /// Interpolation between voxels on slices
     #[arg(long, value_enum, default_value = "linear", requires = "cuts")]
     interpolation: InterpolationName,
@@ -54,6 +62,26 @@ pub enum Where {
     Panels,
     /// Inside the picture of the volume
     Volume,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum SlabModeName {
+    /// Mean across the slab
+    Mean,
+    /// Greatest value across the slab
+    Max,
+    /// Least value across the slab
+    Min,
+}
+
+impl From<SlabModeName> for SlabMode {
+    fn from(name: SlabModeName) -> Self {
+        match name {
+            SlabModeName::Mean => Self::Mean,
+            SlabModeName::Max => Self::Max,
+            SlabModeName::Min => Self::Min,
+        }
+    }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -82,9 +110,10 @@ fn filter(text: &str) -> Result<FilterSpec, String> {
 }
 
 impl SliceArguments {
-    /// True if each slice is a picture of its own, face on.
-    pub fn are_panels(&self) -> bool {
-        !self.cuts.is_empty() && self.slices == Where::Panels
+    /// True if each slice is a picture of its own, face on. `mode` is the requested mode.
+    pub fn are_panels(&self, mode: Option<ModeName>) -> bool {
+        let usual = if mode == Some(ModeName::Slice) { Where::Volume } else { Where::Panels };
+        !self.cuts.is_empty() && self.slices.unwrap_or(usual) == Where::Panels
     }
 
     /// Notes about the positions of the slices.
@@ -114,8 +143,8 @@ impl SliceArguments {
         }
         if facts.kind == DataKind::Labels && self.slab.is_some() {
             return Err(Failure::Command(
-                "--slab shows a mean, and a mean of label numbers is no label: remove it, or add --kind generic to treat the \
-                 numbers as values"
+                "--slab shows a mean or an extreme, and that of label numbers is no label: remove it, or add --kind generic \
+                 to treat the numbers as values"
                     .into(),
             ));
         }
@@ -125,7 +154,8 @@ impl SliceArguments {
         if let (Cut::Across(place), true) = (cut, is_plain && !shows_labels) {
             let (axis, at) = place.on_grid(container, facts)?;
             let colors = if is_painted { ramps::plain_slice(facts) } else { ramps::of_slice(facts) };
-            return Slice { axis, at, slab: self.slab, zoom }.of(scene, facts, &colors).ok_or_else(nothing);
+            let slab = self.slab.map(|thickness| Slab { thickness, mode: self.slab_mode.into() });
+            return Slice { axis, at, slab, zoom }.of(scene, facts, &colors).ok_or_else(nothing);
         }
         self.refuse_slab()?;
         let mut slice = self.spec(cut, container, facts)?;
@@ -139,9 +169,12 @@ impl SliceArguments {
         face_on(scene, facts, slice, zoom).ok_or_else(nothing)
     }
 
-    /// Adds all slices to the picture of the volume.
+    /// Adds all slices to the picture of the volume. Mode `slice` without slices gets those through the middle.
     pub fn add_to(&self, scene: &mut Scene, container: &Container, facts: &VolumeFacts) -> Result<(), Failure> {
         if self.cuts.is_empty() {
+            if scene.mode == Some(Mode::Slice) && scene.slices.is_empty() {
+                scene.slices = middle_slices(facts);
+            }
             return Ok(());
         }
         self.refuse_slab()?;
@@ -203,26 +236,19 @@ pub fn show_numbers(slice: &mut SliceSpec, facts: &VolumeFacts) {
 }
 
 /// Changes window and colours of a slice, as far as they are given.
-pub fn repaint(
-    slice: &mut SliceSpec,
-    window: Option<[f64; 2]>,
-    colors: Option<&[(f64, [f64; 3])]>,
-) -> Result<(), Failure> {
-    if window.is_none() && colors.is_none() {
-        return Ok(());
-    }
+pub fn repaint(slice: &mut SliceSpec, paint: &Paint<'_>) -> Result<(), Failure> {
     let point = |value, color| ControlPoint { value, color, alpha: 1.0 };
-    let points: Vec<ControlPoint> = match (&slice.colors[..], window) {
+    let points: Vec<ControlPoint> = match (&slice.colors[..], paint.window) {
         // Filtered values have another range.
         ([], None) => {
             return Err(Failure::Command(
-                "--colormap needs --window here: this --filter changes the range of values".into(),
+                "--colormap and --gamma need --window here: this --filter changes the range of values".into(),
             ));
         }
         ([], Some([low, high])) => vec![point(low, [0.0; 3]), point(high, [1.0; 3])],
         (known, _) => known.iter().map(|c| point(c.value, c.color)).collect(),
     };
-    let painted = ramps::repainted(&points, window, colors);
+    let painted = paint.applied(&points);
     slice.colors = painted.iter().map(|p| ColorSpec { value: p.value, color: p.color }).collect();
     Ok(())
 }

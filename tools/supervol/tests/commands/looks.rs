@@ -181,6 +181,61 @@ fn a_slice_shows_the_values_of_its_plane() {
 }
 
 #[test]
+fn slabs_show_means_and_extremes_and_gamma_bends_colours() {
+    // Value 10 * k; the slab holds k from 5 to 15.
+    let folder = Folder::with_bytes([16, 16, 20], |[_, _, k]| 10 * k as u8);
+    let middle = |options: &[&str]| {
+        let slab = ["--slice", "k=10", "--window", "0,200", "--colormap", "grey"];
+        f64::from(folder.picture(&[&slab, options].concat())[4 * (18 * 48 + 24)])
+    };
+    for (mode, value) in [("mean", 100.0), ("max", 150.0), ("min", 50.0)] {
+        let found = middle(&["--slab", "10", "--slab-mode", mode]);
+        assert!((found - value / 200.0).abs() < 2e-3, "{mode}: {found}");
+    }
+    for gamma in [0.5, 2.0, 3.0] {
+        let found = middle(&["--gamma", &gamma.to_string()]);
+        assert!((found - 0.5f64.powf(gamma)).abs() < 2e-3, "{gamma}: {found}");
+        let oblique = middle(&["--interpolation", "cubic", "--gamma", &gamma.to_string()]);
+        assert!((oblique - found).abs() < 2e-3, "{gamma}: {oblique}");
+    }
+    assert_eq!(middle(&["--gamma", "1"]), middle(&[]));
+    let refused = |options: &[&str]| folder.expect(2, &[&["render", "v.svol", "-o", "q.png"], options].concat());
+    assert!(refused(&["--slice", "k=10", "--slab-mode", "max"]).contains("--slab"));
+    assert!(refused(&["--gamma", "0"]).contains("from 0.1 to 10"));
+    assert!(refused(&["--mode", "iso", "--gamma", "2"]).contains("--gamma changes nothing in mode iso"));
+}
+
+#[test]
+fn windows_have_levels_widths_and_names() {
+    // Hounsfield units -1000 to 1039 in steps of 10.
+    let folder = Folder::new();
+    let values: Vec<u8> = (0..8 * 8 * 204).flat_map(|i: i32| (10 * (i / 64) as i16 - 1000).to_le_bytes()).collect();
+    std::fs::write(folder.path("h.raw"), values).expect("room");
+    folder.expect(0, &["build", "h.raw", "--dims", "8,8,204", "--dtype", "i16", "-o", "v.svol"]);
+    let ends = |window: &str| {
+        let scene = folder.scene(&["--kind", "ct", "--slice", "k=3", "--window", window]);
+        let points = scene["transfer_function"]["points"].as_array().expect("points").clone();
+        [points.first(), points.last()].map(|p| p.expect("a point")["value"].as_f64().expect("a number"))
+    };
+    assert_eq!(ends("level=150,width=500"), [-100.0, 400.0]);
+    assert_eq!(ends("-100,400"), [-100.0, 400.0]);
+    for (name, window) in [
+        ("bone", [-500.0, 1300.0]),
+        ("lung", [-1350.0, 150.0]),
+        ("soft-tissue", [-150.0, 250.0]),
+        ("brain", [0.0, 80.0]),
+    ] {
+        assert_eq!(ends(name), window, "{name}");
+    }
+    let refused = |options: &[&str]| folder.expect(2, &[&["render", "v.svol", "-o", "q.png"], options].concat());
+    assert!(refused(&["--window", "liver"]).contains("soft-tissue"));
+    assert!(refused(&["--window", "level=3,width=0"]).contains("positive width"));
+    let bytes = Folder::with_sphere();
+    let message = bytes.expect(2, &["render", "v.svol", "-o", "q.png", "--window", "lung"]);
+    assert!(message.contains("Hounsfield units") && message.contains("--kind ct"), "{message}");
+}
+
+#[test]
 fn slices_lie_side_by_side() {
     let folder = Folder::with_sphere();
     let read = |options: &[&str], size: &str| {

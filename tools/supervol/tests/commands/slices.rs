@@ -121,6 +121,65 @@ fn slices_within_the_volume_are_in_the_scene_that_is_printed() {
 }
 
 #[test]
+fn slices_are_drawn_alone_and_an_opaque_volume_does_not_hide_them() {
+    let folder = Folder::with_ramp();
+    let grey = ["--window", "0,255", "--colormap", "grey", "--camera", "front"];
+    let middle = |options: &[&str]| folder.pixels(&[options, &grey].concat())[18 * 48 + 24];
+    // Seen from the front, the slice y = 3 lies before y = 9. The ramp is 10 x + y, so the middle of the picture, near x =
+    // 7.5, is about 78. The camera stands in perspective: the value is known to 5 on each side.
+    let [near, .., alpha] = middle(&["--mode", "slice", "--slice", "y=3", "--slice", "y=9"]);
+    assert!((near * 255.0 - 78.0).abs() < 6.0 && alpha == 1.0, "{near} {alpha}");
+    let scene = |options: &[&str]| json(&folder.expect(0, &[&["render", "v.svol", "--print-scene"], options].concat()));
+    // Without --slice: three planes through the middle voxels.
+    let three = scene(&["--mode", "slice"]);
+    let offsets: Vec<f64> =
+        three["slices"].as_array().expect("slices").iter().filter_map(|s| s["offset"].as_f64()).collect();
+    assert_eq!((three["mode"].as_str(), offsets), (Some("slice"), vec![8.0, 8.0, 12.0]));
+    // A transparent pixel of slices alone shows no volume around them.
+    let clear = |options: &[&str]| folder.pixels(options).iter().filter(|p| p[3] == 0.0).count();
+    let alone = clear(&["--mode", "slice", "--slice", "z=10", "--camera", "30,5"]);
+    assert!(alone > clear(&["--camera", "30,5"]) + 100, "{alone}");
+    // The default opacities around a slice let half of the light through half the mean edge, by their definition. Here
+    // all values are opaque.
+    let points = |options: &[&str]| scene(&[&["--kind", "em"], options].concat())["transfer_function"].clone();
+    let (whole, around) = (points(&[]), points(&["--slice", "y=8", "--slices", "volume"]));
+    assert_eq!(whole["points"], around["points"]);
+    let unit = |points: &serde_json::Value| points["unit_distance"].as_f64().expect("a length");
+    let half_edge = 0.5 * (16.0 + 16.0 + 24.0) / 3.0;
+    let densest =
+        whole["points"].as_array().expect("points").iter().filter_map(|p| p["alpha"].as_f64()).fold(0.0, f64::max);
+    let light = (1.0 - densest.min(0.9999)).powf(half_edge / unit(&around));
+    assert!(unit(&around) > unit(&whole) && (light - 0.5).abs() < 1e-6, "{light}");
+    // Given opacities stay.
+    let given = ["--tf", "0:black:0,255:white:1"];
+    assert_eq!(points(&given), points(&[&given[..], &["--slice", "y=8", "--slices", "volume"]].concat()));
+    // A default surface is translucent around slices; a requested one stays opaque.
+    let alpha = |options: &[&str]| scene(&[&["--mode", "iso"], options].concat())["iso"][0]["alpha"].as_f64();
+    let volume = ["--slice", "y=8", "--slices", "volume"];
+    let requested = alpha(&[&volume[..], &["--iso", "90"]].concat());
+    assert_eq!([alpha(&[]), alpha(&volume), requested], [Some(1.0), Some(0.3), Some(1.0)]);
+    let refused = folder
+        .expect(2, &["render", "v.svol", "-o", "q.png", "--slice", "y=8", "--slices", "panels", "--mode", "slice"]);
+    assert!(refused.contains("--mode changes nothing on a slice"), "{refused}");
+}
+
+/// The closed form of a translucent block: `1 - exp(-f k L)`, with `k` of opacity 0.9999 over the unit distance.
+#[test]
+fn opacity_scales_an_opaque_block() {
+    let folder = Folder::with_ramp();
+    let opaque = ["--tf", "0:white:1,255:white:1", "--camera", "front"];
+    // The unit distance of --tf is the smallest spacing, 1.
+    for factor in [0.001, 0.01, 0.1] {
+        let text = factor.to_string();
+        let options = [&opaque[..], &["--opacity", &text]].concat();
+        let found = f64::from(folder.pixels(&options)[18 * 48 + 24][3]);
+        // The ray through the middle crosses 16 voxels of 1 nearly straight.
+        let expected = 1.0 - 0.0001f64.powf(factor * 16.0);
+        assert!((found - expected).abs() < 0.01, "{factor}: {found}, expected {expected}");
+    }
+}
+
+#[test]
 fn the_printed_scene_draws_exaggerated_heights_too() {
     let folder = Folder::with_ramp();
     let high = folder.pixels(&["--vertical-exaggeration", "3"]);

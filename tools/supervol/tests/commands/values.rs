@@ -110,6 +110,16 @@ fn a_null_is_named_and_left_out_however_much_it_fills() {
     for null in [1e30, -9999.0, f64::from(f32::MAX)] {
         let value = |i: usize| if i % 5 < 3 { null } else { 3.0 + 2.0 * angle(i).sin() };
         let folder = Folder::with_values("f32", &(0..EDGE.pow(3)).map(value).collect::<Vec<_>>());
+        // Usual nulls are absent, and a note says so.
+        let info = folder.info();
+        let max = info["value_range"][1].as_f64().expect("a value");
+        assert!(max < 6.0 && info["value_range"][0].as_f64() > Some(0.0), "{null}: {info}");
+        let note = info["notes"].to_string();
+        assert!(note.contains("usual null") && note.contains("--keep-nulls"), "{null}: {note}");
+        // Kept, they are named and left out of default colours.
+        let kept =
+            ["build", "v.raw", "--dims", "24,24,24", "--dtype", "f32", "--keep-nulls", "-o", "v.svol", "--force"];
+        folder.expect(0, &kept);
         let [low, high] = folder.window(&[]);
         assert!(low >= 0.0 && high <= 6.0, "{null}: {low} to {high}");
         let note = folder.info()["notes"].to_string();

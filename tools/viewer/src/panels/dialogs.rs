@@ -14,7 +14,8 @@ use xxhash_rust::xxh3::xxh3_64;
 
 use super::animate::AnimationDialog;
 use super::browse::{Browser, FileKind};
-use super::{animate, browse, transfer};
+use super::file_options::FileOptions;
+use super::{animate, browse, file_options, transfer};
 use crate::command::{BINDINGS, MOUSE, words_of};
 use crate::folders::{self, Folders};
 use crate::viewer::Viewer;
@@ -34,6 +35,8 @@ pub(crate) struct Dialogs {
     pub(crate) keys: bool,
     /// The file dialog.
     pub(crate) browser: Option<Browser>,
+    /// The dialog of a file that needs options.
+    pub(crate) file_options: Option<FileOptions>,
     save: Option<SaveDialog>,
     export: Option<ExportDialog>,
     /// The animation dialog.
@@ -107,6 +110,7 @@ pub(crate) fn begin_animation(viewer: &mut Viewer) {
 pub(crate) fn show(viewer: &mut Viewer, ctx: &egui::Context) {
     keys(viewer, ctx);
     browse::show(viewer, ctx);
+    file_options::show(viewer, ctx);
     transfer::show(viewer, ctx);
     animate::show(viewer, ctx);
     save(viewer, ctx);

@@ -5,10 +5,12 @@ mod browse;
 mod cutting;
 pub(crate) mod dialogs;
 mod editor;
+pub(crate) mod file_options;
 mod handles;
 mod marks;
 pub(crate) mod picture;
 pub(crate) mod properties;
+mod reading;
 mod sections;
 mod slices;
 pub(crate) mod status;
@@ -24,8 +26,8 @@ use supervol_scene::scene::{IsoSpec, Mode, Scene, ShadingSpec, TransferFunctionS
 use supervol_scene::slices::SliceSpec;
 
 pub(crate) use self::dialogs::Dialogs;
-use crate::edit;
 use crate::worker::OpenVolume;
+use crate::{edit, planes};
 
 /// State of the panels that is not part of the scene: the last look of each mode, and selections of the editors.
 #[derive(Default)]
@@ -74,15 +76,18 @@ impl PanelState {
         self.left.retain(|(left, _)| *left != now);
         self.left.push((now, Look { transfer_function, shading, iso, samples_per_pixel }));
         self.chosen = None;
-        let slices = slices::with_mode(&mut self.kept_slices, now, &scene.slices, mode);
+        let slices = slices::with_mode(&mut self.kept_slices, &opened.facts, (now, &scene.slices), mode);
         let scene = Scene { slices, ..scene.clone() };
-        match self.left.iter().find(|(left, _)| *left == mode) {
+        let mut shown = match self.left.iter().find(|(left, _)| *left == mode) {
             Some((_, look)) => {
                 let Look { transfer_function, shading, iso, samples_per_pixel } = look.clone();
                 Scene { mode: Some(mode), transfer_function, shading, iso, samples_per_pixel, ..scene }
             }
             None => Scene { slices: scene.slices.clone(), ..edit::with_mode(&scene, opened, mode) },
-        }
+        };
+        let alone = Scene { slices: Vec::new(), ..shown.clone() };
+        planes::follow_slices(&alone, &mut shown, &opened.facts);
+        shown
     }
 }
 

@@ -3,6 +3,7 @@
 use eframe::egui::text::LayoutJob;
 use eframe::egui::{self, Align, Color32, FontId, PointerButton, Pos2, Rect, Response, Sense, Ui, Vec2};
 use supervol_format::cast::whole;
+use supervol_scene::preset::windows;
 use supervol_scene::scene::{ImageSpec, RAY_LIMIT};
 use supervol_sources::formats;
 
@@ -129,6 +130,14 @@ fn move_camera(viewer: &mut Viewer, ui: &Ui, response: &Response) {
     let aspect = f64::from(rect.width() / rect.height().max(1.0));
     let delta = response.drag_delta();
     let mut moved = None;
+    if delta != Vec2::ZERO && viewer.slice.is_some() && ui.input(|input| input.modifiers.command) {
+        let share = delta / rect.size().max(Vec2::splat(1.0));
+        if let Some(window) = edit::window(&viewer.scene) {
+            let dragged = windows::dragged(window, [f64::from(share.x), -f64::from(share.y)]);
+            edit::set_window(&mut viewer.scene, dragged);
+        }
+        return;
+    }
     if delta != Vec2::ZERO {
         let moves = !response.dragged_by(PointerButton::Primary) || ui.input(|input| input.modifiers.shift);
         moved = Some(if moves {

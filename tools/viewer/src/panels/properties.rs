@@ -1,7 +1,9 @@
 //! The right panel: properties of the volume, look, and render settings.
 
 use eframe::egui::{self, Button, ComboBox, DragValue, Slider, SliderClamping, Ui};
+use supervol_arguments::flags;
 use supervol_format::cast::{narrow, single};
+use supervol_format::readable::counted;
 use supervol_runtime::engines::rules::MAX_ERROR_LIMITS;
 use supervol_runtime::render::options::Backend;
 use supervol_scene::facts::DataKind;
@@ -18,12 +20,13 @@ use crate::worker::{Inspect, OpenVolume};
 /// Default width of the panel, in points.
 const WIDTH: f32 = 300.0;
 /// Modes with names and descriptions for the user.
-const MODES: [(Mode, &str, &str); 5] = [
+const MODES: [(Mode, &str, &str); 6] = [
     (Mode::Dvr, "Volume", "Emission and absorption (dvr)"),
     (Mode::Iso, "Iso", "Isosurfaces (iso)"),
     (Mode::Mip, "Max", "Maximum value along each ray (mip)"),
     (Mode::Minip, "Min", "Minimum value along each ray (minip)"),
     (Mode::Mean, "Mean", "Mean value along each ray (mean)"),
+    (Mode::Slice, "Slices only", "Slices in place, without the volume: a fence, or three planes (slice)"),
 ];
 /// Least and greatest density, relative to the volume's first picture.
 const DENSITIES: std::ops::RangeInclusive<f64> = 0.01..=100.0;
@@ -73,6 +76,9 @@ pub(crate) fn show(viewer: &mut Viewer, ui: &mut Ui) {
                     colors(viewer, &opened, ui);
                     inner_surfaces(viewer, &opened, ui);
                 }
+                Some(Mode::Slice) => {
+                    ui.weak("Slices have colours of their own: see Slices in the volume, at the left.");
+                }
                 _ => colors(viewer, &opened, ui),
             }
             light(viewer, ui);
@@ -89,13 +95,20 @@ fn volume(opened: &OpenVolume, ui: &mut Ui) {
     let read = &manifest.source.name;
     // The name includes the chosen channel or time point of the file.
     let name = if read.starts_with(&*name) { read.clone() } else { name.into_owned() };
-    let notes: String = manifest.notes.iter().map(|note| format!("\n{note}")).collect();
-    ui.label(name).on_hover_text(format!("{}{notes}", opened.path.display()));
+    ui.label(name).on_hover_text(opened.path.display().to_string());
     let unit = &manifest.unit;
     ui.label(format!("{x} x {y} x {z} voxels, {}", opened.container.descriptor().voxel_type.name()));
     ui.label(format!("values {} to {} {unit}", short(facts.value_range.min), short(facts.value_range.max)));
     for words in extent(opened) {
         ui.label(words);
+    }
+    if !manifest.notes.is_empty() {
+        let title = counted(manifest.notes.len() as u64, "note");
+        egui::CollapsingHeader::new(title).id_salt("notes").default_open(true).show(ui, |ui| {
+            for note in &manifest.notes {
+                ui.small(flags::with_flags(note));
+            }
+        });
     }
 }
 
@@ -331,7 +344,7 @@ fn list_of_surfaces(surfaces: &mut Vec<IsoSpec>, opened: &OpenVolume, may_go: bo
 fn light(viewer: &mut Viewer, ui: &mut Ui) {
     heading(ui, "Light");
     if !matches!(viewer.scene.mode, Some(Mode::Dvr | Mode::Iso)) {
-        ui.weak("Projections have no lighting.");
+        ui.weak("Projections and slices have no lighting.");
         return;
     }
     let mut is_lit = matches!(viewer.scene.shading, Some(Some(_)));

@@ -6,9 +6,9 @@ use supervol_format::cast::{single, whole};
 use supervol_scene::scene::{CameraSpec, ImageSpec, RAY_LIMIT, Scene};
 
 use super::picture::{color, pixels_of, place, wheel_steps};
-use super::{coordinate, extent_in_words, heading, slices, voxel_slider, wide_slider};
+use super::{coordinate, extent_in_words, heading, reading, slices, voxel_slider, wide_slider};
 use crate::planes::{self, axis_name};
-use crate::sections::{Layout, describe_point};
+use crate::sections::{Layout, describe_point, short};
 use crate::viewer::Viewer;
 use crate::worker::{Message, OpenVolume, PANELS, Probe};
 use crate::{edit, navigate};
@@ -103,15 +103,22 @@ fn handle_input(viewer: &mut Viewer, opened: &OpenVolume, ui: &Ui, axis: usize, 
     let rect = response.rect;
     let moves = ui.input(|input| input.modifiers.shift) || response.dragged_by(PointerButton::Middle);
     let moves = moves || response.dragged_by(PointerButton::Secondary);
+    let wants_window = viewer.sections.drag_sets_window || ui.input(|input| input.modifiers.command);
+    let sets_window = wants_window && !moves && response.is_pointer_button_down_on();
     let at = response.interact_pointer_pos().map(|at| place(rect, at));
     let is_pointing = response.is_pointer_button_down_on() || response.clicked();
     if response.double_clicked() {
         viewer.sections.panels[axis].camera = None;
+    } else if sets_window && response.drag_delta() != Vec2::ZERO {
+        let delta = response.drag_delta() / rect.size().max(Vec2::splat(1.0));
+        viewer.sections.drag_window([f64::from(delta.x), -f64::from(delta.y)], &opened.facts);
     } else if moves && response.drag_delta() != Vec2::ZERO {
         let height = f64::from(rect.height().max(1.0));
         let by = [f64::from(response.drag_delta().x) / height, -f64::from(response.drag_delta().y) / height];
         turn(viewer, axis, |camera| navigate::pan(camera, by));
-    } else if let Some(at) = at.filter(|_| is_pointing && !moves && ui.input(|i| i.pointer.primary_down())) {
+    } else if let Some(at) =
+        at.filter(|_| is_pointing && !moves && !wants_window && ui.input(|i| i.pointer.primary_down()))
+    {
         viewer.sections.point_at(axis, at, &opened.facts, &mut viewer.scene);
     }
     if !response.contains_pointer() {
@@ -192,8 +199,8 @@ fn paint(viewer: &Viewer, opened: &OpenVolume, ui: &Ui, axis: usize, response: &
     }
     painter.rect_stroke(rect, 0.0, Stroke::new(1.0, PLANE_COLORS[axis]), eframe::egui::StrokeKind::Inside);
     let corner = rect.left_top() + Vec2::splat(MARGIN);
-    draw_text(&painter, corner, Align2::LEFT_TOP, &title(viewer, opened, axis));
-    name_borders(viewer.sections.panels[axis].scene.as_ref(), opened, &painter, rect);
+    let title = draw_text(&painter, corner, Align2::LEFT_TOP, &title(viewer, opened, axis));
+    name_borders(viewer.sections.panels[axis].scene.as_ref(), opened, &painter, (rect, title));
     if response.contains_pointer() {
         draw_point_description(viewer, opened, Some(axis), &painter, rect);
     }
@@ -202,16 +209,26 @@ fn paint(viewer: &Viewer, opened: &OpenVolume, ui: &Ui, axis: usize, response: &
     }
 }
 
-/// Draws the names of a patient's sides, or of compass directions, at the borders of a section.
-fn name_borders(scene: Option<&Scene>, opened: &OpenVolume, painter: &eframe::egui::Painter, rect: Rect) {
+/// Draws the names of a patient's sides, or of compass directions, at the borders of a section. The upper one lies below
+/// a title that reaches so far.
+fn name_borders(
+    scene: Option<&Scene>,
+    opened: &OpenVolume,
+    painter: &eframe::egui::Painter,
+    (rect, title): (Rect, Rect),
+) {
     let Some(camera) = scene.and_then(|scene| scene.camera.as_ref()) else { return };
     let right = navigate::right_of(camera);
     let names = named_borders(&opened.container, &opened.facts, [right, right.cross(navigate::forward_of(camera))]);
     let inner = rect.shrink(MARGIN);
+    let mut top = inner.center_top();
+    if title.right() + 2.0 * MARGIN > top.x {
+        top.y = title.bottom() + MARGIN;
+    }
     let borders = [
         (inner.right_center(), Align2::RIGHT_CENTER),
         (inner.left_center(), Align2::LEFT_CENTER),
-        (inner.center_top(), Align2::CENTER_TOP),
+        (top, Align2::CENTER_TOP),
         (inner.center_bottom(), Align2::CENTER_BOTTOM),
     ];
     for (name, (at, align)) in names.into_iter().zip(borders) {
@@ -227,12 +244,13 @@ pub(super) fn point(rect: Rect, [x, y]: [f64; 2]) -> Pos2 {
     rect.min + Vec2::new(single(x), single(y)) * rect.size()
 }
 
-/// Draws text over a picture on a readable background.
-fn draw_text(painter: &eframe::egui::Painter, at: Pos2, align: Align2, words: &str) {
+/// Draws text over a picture on a readable background. Returns its rectangle.
+fn draw_text(painter: &eframe::egui::Painter, at: Pos2, align: Align2, words: &str) -> Rect {
     let galley = painter.layout(words.into(), FontId::proportional(12.0), Color32::WHITE, painter.clip_rect().width());
     let rect = align.anchor_size(at, galley.size());
     painter.rect_filled(rect.expand(2.0), 2.0, Color32::from_black_alpha(170));
     painter.galley(rect.min, galley, Color32::WHITE);
+    rect
 }
 
 fn title(viewer: &Viewer, opened: &OpenVolume, axis: usize) -> String {
@@ -241,7 +259,9 @@ fn title(viewer: &Viewer, opened: &OpenVolume, axis: usize) -> String {
     let at = format!("{} {}", coordinate(scale, voxel), scale.unit);
     let failed = viewer.sections.panels[axis].shown.as_ref().map_or(0, |shown| shown.stats.bricks_failed);
     let failed = if failed > 0 { format!(", {failed} bricks failed") } else { String::new() };
-    format!("{} {}, voxel {voxel}{failed}", axis_name(opened, axis), at.trim_end())
+    let slab = viewer.sections.slab.filter(|_| viewer.sections.shows_slabs(&opened.facts));
+    let slab = slab.map_or(String::new(), |slab| format!(", slab of {} voxels", short(slab.thickness)));
+    format!("{} {}, voxel {voxel}{slab}{failed}", axis_name(opened, axis), at.trim_end())
 }
 
 /// Draws value and position of the point under the mouse, when they are known.
@@ -257,10 +277,16 @@ pub(super) fn draw_point_description(
     let Some(probed) = viewer.sections.probed().filter(|probed| is_present && is_asked(&probed.probe)) else { return };
     let corner = rect.left_bottom() + Vec2::new(MARGIN, -MARGIN);
     match &probed.found {
-        Ok(Some(picked)) => draw_text(painter, corner, Align2::LEFT_BOTTOM, &describe_point(picked, opened)),
-        Ok(None) if panel.is_some() => draw_text(painter, corner, Align2::LEFT_BOTTOM, "nothing visible"),
+        Ok(Some(picked)) => {
+            draw_text(painter, corner, Align2::LEFT_BOTTOM, &describe_point(picked, opened));
+        }
+        Ok(None) if panel.is_some() => {
+            draw_text(painter, corner, Align2::LEFT_BOTTOM, "nothing visible");
+        }
         Ok(None) => {}
-        Err(why) if panel.is_some() => draw_text(painter, corner, Align2::LEFT_BOTTOM, why),
+        Err(why) if panel.is_some() => {
+            draw_text(painter, corner, Align2::LEFT_BOTTOM, why);
+        }
         Err(_) => {}
     }
 }
@@ -301,6 +327,7 @@ pub(super) fn controls(viewer: &mut Viewer, ui: &mut Ui) {
         let look = &mut viewer.sections.look;
         slices::interpolation(look, "Panels", ui);
         slices::filter(look, &opened, "Panels", ui);
+        reading::controls(viewer, &opened, ui);
     });
     let words = "Adds slices at the cursor to the picture; they move with the cursor";
     if ui.button("Show them in the volume").on_hover_text(words).clicked() {
@@ -325,9 +352,8 @@ fn show_in_volume(viewer: &mut Viewer, opened: &OpenVolume) {
         }
         if let Some(slice) = viewer.scene.slices.last_mut() {
             planes::move_to(slice, &opened.facts, place);
-            let look = &viewer.sections.look;
-            (slice.interpolation, slice.filter) = (look.interpolation, look.filter);
-            slice.colors.clone_from(&look.colors);
+            let look = viewer.sections.painted_look(&opened.facts);
+            (slice.interpolation, slice.filter, slice.colors) = (look.interpolation, look.filter, look.colors);
         }
     }
 }

@@ -1,8 +1,10 @@
 //! Controls of slices in the volume: adding, moving, turning, filtering, removing.
 
-use eframe::egui::{ComboBox, DragValue, Slider, SliderClamping, Ui};
+use eframe::egui::{Button, ComboBox, DragValue, Slider, SliderClamping, Ui};
+use supervol_scene::facts::VolumeFacts;
 use supervol_scene::preset::colormap;
 use supervol_scene::scene::Mode;
+use supervol_scene::scene::section::middle_slices;
 use supervol_scene::slices::filter::{FilterKind, FilterSpec};
 use supervol_scene::slices::{Interpolation, SLICE_LIMIT, SliceSpec};
 
@@ -24,11 +26,12 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     };
     let is_possible = planes::has_depth(viewer.scene.mode.unwrap_or_default());
     if !is_possible {
-        ui.weak("Projections have no depth. Choose Volume or Iso.");
+        ui.weak("Projections have no depth. Choose Volume, Iso or Slices only.");
     }
     let has_room = viewer.scene.slices.len() < SLICE_LIMIT;
     ui.add_enabled_ui(is_possible && has_room, |ui| ui.horizontal_wrapped(|ui| adders(viewer, &opened, ui)));
     let mut removed = None;
+    let may_remove = planes::may_remove(&viewer.scene);
     let mut scene = std::mem::take(&mut viewer.scene);
     for (i, slice) in scene.slices.iter_mut().enumerate() {
         let number = i + 1;
@@ -39,7 +42,8 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
                 let what = what.map_or("oblique".into(), |axis| planes::axis_name(&opened, axis));
                 let words = "Selects this slice: Alt and the wheel over the picture move it";
                 ui.radio_value(&mut viewer.panel_state.held_slice, i, format!("{number}: {what}")).on_hover_text(words);
-                let button = ui.small_button("x").on_hover_text("Removes this slice");
+                let button = ui.add_enabled(may_remove, Button::new("x").small()).on_hover_text("Removes this slice");
+                let button = button.on_disabled_hover_text("Slices only: the last slice stays");
                 if button.accessible_name(format!("Slice {number}, remove")).clicked() {
                     removed = Some(i);
                 }
@@ -56,7 +60,7 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     }
     viewer.scene = scene;
     if let Some(i) = removed {
-        viewer.scene.slices.remove(i);
+        planes::remove(&mut viewer.scene, &opened.facts, i);
         viewer.panel_state.held_slice = viewer.panel_state.held_slice.min(viewer.scene.slices.len().saturating_sub(1));
     }
 }
@@ -172,17 +176,27 @@ fn colors(slice: &mut SliceSpec, opened: &OpenVolume, what: &str, ui: &mut Ui) {
         .selected_text("choose")
         .show_ui(ui, |ui| colormap::NAMES.into_iter().find(|name| ui.selectable_label(false, *name).clicked()));
     box_.response
-        .on_hover_text("Colour map of the slice, over its default range of values")
+        .on_hover_text("Colour map of the slice, over its range of values")
         .accessible_name(format!("{what}, colours"));
     if let Some(name) = box_.inner.flatten() {
         planes::paint(slice, &opened.facts, name);
     }
 }
 
-/// Keeps the slices while a mode without depth is shown, and returns those of the new mode.
-pub(super) fn with_mode(kept: &mut Vec<SliceSpec>, before: Mode, slices: &[SliceSpec], after: Mode) -> Vec<SliceSpec> {
+/// Keeps the slices while a mode without depth is shown, and returns those of the new mode. Mode `slice` without slices
+/// gets those through the middle.
+pub(super) fn with_mode(
+    kept: &mut Vec<SliceSpec>,
+    facts: &VolumeFacts,
+    (before, slices): (Mode, &[SliceSpec]),
+    after: Mode,
+) -> Vec<SliceSpec> {
     if planes::has_depth(before) {
         *kept = slices.to_vec();
     }
-    if planes::has_depth(after) { std::mem::take(kept) } else { Vec::new() }
+    match after {
+        Mode::Slice if kept.is_empty() => middle_slices(facts),
+        _ if planes::has_depth(after) => std::mem::take(kept),
+        _ => Vec::new(),
+    }
 }

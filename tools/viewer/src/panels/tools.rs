@@ -3,6 +3,7 @@
 use eframe::egui::{self, Button, Slider, SliderClamping, Ui};
 use supervol_scene::preset::view::Direction;
 
+use super::file_options::FileOptions;
 use super::{extent_in_words, heading, voxel_slider, wide_slider};
 use crate::command::{Command, keys_of};
 use crate::edit;
@@ -63,6 +64,13 @@ fn files(viewer: &mut Viewer, ui: &mut Ui) {
             }
         });
     });
+    let is_file = |opened: &std::sync::Arc<crate::worker::OpenVolume>| opened.source != opened.path;
+    if let Some(opened) = viewer.opened.clone().filter(is_file) {
+        let words = "Reads the file again with options: another series, dataset, byte, axis, time or depth";
+        if ui.button("File options ...").on_hover_text(words).clicked() {
+            viewer.dialogs.file_options = Some(FileOptions::opened(&opened));
+        }
+    }
     let is_open = viewer.opened.is_some();
     ui.add_enabled_ui(is_open, |ui| {
         command(viewer, ui, Command::SaveScene, "Save scene ...");
@@ -146,6 +154,7 @@ fn slice(viewer: &mut Viewer, ui: &mut Ui) {
         if response.accessible_name("Place of the slice").changed() {
             viewer.set_slice(Some((axis, at)));
         }
+        ui.horizontal(|ui| super::reading::cine_button(viewer, ui));
     }
 }
 

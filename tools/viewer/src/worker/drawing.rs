@@ -21,8 +21,10 @@ use super::{
     frame_of, lock,
 };
 
-/// Interval between two updates of an unfinished picture on the screen.
+/// Least interval between two updates of an unfinished picture on the screen.
 const REFINEMENT: Duration = Duration::from_millis(150);
+/// Least ratio of the time for drawing to the time for showing what is drawn.
+const DRAWING_TO_SHOWING: u32 = 8;
 /// Time of one step of looking ahead, which reads bricks for the next picture. A new request interrupts a step; this
 /// limit bounds the delay if the interruption is not immediate.
 const LOOK_AHEAD_STEP: Duration = Duration::from_millis(40);
@@ -45,8 +47,15 @@ pub(super) struct DrawingState {
     /// Result of looking ahead so far.
     ahead: LookedAhead,
     began: Instant,
+    /// Time that the last update of the picture on the screen took.
+    shown_in: Duration,
     decorations: Decorations,
     inspect: Inspect,
+}
+
+/// Time for drawing until the next update, if the last one took `shown_in`. Pictures of many rays take long to show.
+pub(super) fn next_interval(least: Duration, shown_in: Duration) -> Duration {
+    least.max(shown_in * DRAWING_TO_SHOWING)
 }
 
 /// Options for pictures of the volume.
@@ -106,6 +115,7 @@ impl DrawingState {
             look_ahead_steps: 0,
             ahead: LookedAhead::default(),
             began: Instant::now(),
+            shown_in: Duration::ZERO,
             decorations,
             inspect,
         })
@@ -224,7 +234,7 @@ impl DrawingState {
         } else if self.is_settled {
             self.look_ahead(shared);
         } else {
-            self.advance(shared, REFINEMENT);
+            self.advance(shared, next_interval(REFINEMENT, self.shown_in));
         }
     }
 
@@ -258,7 +268,9 @@ impl DrawingState {
         match self.renderer.advance(Some(Instant::now() + time)) {
             Ok(step) => {
                 self.is_settled = step.is_finished;
+                let began = Instant::now();
                 self.show(shared, step.is_finished);
+                self.shown_in = began.elapsed();
                 if let (true, Some(view)) = (step.is_finished, &self.view) {
                     self.look_ahead_steps = LOOK_AHEAD_LIMIT;
                     self.ahead = LookedAhead { number: view.number, ..LookedAhead::default() };

@@ -54,7 +54,7 @@ use supervol_scene::facts::VolumeFacts;
 use supervol_scene::image::Image;
 use supervol_scene::preset::overview::Overview;
 use supervol_scene::scene::Scene;
-use supervol_sources::Survey;
+use supervol_sources::{Part, Survey};
 
 pub use self::animate::{Animation, Motion};
 pub use self::export::Export;
@@ -271,6 +271,17 @@ pub enum Message {
     Done(String),
 }
 
+/// A file that cannot be read without options.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Refused {
+    /// Path of the file.
+    pub source: PathBuf,
+    /// Reason, in words.
+    pub why: String,
+    /// Volumes of the file, if it holds several.
+    pub choices: Vec<Part>,
+}
+
 /// Pending messages of the worker. [`Worker::messages`] takes them all and leaves only `busy`.
 #[derive(Debug, Default)]
 pub struct Messages {
@@ -288,6 +299,8 @@ pub struct Messages {
     pub busy: Option<Busy>,
     /// A success or a failure.
     pub message: Option<Message>,
+    /// A file that needs options.
+    pub refused: Option<Box<Refused>>,
 }
 
 /// Pending requests of the window that have not begun.
@@ -529,6 +542,7 @@ impl Worker {
             ahead: messages.ahead.take(),
             busy: messages.busy.clone(),
             message: messages.message.take(),
+            refused: messages.refused.take(),
         }
     }
 

@@ -15,16 +15,21 @@ use supervol_preprocess::preview::Preview;
 use supervol_preprocess::{BuildError, BuildOptions};
 use supervol_runtime::stop::Canceller;
 use supervol_scene::scene::Scene;
-use supervol_sources::Survey;
+use supervol_sources::open::split_array;
+use supervol_sources::{SourceError, Survey};
 
-use super::{Busy, Message, Open, OpenVolume, Settings, Shared, lock};
+use super::{Busy, Message, Open, OpenVolume, Refused, Settings, Shared, lock};
 
 /// Interval between two progress reports.
 const PROGRESS_INTERVAL: Duration = Duration::from_millis(100);
 
 /// Opens a container and completes the scene for it, or returns the message of the failure.
 pub(super) fn open(path: &Path, request: Open, number: u64) -> Result<Arc<OpenVolume>, Message> {
-    let container = Container::open(path).map_err(|e| Message::Failure(format!("{}: {e}", path.display())))?;
+    let failure = |error| Message::Failure(format!("{}: {error}", path.display()));
+    let container = match Container::open(path) {
+        Err(_) if !split_array(path).0.exists() => return Err(missing(path)),
+        opened => opened.map_err(failure)?,
+    };
     opened(container, request, number, None)
 }
 
@@ -98,17 +103,35 @@ fn build_failure(error: &BuildError, source: &Path) -> Message {
         _ if error.is_stopped() => {
             Message::Done(format!("the build of {} was stopped before it had finished any part", source.display()))
         }
-        _ => Message::Failure(format!("{}\n{}", flags::message(error), advice(source))),
+        _ if !split_array(source).0.exists() => missing(source),
+        _ if may_need_options(error) => {
+            let advice = "Some files need options (for example --dims). Choose them in the window File options.";
+            Message::Failure(format!("{}\n{advice}", flags::message(error)))
+        }
+        _ => Message::Failure(flags::message(error)),
     }
 }
 
-/// Advice for a source of which no container can be built.
-fn advice(source: &Path) -> String {
-    format!(
-        "Some files need options, for example their size. Open such a file on the command line: supervol view {} with options (supervol \
-         view --help)",
-        source.display()
-    )
+/// Message for a file that is not there.
+fn missing(path: &Path) -> Message {
+    Message::Failure(format!("{} does not exist. Check the name, or open another file.", path.display()))
+}
+
+/// Whether options may help against an error. The window knows the channels and time points that it asks for.
+fn may_need_options(error: &BuildError) -> bool {
+    use SourceError::{Invalid, Options, RawLength, Unsupported};
+    let BuildError::Source(error) = error else { return false };
+    matches!(error, Unsupported { .. } | Invalid { .. } | RawLength { .. } | Options(_))
+}
+
+/// The refusal of a file that may be read with other options.
+fn refusal(error: &BuildError, source: &Path) -> Option<Box<Refused>> {
+    let BuildError::Source(of_source) = error else { return None };
+    let is_there = split_array(source).0.exists();
+    (is_there && may_need_options(error)).then(|| {
+        let choices = of_source.choices().to_vec();
+        Box::new(Refused { source: source.into(), why: flags::message(error), choices })
+    })
 }
 
 /// The container of a source file in the cache folder: an existing one, or a new one.
@@ -134,7 +157,8 @@ fn build_container(
         }
     };
     let cache = Cache::below(folders.cache.as_deref(), folders.cache_limit_bytes).map(Cache::with_previews);
-    cache
-        .and_then(|cache| cache.container_of(source, &request.reading, &options, &told))
-        .map_err(|error| build_failure(&error, source))
+    cache.and_then(|cache| cache.container_of(source, &request.reading, &options, &told)).map_err(|error| {
+        shared.send(|messages| messages.refused = refusal(&error, source));
+        build_failure(&error, source)
+    })
 }

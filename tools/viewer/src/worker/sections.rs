@@ -12,15 +12,18 @@ use supervol_runtime::render::volume::PlacedVolume;
 use supervol_runtime::stop::Canceller;
 use supervol_scene::scene::ResolvedScene;
 
+use super::drawing::next_interval;
 use super::{OpenVolume, PANELS, Shared, View, frame_of};
 
-/// Time for which an unfinished section is drawn before the next check for requests.
+/// Least time for which an unfinished section is drawn before the next check for requests.
 const REFINEMENT: Duration = Duration::from_millis(100);
 
 /// The renderer and the state of all panels; see the module.
 pub(super) struct Sections {
     renderer: Renderer,
     panels: [Option<Panel>; PANELS],
+    /// Time that the last update of a panel on the screen took.
+    shown_in: Duration,
 }
 
 /// The section of one panel.
@@ -37,7 +40,7 @@ impl Sections {
     pub(super) fn new(opened: &OpenVolume, options: RenderOptions) -> Result<Self, String> {
         let volume = PlacedVolume::of(opened.container.clone());
         let renderer = Renderer::new(volume, options).map_err(|e| e.to_string())?;
-        Ok(Self { renderer, panels: [const { None }; PANELS] })
+        Ok(Self { renderer, panels: [const { None }; PANELS], shown_in: Duration::ZERO })
     }
 
     /// Applies options from the next request on.
@@ -71,7 +74,7 @@ impl Sections {
     /// Continues the first unfinished panel.
     pub(super) fn continue_drawing(&mut self, shared: &Shared) {
         if let Some(number) = self.unsettled() {
-            self.advance(shared, number, REFINEMENT);
+            self.advance(shared, number, next_interval(REFINEMENT, self.shown_in));
         }
     }
 
@@ -102,12 +105,14 @@ impl Sections {
         match self.renderer.advance(Some(Instant::now() + time)) {
             Ok(step) => {
                 panel.is_settled = step.is_finished;
+                let began = Instant::now();
                 let Some(picture) = self.renderer.picture() else { return };
                 // The error of a section is zero or unknown, so counts suffice.
                 let stats = self.renderer.counts();
                 let frame =
                     frame_of(&panel.view, (&picture, panel.scene.background), (stats, step.is_finished), panel.began);
                 shared.send(|messages| messages.sections[number] = Some(frame));
+                self.shown_in = began.elapsed();
             }
             Err(error) => {
                 panel.is_settled = true;

@@ -138,7 +138,88 @@ fn a_headerless_file_is_read_as_the_command_line_says() {
     session.harness.state_mut().open(&file);
     session.until("it is refused", |s| matches!(s.viewer().message(), Some(Message::Failure(_))));
     let Some(Message::Failure(words)) = session.viewer().message() else { unreachable!("it was one") };
-    assert!(words.contains("--dims") && words.contains("supervol view") && words.contains("a.raw"), "{words}");
+    assert!(words.contains("--dims") && words.contains("File options") && words.contains("a.raw"), "{words}");
+}
+
+/// A file of 6 x 5 x 4 bytes without a header is opened with options of the window, and a wrong one is refused with a
+/// reason.
+#[test]
+fn a_file_without_a_header_gets_its_options_in_the_window() {
+    let mut session = Session::of("sphere");
+    session.rest();
+    let file = session.folder.path().join("b.raw");
+    std::fs::write(&file, (0..120).collect::<Vec<u8>>()).unwrap();
+    session.harness.state_mut().open(&file);
+    session.until("it is refused", |s| s.harness.query_by_label("Open with these options").is_some());
+    session.type_over("Voxels along x, y, z", "6,5");
+    session.type_over("Type of the voxels", "u8");
+    session.click("Open with these options");
+    session.screenshot("file-options");
+    assert!(session.harness.query_by_label_contains("'6,5'").is_some(), "the reason names the option");
+    session.type_over("Voxels along x, y, z", "6,5,4");
+    session.click("Open with these options");
+    session.until("it is open", |s| s.viewer().opened().is_some_and(|opened| opened.source == file));
+    session.rest();
+    assert_eq!(session.viewer().opened().expect("open").facts.dims.0, [6, 5, 4]);
+    session.assert_is_as_rendered();
+    // Options of the open file: other dimensions.
+    session.click("File options ...");
+    session.type_over("Voxels along x, y, z", "5,6,4");
+    session.type_over("Type of the voxels", "u8");
+    session.click("Open with these options");
+    session.until("it is open", |s| s.viewer().opened().is_some_and(|opened| opened.facts.dims.0 == [5, 6, 4]));
+}
+
+#[test]
+fn a_file_that_is_not_there_ends_with_a_sentence() {
+    let mut session = Session::of("sphere");
+    session.rest();
+    let file = session.folder.path().join("none.nii");
+    session.harness.state_mut().open(&file);
+    session.until("it is refused", |s| matches!(s.viewer().message(), Some(Message::Failure(_))));
+    let Some(Message::Failure(words)) = session.viewer().message() else { unreachable!("it was one") };
+    assert!(words.contains("none.nii does not exist.") && !words.contains("options"), "{words}");
+    assert!(session.harness.query_by_label("Open with these options").is_none());
+}
+
+/// Two arrays in one file: the window offers both.
+#[test]
+#[allow(clippy::print_stderr, reason = "what is skipped is said")]
+fn datasets_are_chosen_in_the_window() {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/hdf5/aneurysm_sense40.h5");
+    if !file.exists() {
+        eprintln!("SKIPPED: {} is not there", file.display());
+        return;
+    }
+    let mut session = Session::of("sphere");
+    session.rest();
+    session.harness.state_mut().open(&file);
+    session.until("it is refused", |s| s.harness.query_by_label("volume_1 (69 x 84 x 84)").is_some());
+    session.click("volume_1 (69 x 84 x 84)");
+    session.until("it is open", |s| {
+        s.viewer().opened().is_some_and(|opened| opened.source.display().to_string().ends_with(":/volume_1"))
+    });
+    session.rest();
+    assert_eq!(session.viewer().opened().expect("open").facts.dims.0, [84, 84, 69]);
+}
+
+/// Floats with a usual null: the note of the build stands in the window.
+#[test]
+fn notes_of_the_build_stand_in_the_window() {
+    let null = |folder: &Path| {
+        let path = folder.join("null.nrrd");
+        let value = |i: usize| if i.is_multiple_of(4) { -999.25f32 } else { (i % 100) as f32 };
+        let mut bytes =
+            b"NRRD0004\ntype: float\ndimension: 3\nsizes: 12 12 12\nencoding: raw\nendian: little\n\n".to_vec();
+        bytes.extend((0..12 * 12 * 12).flat_map(|i| value(i).to_le_bytes()));
+        std::fs::write(&path, bytes).unwrap();
+        path
+    };
+    let session = Session::of_file(null);
+    assert!(session.harness.query_by_label_contains("-999.25 are absent").is_some());
+    assert!(session.harness.query_by_label_contains("--keep-nulls").is_some());
+    let range = session.viewer().opened().expect("open").facts.value_range;
+    assert_eq!([range.min, range.max], [1.0, 99.0]);
 }
 
 /// A volume that is large enough for a preview: every fourth voxel along x, every second along y and z.

@@ -292,6 +292,115 @@ fn panels_have_a_look_of_their_own_and_are_shown_in_the_volume() {
 }
 
 #[test]
+fn windows_slabs_and_gamma_of_panels_are_what_render_draws() {
+    let mut session = at_rest_with_three();
+    let window = |session: &Session| {
+        let opened = session.viewer().opened().expect("open").clone();
+        session.viewer().sections().window(&opened.facts).expect("a window")
+    };
+    let cursor = session.viewer().sections().cursor();
+    let [low, high] = window(&session);
+    let over = session.node(NAMES[2]).rect().center();
+    // With Ctrl, to the right is wider, and the level stays.
+    session.harness.event(Event::ModifiersChanged(Modifiers::COMMAND));
+    session.drag(over, Vec2::new(40.0, 0.0), PointerButton::Primary);
+    session.harness.event(Event::ModifiersChanged(Modifiers::NONE));
+    session.rest();
+    let wider = window(&session);
+    assert!(wider[1] - wider[0] > 1.05 * (high - low), "{wider:?}");
+    assert!((wider[0] + wider[1] - low - high).abs() < 1e-6 * (high - low), "{wider:?}");
+    assert_eq!(session.viewer().sections().cursor(), cursor, "a drag with Ctrl moves no cursor");
+    (0..3).for_each(|axis| session.assert_section_is_as_rendered(axis));
+    // Up is brighter: a lower level, at the same width.
+    session.click("Drag sets the window");
+    session.drag(over, Vec2::new(0.0, -30.0), PointerButton::Primary);
+    session.rest();
+    let brighter = window(&session);
+    assert!(brighter[0] < wider[0], "{brighter:?}");
+    assert!((brighter[1] - brighter[0] - wider[1] + wider[0]).abs() < 1e-6 * (high - low), "{brighter:?}");
+    assert_eq!(session.viewer().sections().cursor(), cursor);
+    session.set("Panels, gamma", 0.5);
+    session.rest();
+    session.assert_section_is_as_rendered(2);
+    session.click("Slab");
+    session.frames(3);
+    session.set("Panels, thickness of the slab", 9.0);
+    for (quantity, mode) in [("maximum", Mode::Mip), ("minimum", Mode::Minip), ("mean", Mode::Mean)] {
+        session.click("Panels, quantity of the slab");
+        session.frames(3);
+        session.click(quantity);
+        session.rest();
+        let scene = session.viewer().sections().panel(2).expect("a panel").scene().expect("a scene").clone();
+        assert_eq!(
+            (scene.mode, scene.clip.index_box.map(|ends| ends.map(|end| end[2]))),
+            (Some(mode), Some([27.5, 36.5]))
+        );
+        (0..3).for_each(|axis| session.assert_section_is_as_rendered(axis));
+        session.harness.hover_at(over);
+        let picked = point_at_rest(&mut session);
+        assert!((27.5..=36.5).contains(&picked.index[2]), "{quantity}: {picked:?}");
+    }
+    session.click("Default window");
+    session.rest();
+    assert_eq!(window(&session), [low, high]);
+}
+
+#[test]
+fn the_cine_shows_one_slice_after_the_other() {
+    let mut session = at_rest_with_three();
+    session.set("Cursor, z", 62.0);
+    session.rest();
+    session.press(Modifiers::NONE, Key::C);
+    assert!(session.viewer().cine().is_running());
+    let mut seen = vec![62.0];
+    session.until("it has gone round", |s| {
+        let [_, _, z] = s.viewer().sections().cursor();
+        if seen.last() != Some(&z) {
+            seen.push(z);
+        }
+        seen.len() >= 5
+    });
+    assert_eq!(seen, [62.0, 63.0, 0.0, 1.0, 2.0], "no slice is left out, and after the last comes the first");
+    session.press(Modifiers::NONE, Key::C);
+    session.rest();
+    session.assert_section_is_as_rendered(2);
+    // The slice in place of the volume, too.
+    session.press(Modifiers::NONE, Key::T);
+    session.click("y");
+    session.rest();
+    let place = |s: &Session| s.viewer().scene().clip.index_box.expect("a thin box")[0][1];
+    let before = place(&session);
+    session.click("Play cine");
+    session.until("it moves", |s| place(s) > before + 1.5);
+    session.click("Stop cine");
+    session.rest();
+    session.assert_is_as_rendered();
+}
+
+#[test]
+fn slices_alone_and_slices_in_a_fainter_volume() {
+    let mut session = Session::of("ramp");
+    session.rest();
+    let opaque = session.viewer().scene().transfer_function.clone();
+    session.click("+ x");
+    session.rest();
+    let fainter = session.viewer().scene().transfer_function.clone();
+    assert_ne!(fainter, opaque, "an opaque volume would hide the slice");
+    session.assert_is_as_rendered();
+    session.click("Slice 1, remove");
+    session.rest();
+    assert_eq!(session.viewer().scene().transfer_function, opaque);
+    session.click("Slices only");
+    session.rest();
+    assert_eq!((session.viewer().scene().mode, session.viewer().scene().slices.len()), (Some(Mode::Slice), 3));
+    session.assert_is_as_rendered();
+    session.click("Volume");
+    session.rest();
+    assert_eq!((session.viewer().scene().mode, session.viewer().scene().slices.len()), (Some(Mode::Dvr), 3));
+    session.assert_is_as_rendered();
+}
+
+#[test]
 fn panels_fit_at_every_size() {
     for (name, size, scale) in [
         ("panels-1280x800", [1280.0, 800.0], 1.0),

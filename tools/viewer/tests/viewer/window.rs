@@ -78,6 +78,26 @@ fn every_key_does_what_the_list_says() {
 }
 
 #[test]
+fn undo_takes_back_motions_of_the_camera() {
+    let mut session = Session::of("sphere");
+    session.rest();
+    let first = session.viewer().scene().camera.clone();
+    let over = session.node("Picture").rect().center();
+    session.drag(over, Vec2::new(60.0, 20.0), PointerButton::Primary);
+    session.rest();
+    let turned = session.viewer().scene().camera.clone();
+    assert_ne!(turned, first);
+    session.edit(|scene| scene.image.background = [0.25; 3]);
+    session.rest();
+    session.press(Modifiers::COMMAND, Key::Z);
+    assert_eq!((session.viewer().scene().image.background, &session.viewer().scene().camera), ([0.0; 3], &turned));
+    session.press(Modifiers::COMMAND, Key::Z);
+    session.rest();
+    assert_eq!(session.viewer().scene().camera, first);
+    session.assert_is_as_rendered();
+}
+
+#[test]
 fn each_mode_is_drawn_as_render_draws_its_scene_and_is_kept_when_it_is_left() {
     let mut session = Session::of("sphere");
     session.rest();

@@ -9,6 +9,7 @@ use supervol_format::Geometry;
 
 use super::header::{FRAMES_LIMIT, Header, Place, normal};
 use crate::cast::{self, index};
+use crate::error::{Part, PartName};
 use crate::input::selection::Selection;
 use crate::{Message, ReadOption, SourceError};
 
@@ -78,6 +79,11 @@ pub(super) fn choose_series(
             format!("{number}, {modality} {description}, {count} files of {columns} x {rows}, UID {uid}")
         })
         .collect();
+    let choices = by_uid.iter().take(LISTED_LIMIT).map(|(uid, members)| {
+        let Header { modality, description, .. } = &members[0].header;
+        let words = format!("{modality} {description}, {} files", members.len());
+        Part { by: PartName::Series(uid.clone()), words }
+    });
     let rest = by_uid.len().saturating_sub(LISTED_LIMIT);
     let more = if rest == 0 { String::new() } else { format!("\n  and {rest} more") };
     let list = format!("\n  {}{more}", listed.join("\n  "));
@@ -89,7 +95,8 @@ pub(super) fn choose_series(
             Message::from("choose one by its number or UID with ")
                 .option(ReadOption::Series)
                 .text(format_args!(":{list}")),
-        ),
+        )
+        .with_choices(choices),
         Some(wanted) => SourceError::options(Message::from(ReadOption::Series).text(format_args!(
             " {wanted}: {} of the {count} series of {} have this number or UID:{list}",
             fitting.len(),

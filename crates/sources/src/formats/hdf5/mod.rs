@@ -41,6 +41,7 @@ use super::cf::Explanation;
 use super::zarr::ome::geometry_of;
 use super::zarr::placement::{place, rename};
 use crate::cast::index;
+use crate::error::Part;
 use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::grid::absent::AbsentColumns;
 use crate::grid::chunked::{
@@ -233,7 +234,9 @@ fn choose(path: &Path, (file, linked): (&Hdf5File, &Linked), wanted: Option<&str
         (None, [first, ..]) => {
             let plain = found.iter().find(|c| c.shape.len() == 3).unwrap_or(first);
             let advice = format!("name one, for example {}:/{}", path.display(), shortened(&plain.name));
-            Err(SourceError::unsupported(path, format!("{} datasets: {list}", found.len()), advice))
+            let choices = found.iter().take(LISTED_LIMIT).map(|c| Part::of_array(path, &c.name, describe(c)));
+            Err(SourceError::unsupported(path, format!("{} datasets: {list}", found.len()), advice)
+                .with_choices(choices))
         }
     }
 }

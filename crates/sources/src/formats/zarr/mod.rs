@@ -31,6 +31,7 @@ use supervol_format::recent::Recent;
 use supervol_format::space::WorldSpace;
 
 use crate::cast::{self, index};
+use crate::error::Part;
 use crate::formats::array_survey::survey_axes;
 use crate::formats::format::{Certainty, Folder, Format, Found};
 use crate::grid::absent::AbsentColumns;
@@ -309,7 +310,9 @@ fn several(store: &Store, folder: &Path, what: &str, names: &[String]) -> Source
     let below = if below.is_empty() { below } else { format!("{below}/") };
     let advice =
         format!("name one, for example {}:/{below}{}", store.path.display(), names.first().map_or("NAME", |n| n));
+    let choice = |name: &String| Part::of_array(&store.path, &format!("{below}{name}"), shortened(name));
     SourceError::unsupported(folder, format!("this is a {what}: {list}"), advice)
+        .with_choices(names.iter().take(LISTED_LIMIT).map(choice))
 }
 
 /// A level of an OME-Zarr image.
