@@ -179,8 +179,9 @@ left out or not understood is said when a container is built, and by `supervol i
 
 Attributes that explain the numbers of a file are applied, and a note names them: `_FillValue`, `missing_value`, `valid_range`,
 `scale_factor`, `add_offset`, `units` and `_Unsigned` of CF; tags of GDAL; ImageJ's calibration; slopes of DICOM, NIfTI and MetaImage.
-`--stored-values` ignores them. `--nodata V` makes a further value absent, in every format. Even coordinates give the spacing and the
-place of an axis; uneven ones are noted.
+`--stored-values` ignores them. `--nodata V` makes a further value absent, in every format. Usual nulls (1e30, -999.25, -9999 and the
+like) are absent by default if they are frequent and far from all other values; `--keep-nulls` keeps them. Even coordinates give
+the spacing and the place of an axis; uneven ones are noted.
 
 Arrays with axes inline, crossline, and time, twt, depth or samples are surveys. Their line numbers, CDP coordinates, units and missing
 traces are read. `--axes NAME,...` names the axes of an array (Zarr, N5, HDF5, NumPy), the slowest first.

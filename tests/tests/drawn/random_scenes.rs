@@ -4,7 +4,7 @@
 
 #![allow(clippy::print_stdout, reason = "the distances measured are what these tests are for")]
 
-use supervol_measure::random_scenes::{ERRORS, Options, RandomScene, aimed_at, run};
+use supervol_measure::random_scenes::{ERRORS, Found, Options, RandomScene, aimed_at, run};
 use supervol_measure::{Context, Scale};
 use supervol_runtime::engines::cpu::Caster;
 use supervol_runtime::engines::packets::PacketRule;
@@ -39,12 +39,20 @@ fn random_scenes_keep_the_error() {
         // A prediction that is far too large is useless.
         assert!(predicted.largest_share > 0.05, "{at:#?}");
     }
+    assert_no_more_is_stated_than_asked(&found);
     for at in &found.stated {
         assert!(at.scenes_above_stated.is_empty(), "further off than is stated of a pixel: {at:#?}");
         assert!(at.pixels > 300 && at.largest_share_of_stated > 0.05, "{at:#?}");
     }
     let [smallest, greatest] = [0, ERRORS.len() - 1].map(|i| found.errors[i].largest_grey_levels);
     assert!(greatest > smallest && smallest > 0.0, "the error that is asked for changes nothing: {found:#?}");
+}
+
+/// Of the finest level.
+fn assert_no_more_is_stated_than_asked(found: &Found) {
+    for at in found.stated.iter().filter(|at| at.level == 0) {
+        assert!(at.largest_stated_grey_levels <= at.asked_grey_levels, "more is stated than asked for: {at:#?}");
+    }
 }
 
 /// In every mode, the stated error of pixels from coarser levels holds, and half a grey level holds at level 0.
@@ -68,6 +76,8 @@ fn random_scenes_keep_what_is_stated_in_every_mode() {
 /// - 1/978: a gradient that becomes too short for a normal between the end of a cell and the next light sample. The
 ///   indivisible rest of the cell had a rule that does not detect this. Also a wide highlight that passes from one side
 ///   to the other;
+/// - 1/423: colours that are cut off at 1, where one pair of points and two agreed by chance;
+/// - 1/554: opacities that are not known well add up to more than 1, and so did shares of the budget that go by them;
 /// - 1/934: a chord on which colour is constant at first and then changes, estimated as changing all along;
 /// - 1/330: a normal that reverses within a two-hundredth of a cell, with light sampled at equal distances by the root
 ///   rule;
@@ -81,7 +91,7 @@ fn random_scenes_keep_what_is_stated_in_every_mode() {
 #[test]
 fn scenes_that_were_further_off_than_asked_or_stated() {
     let scenes: [(u64, &[u64]); 5] = [
-        (1, &[330, 934, 978, 999]),
+        (1, &[330, 423, 554, 934, 978, 999]),
         (2, &[10, 546, 564, 991]),
         (3, &[147, 191, 304, 648, 883]),
         (5, &[655, 835]),
@@ -96,6 +106,7 @@ fn scenes_that_were_further_off_than_asked_or_stated() {
         assert!(found.scenes_not_judged.is_empty(), "{seed}/{first}: the reference did not converge: {found:#?}");
         let is_stated = found.stated.iter().all(|at| at.scenes_above_stated.is_empty());
         assert!(is_stated, "{seed}/{first} is further off than is stated of a pixel: {found:#?}");
+        assert_no_more_is_stated_than_asked(&found);
     }
 }
 

@@ -156,9 +156,7 @@ impl AbsentSource {
         info.reading.push(("nodata", value.to_string()));
         Ok(Self { source, info, absent })
     }
-}
 
-impl AbsentSource {
     /// Adds a note for the user.
     pub(crate) fn note(&mut self, note: Message) {
         self.info.notes.push(note);

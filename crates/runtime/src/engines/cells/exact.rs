@@ -138,16 +138,25 @@ impl<'a> ExactChord<'a> {
         cuts
     }
 
-    /// A part, halved until halving it changes nothing.
-    fn refined(&self, [begin, end]: [f64; 2], halvings: u32) -> Seen {
+    /// A part, halved until halving it twice changes nothing: once may be by chance, beside a kink.
+    fn refined(&self, part: [f64; 2], halvings: u32) -> Seen {
+        self.refined_from(part, self.pair(part), None, halvings)
+    }
+
+    /// The same, with what one pair finds, and how much that differs from what was found for a part twice as long.
+    fn refined_from(&self, [begin, end]: [f64; 2], whole: Seen, before: Option<f64>, halvings: u32) -> Seen {
         let middle = 0.5 * (begin + end);
-        let (whole, halves) = (self.pair([begin, end]), behind(self.pair([begin, middle]), self.pair([middle, end])));
+        let [first, second] = [[begin, middle], [middle, end]];
+        let (front, back) = (self.pair(first), self.pair(second));
+        let halves = behind(front, back);
         let change = (halves.0 - whole.0).abs().max_element().max((halves.1 - whole.1).abs());
-        let is_settled = change < AGREEMENT && (1.0 - halves.1 < AGREEMENT || !self.turns_far([begin, end]));
+        let agrees = change < AGREEMENT && before.is_some_and(|before| before < AGREEMENT);
+        let is_settled = agrees && (1.0 - halves.1 < AGREEMENT || !self.turns_far([begin, end]));
         if is_settled || halvings == 0 {
             return halves;
         }
-        behind(self.refined([begin, middle], halvings - 1), self.refined([middle, end], halvings - 1))
+        let refined = |part, whole| self.refined_from(part, whole, Some(change), halvings - 1);
+        behind(refined(first, front), refined(second, back))
     }
 
     /// One pair of Gauss points. See [`super::quadrature::integrate_pair`].

@@ -1,9 +1,9 @@
 //! Error budget of a ray: its cells spend it, front to back, and never more than there is.
 //!
-//! All errors are absolute: shares of full scale of the pixel. At most `weight` of the light behind a place passes to the eye, and
-//! a cell of opacity `a` there shows at most `a weight`. Over a whole ray these sum up to 1, so that each cell may spend
-//! [`BY_OPACITY`](crate::engines::rules::BY_OPACITY) of E times what it shows, however many cells there are. A cell that
-//! needs more takes it from a reserve, of which `left` is there:
+//! All errors are absolute: shares of full scale of the pixel. At most `weight` of the light behind a place passes to the eye. A cell
+//! of an opacity of at least `a` lowers it by `a weight`. Over a whole ray these sum up to 1, so that each cell may spend
+//! [`BY_OPACITY`](crate::engines::rules::BY_OPACITY) of E times that, however many cells there are. A cell that needs more
+//! takes it from a reserve, of which `left` is there:
 //!
 //! ```text
 //! allowed = BY_OPACITY E a weight + RESERVE_SHARE left
@@ -105,9 +105,11 @@ impl<S: Simd> Budget<S> {
         Self { left, weight: S::max(front, last), late: Late::nothing(), last, by_opacity: S::splat(by_opacity) }
     }
 
-    /// What some cells of this opacity together may spend.
+    /// What some cells together may spend, whose contribution is this part.
     #[inline(always)]
-    pub fn allowed(&self, opacity: S::F, cells: usize) -> Allowed<S> {
+    pub fn allowed(&self, part: &Part<S>, cells: usize) -> Allowed<S> {
+        // The least opacity: the weight falls by this share of it ([`Budget::pass`]), so that these sums end at 1.
+        let opacity = S::max(S::splat(1.0) - part.transmittance - part.error, S::splat(0.0));
         let by_opacity = self.by_opacity * opacity * self.weight;
         Allowed { by_opacity, reserve: self.left * S::splat(RESERVE_SHARE * cells as f32) }
     }

@@ -357,7 +357,7 @@ impl<S: Simd, L: PieceLookup> Round<'_, S, L> {
             if S::bits(seen[i]) != 0 {
                 let part = self.integrate_cell(&steps[i], (&chords[i], &located[i]), seen[i], work);
                 self.write(i, &chords[i], &part, parts);
-                let allowed = budget.allowed(S::splat(1.0) - part.transmittance, 1);
+                let allowed = budget.allowed(&part, 1);
                 let (spent, most) = (part.error * budget.weight, allowed.sum());
                 let is_unsettled = is_unsettled(&steps[i], (&chords[i], in_plane), (spent, most));
                 if S::bits(is_unsettled) != 0 {
@@ -426,7 +426,7 @@ impl<S: Simd, L: PieceLookup> Round<'_, S, L> {
                 // Also holes. Cells without any effect do not count: leaps leave some of them out.
                 let spends = !S::le(opacity + part.error, S::splat(0.0)) & seen[i];
                 budget.left = budget.left + late.take(spends);
-                let (weight, allowed) = (budget.weight, budget.allowed(opacity, 1));
+                let (weight, allowed) = (budget.weight, budget.allowed(&part, 1));
                 let chord = (&stages.chords[i], walker.in_plane);
                 let most = allowed.sum();
                 let is_unsettled = is_unsettled(&steps[i], chord, (part.error * weight, most));
@@ -492,7 +492,7 @@ impl<S: Simd, L: PieceLookup> Round<'_, S, L> {
                 let crosses = line.crosses();
                 work.samples += u64::from(2 * S::bits(crosses).count_ones());
                 let part = integrate_at::<S, L>(table, limits, &line, &located[first]);
-                let allowed = budget.allowed(S::splat(1.0) - part.transmittance, SPAN);
+                let allowed = budget.allowed(&part, SPAN);
                 let most = allowed.sum();
                 let place = (first, budget.weight / most);
                 let settled =

@@ -91,7 +91,7 @@ impl ChooseSpan<'_> {
                 // Typical rays have spent half of their reserve.
                 let half = S::splat(0.5 * self.precision.reserve);
                 let budget = Budget::<S>::new(half, S::splat(1.0), [self.precision.by_opacity, 0.0]);
-                let allowed = budget.allowed(S::splat(1.0) - part.transmittance, *span).sum();
+                let allowed = budget.allowed(&part, *span).sum();
                 let is_settled = S::le(part.error, allowed);
                 // Holes say nothing about the field around them.
                 let shows = shows & !S::is_nan(part.error);
