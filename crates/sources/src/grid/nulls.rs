@@ -1,6 +1,6 @@
 //! Usual nulls: values such as 1e30 and -999.25 that programs write for "no data" without saying so in the file.
 //!
-//! A value is hidden by default only if it is certain to be a null. It is one of [`USUAL`]; at least one voxel of
+//! A value is hidden by default only if it is certain to be a null. It is one of the usual ones; at least one voxel of
 //! 1,000 has it; and it lies farther from all other values than these lie from each other. The voxels of three slices
 //! decide, so that opening a file stays fast. Other programs (Surfer, OpendTect, ParaView for netCDF, GDAL) hide
 //! these values, too, if they know the format.
