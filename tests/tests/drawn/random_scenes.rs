@@ -48,7 +48,7 @@ fn random_scenes_keep_the_error() {
     assert!(greatest > smallest && smallest > 0.0, "the error that is asked for changes nothing: {found:#?}");
 }
 
-/// Of the finest level.
+/// Asserts that no pixel of the finest level states more than was asked for.
 fn assert_no_more_is_stated_than_asked(found: &Found) {
     for at in found.stated.iter().filter(|at| at.level == 0) {
         assert!(at.largest_stated_grey_levels <= at.asked_grey_levels, "more is stated than asked for: {at:#?}");

@@ -119,9 +119,9 @@ pub const ORDER_SQUARE: f32 = 1.2;
 pub const OUT_OF_ORDER: f32 = 0.84;
 /// The same of colours that turn evenly: R is off by 6 %.
 pub const ORDER_REST: f32 = 0.06;
-/// What R is off by, in parts of the opacity and the squared depth: for evenly turning colours.
+/// Error of R, in parts of the opacity and the squared depth: for evenly turning colours.
 pub const ORDER_OF_DEPTH: f32 = 6.8e-4;
-/// Where light of even extinction comes from, before the middle: `tau / (12 + LEAN_SQUARE tau^2)`, within `1e-5 tau^5` of the
+/// Mean origin of light of even extinction, before the middle: `tau / (12 + LEAN_SQUARE tau^2)`, within `1e-5 tau^5` of the
 /// exact `coth(tau / 2) / 2 - 1 / tau`.
 pub const LEAN_SQUARE: f32 = 0.2;
 /// Its mean square distance from there: `1 / (12 + SPREAD_SQUARE tau^2)`, within `5e-5 tau^4`.

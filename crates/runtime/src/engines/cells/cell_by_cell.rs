@@ -97,8 +97,7 @@ pub(crate) fn gather_exact_cell(
     state: &mut RayState,
 ) {
     let visit = BrickVisit::new(level, brick, key);
-    let index = visit.cell_at_base(base);
-    let t = visit.cell_planes.chord(visit.level.axis_ray, index, t);
+    let (index, t) = visit.chord_at_base(base, t);
     if t[0] < t[1] {
         state.t = t[0];
         let counters = &mut RayCounters::default();

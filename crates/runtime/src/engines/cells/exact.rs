@@ -36,9 +36,10 @@ type Seen = (DVec3, f64);
 struct ExactChord<'a> {
     transfer_function: &'a TransferFunction,
     lighting: Option<&'a Lighting>,
-    /// World gradient from the gradient along the chord; and unit vector to the eye.
+    /// Of each light, the unit vectors to it and half way to the eye, and its intensity.
+    lights: Vec<(DVec3, DVec3, f64)>,
+    /// World gradient from the gradient along the chord.
     world_from_index: DMat3,
-    to_eye: DVec3,
     /// Data values.
     cubic: [Real; 4],
     /// Least and greatest value.
@@ -59,8 +60,7 @@ pub(crate) fn exact_cell(
     t: [f64; 2],
 ) -> [f32; 4] {
     let visit = BrickVisit::new(level, brick, key);
-    let index = visit.cell_at_base(base);
-    let t = visit.cell_planes.chord(visit.level.axis_ray, index, t);
+    let (index, t) = visit.chord_at_base(base, t);
     let chord = match visit.voxels() {
         _ if t[0] >= t[1] => None,
         Voxels::U8(voxels) => ExactChord::new(&visit, (voxels, index), t),
@@ -93,12 +93,17 @@ impl<'a> ExactChord<'a> {
             });
             Some([x?, y?, z?])
         });
+        let to_eye = level.setup.to_eye.as_dvec3();
+        let lights = lighting.iter().flat_map(|lighting| &lighting.lights).map(|&(to_light, intensity)| {
+            let to_light = to_light.as_dvec3();
+            (to_light, (to_light + to_eye).normalize_or_zero(), f64::from(intensity))
+        });
         let (low, high) = cubic_extremes(&cubic, monotone_intervals(&cubic).as_slice());
         Some(Self {
             transfer_function: &level.scene.data_transfer_function,
             lighting,
+            lights: lights.collect(),
             world_from_index: level.setup.world_from_level_gradient.as_dmat3(),
-            to_eye: level.setup.to_eye.as_dvec3(),
             cubic,
             range: [low, high],
             gradient,
@@ -106,7 +111,7 @@ impl<'a> ExactChord<'a> {
         })
     }
 
-    /// What is seen of the whole chord.
+    /// Premultiplied colour and transmittance of the whole chord.
     fn seen(&self) -> Seen {
         let cuts = self.cuts();
         let parts = cuts.windows(2).filter(|part| part[0] < part[1]);
@@ -124,14 +129,11 @@ impl<'a> ExactChord<'a> {
         for value in inside.map(|point| point.value) {
             add_crossings(&mut cuts, &self.cubic, intervals.as_slice(), value);
         }
-        if let (Some(lighting), Some(gradient)) = (self.lighting, &self.gradient) {
-            for &(to_light, _) in &lighting.lights {
-                let half = (to_light.as_dvec3() + self.to_eye).normalize_or_zero();
-                for direction in [to_light.as_dvec3(), half] {
-                    let weights = self.world_from_index.transpose() * direction;
-                    let along = std::array::from_fn(|k| (0..3).map(|axis| weights[axis] * gradient[axis][k]).sum());
-                    add_crossings(&mut cuts, &along, monotone_intervals(&along).as_slice(), 0.0);
-                }
+        if let Some(gradient) = &self.gradient {
+            for direction in self.lights.iter().flat_map(|&(to_light, half, _)| [to_light, half]) {
+                let weights = self.world_from_index.transpose() * direction;
+                let along = std::array::from_fn(|k| (0..3).map(|axis| weights[axis] * gradient[axis][k]).sum());
+                add_crossings(&mut cuts, &along, monotone_intervals(&along).as_slice(), 0.0);
             }
         }
         cuts.sort_by(f64::total_cmp);
@@ -199,9 +201,7 @@ impl<'a> ExactChord<'a> {
         }
         let normal = gradient / -length;
         let (mut diffuse, mut specular) = (f64::from(lighting.ambient), 0.0);
-        for &(to_light, intensity) in &lighting.lights {
-            let (to_light, intensity) = (to_light.as_dvec3(), f64::from(intensity));
-            let half = (to_light + self.to_eye).normalize_or_zero();
+        for &(to_light, half, intensity) in &self.lights {
             diffuse += f64::from(lighting.diffuse) * normal.dot(to_light).abs() * intensity;
             let shine = normal.dot(half).abs().powf(f64::from(lighting.shininess));
             specular += f64::from(lighting.specular) * shine * intensity;

@@ -275,9 +275,15 @@ impl<'a> BrickVisit<'a> {
     }
 
     /// The trilinear cell whose first corner has this offset in the voxel array.
-    pub(crate) fn cell_at_base(&self, base: usize) -> [i64; 3] {
+    fn cell_at_base(&self, base: usize) -> [i64; 3] {
         let inside = [base % self.strides[0], base % self.strides[1] / self.strides[0], base / self.strides[1]];
         std::array::from_fn(|axis| self.start[axis] + narrow::<i64>(inside[axis]) - narrow::<i64>(APRON))
+    }
+
+    /// The cell whose first corner lies `base` voxels from the brick's first, and the part in it of a ray's interval `t`.
+    pub(crate) fn chord_at_base(&self, base: usize, t: [f64; 2]) -> ([i64; 3], [f64; 2]) {
+        let index = self.cell_at_base(base);
+        (index, self.cell_planes.chord(self.level.axis_ray, index, t))
     }
 
     /// Render value of the voxel at an offset from `base`; NaN if absent.

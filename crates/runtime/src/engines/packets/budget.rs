@@ -24,18 +24,18 @@ use crate::engines::rules::RESERVE_SHARE;
 /// Budget of the rays of a packet.
 #[derive(Clone, Copy)]
 pub struct Budget<S: Simd> {
-    /// What is left of the reserve.
+    /// Rest of the reserve.
     pub left: S::F,
     /// Upper bound on the light from behind that passes to the eye; not below the transmittance at which rays end.
     pub weight: S::F,
-    /// What is still to be given back, of the last visible cells.
+    /// Rests of the last visible cells, which are still to be given back.
     pub late: Late<S>,
     last: S::F,
     /// Error per opacity.
     by_opacity: S::F,
 }
 
-/// What the last [`ROUND`] visible cells of each ray did not need, the earliest first.
+/// Rests that the last [`ROUND`] visible cells of each ray did not need, the earliest first.
 #[derive(Clone, Copy)]
 pub struct Late<S: Simd>([S::F; ROUND]);
 
@@ -70,7 +70,7 @@ impl<S: Simd> Late<S> {
     }
 }
 
-/// What a cell may spend: by what it shows, and of the reserve.
+/// Allowance of a cell: a share by its opacity, and one of the reserve.
 #[derive(Clone, Copy)]
 pub struct Allowed<S: Simd> {
     by_opacity: S::F,
@@ -90,7 +90,7 @@ impl<S: Simd> Allowed<S> {
         self.by_opacity + self.reserve
     }
 
-    /// What a cell that spends so much takes of the reserve. NaN takes nothing.
+    /// Part of the reserve that a cell takes which spends so much. NaN takes nothing.
     #[inline(always)]
     pub fn of_reserve(&self, spent: S::F) -> S::F {
         S::max(spent - self.by_opacity, S::splat(0.0))
@@ -105,7 +105,7 @@ impl<S: Simd> Budget<S> {
         Self { left, weight: S::max(front, last), late: Late::nothing(), last, by_opacity: S::splat(by_opacity) }
     }
 
-    /// What some cells together may spend, whose contribution is this part.
+    /// Allowance of some cells together, whose contribution is this part.
     #[inline(always)]
     pub fn allowed(&self, part: &Part<S>, cells: usize) -> Allowed<S> {
         // The least opacity: the weight falls by this share of it ([`Budget::pass`]), so that these sums end at 1.

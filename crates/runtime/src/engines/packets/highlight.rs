@@ -1,4 +1,4 @@
-//! How fast a highlight `q^s`, q = |n.h|, changes where the normal turns: bounds of its derivatives.
+//! Bounds of the derivatives of a highlight `q^s`, q = |n.h|, where the normal turns.
 //!
 //! The derivatives of q along the ray are at most those of the normal ([`super::turn`]), and the first is at most
 //! `n1 sqrt(1 - q^2)`, for n' is perpendicular to n. Hence those of the highlight are at most
@@ -34,7 +34,7 @@ pub struct Highlight {
 
 /// Bounds of a highlight along a part, of one light of intensity 1.
 pub struct HighlightBounds<S: Simd> {
-    /// What Simpson's rule misses; and what a quadratic does of the first moment about the middle, times 12.
+    /// Errors of Simpson's rule, and of a quadratic's first moment about the middle, times 12.
     pub missed: S::F,
     pub of_moment: S::F,
     /// First derivative, anywhere and in the mean.

@@ -56,7 +56,7 @@ pub struct Part<S: Simd> {
     pub transmittance: S::F,
     /// Bound on the error of colour and opacity, with the limits stated in the module's head.
     pub error: S::F,
-    /// What rounding makes of it.
+    /// Share of that error which rounding makes.
     pub rounding: S::F,
     /// Origin of opacity and of the colours along the part: first moments about its middle.
     pub moments: [S::F; CHANNELS],
@@ -529,7 +529,7 @@ impl<S: Simd> Around<S> {
         at.line.noise * S::min(a.slope + self.bends, of_ends * per_rise)
     }
 
-    /// What rounding misplaces steps by.
+    /// Bound on the error of a mean by steps that rounding misplaces.
     #[inline(always)]
     fn error_of_rounded_steps(&self, at: &LineInTable<S>, limits: Limits) -> S::F {
         let noise = at.line.noise + at.line.noise + S::splat(limits.narrow);

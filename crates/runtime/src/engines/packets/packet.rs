@@ -228,11 +228,11 @@ pub struct Stages<S: Simd> {
     pub along: [AlongRay<S>; ROUND],
     /// Only for shaded cells: error in tolerances per error.
     pub per_error: [S::F; ROUND],
-    /// Only for shaded cells: what they were charged.
+    /// Only for shaded cells: their charges.
     charged: [Charged<S>; ROUND],
 }
 
-/// What visible cells were charged before their light was known.
+/// Charge of visible cells, before their light is known.
 #[derive(Clone, Copy)]
 struct Charged<S: Simd> {
     /// Lanes whose cells count.
@@ -287,7 +287,7 @@ impl<S: Simd> Charged<S> {
 /// Output of the stages after fetching.
 struct LaterStages<'a, S: Simd> {
     stages: &'a mut Stages<S>,
-    /// What the rays may still spend in front of the current cell.
+    /// Budget of the rays in front of the current cell.
     budget: &'a mut Budget<S>,
     parts: &'a mut RoundParts,
     queues: &'a mut Queues,

@@ -43,7 +43,7 @@ pub struct PacketLighting<'a> {
     pub light: f32,
     /// Half the shininess, if it is an integer for which multiplications are faster than a logarithm.
     whole_half: Option<u32>,
-    /// How fast highlights change.
+    /// Bounds of the change of highlights.
     pub highlight: Highlight,
 }
 
@@ -244,7 +244,7 @@ impl<'a> PacketLighting<'a> {
         [self.lighting.ambient, self.lighting.diffuse * self.light, self.lighting.specular * self.light]
     }
 
-    /// What three places miss of the diffuse light, for a density with this sum and this moment.
+    /// Error of the diffuse light by three places, for a density with this sum and this moment.
     #[inline(always)]
     fn error_of_diffuse<S: Simd>(&self, along: &[LightAt<S>; 3], turn: &Turn<S>, [sum, moment]: [S::F; 2]) -> S::F {
         let zero = S::splat(0.0);
@@ -268,7 +268,7 @@ impl<'a> PacketLighting<'a> {
         error
     }
 
-    /// What `|n.l|` is off its line on each side of a place, in the mean, where n.l changes its sign within this reach; weighted by the
+    /// Distance of `|n.l|` from its line on each side of a place, in the mean, where n.l changes its sign within this reach; weighted by the
     /// diffuse light.
     #[inline(always)]
     pub fn kinks<S: Simd>(&self, at: &LightAt<S>, reach: S::F) -> S::F {

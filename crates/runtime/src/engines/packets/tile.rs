@@ -453,7 +453,7 @@ impl TileRays {
         self.gathered.error[ray] += self.gathered.transmittance[ray] * f64::from(error);
     }
 
-    /// What is left of a ray's error budget.
+    /// Rest of a ray's error budget.
     #[inline(always)]
     pub fn set_left(&mut self, ray: u16, left: f32) {
         self.gathered.left[usize::from(ray)] = f64::from(left);

@@ -1,4 +1,4 @@
-//! How fast the normal turns along a part of a ray: bounds of its derivatives.
+//! Bounds of the derivatives of the normal along a part of a ray.
 //!
 //! Along a part, u from -1/2 to 1/2, the gradient is a cubic `g = G + A u + B u^2 + K u^3`, and the normal is `n = g / |g|`. Let
 //! `r1`, `r2`, `r3` be bounds of the lengths of g's derivatives, each over a lower bound p of |g|. The derivatives of n with
@@ -35,9 +35,9 @@ const THIRD: f32 = 3.0;
 const FOURTH: f32 = 9.8815;
 /// Weights of Simpson's kernel: at an end, and in the middle.
 const KERNEL: [f32; 2] = [1.0 / 23040.0, 1.0 / 3840.0];
-/// What Simpson's rule misses, in parts of the second derivative: 1/81, rounded up.
+/// Error of Simpson's rule, in parts of the second derivative: 1/81, rounded up.
 pub const OF_SECOND: f32 = 0.01235;
-/// What a quadratic through three places misses of the first moment about the middle, times 12: in parts of the third derivative.
+/// Error of a quadratic through three places in the first moment about the middle, times 12: in parts of the third derivative.
 pub const OF_THIRD: f32 = 1.0 / 60.0;
 /// Greatest distance of `u^2` from its line over half a part, and of `u^3`, rounded up.
 const AWAY: [f32; 2] = [1.0 / 16.0, 0.094];
@@ -80,7 +80,7 @@ pub fn length<S: Simd>(v: &[S::F; 3]) -> S::F {
     S::sqrt(dot::<S>(v, v))
 }
 
-/// What Simpson's rule misses of a function, from bounds of its fourth derivative at the three places.
+/// Error of Simpson's rule for a function, from bounds of its fourth derivative at the three places.
 #[inline(always)]
 pub fn simpson_misses<S: Simd>([begin, middle, end]: [S::F; 3]) -> S::F {
     S::mul_add(begin + end, S::splat(KERNEL[0]), middle * S::splat(KERNEL[1]))
@@ -121,7 +121,7 @@ impl<S: Simd> Turn<S> {
         }
     }
 
-    /// What Simpson's rule misses of the cosine of the normal to any direction.
+    /// Error of Simpson's rule for the cosine of the normal to any direction.
     #[inline(always)]
     pub fn missed(&self) -> S::F {
         let by_fourth = simpson_misses::<S>(for_three!(i => self.places[i][3]));

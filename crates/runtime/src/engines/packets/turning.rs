@@ -50,7 +50,7 @@ pub struct TurningCells {
     /// Opacity, and how its density changes over the cell.
     opacity: PerLane,
     change: PerLane,
-    /// How far the densities are from the true ones: see [`Part::misplaced`].
+    /// Distance of the densities from the true ones: see [`Part::misplaced`].
     misplaced: PerLane,
     /// Variation of colour.
     colors: PerLane,
@@ -227,7 +227,7 @@ struct Stretch<'a, S: Simd> {
     variation: S::F,
 }
 
-/// What is missed in a stretch.
+/// Error in a stretch.
 struct Missed<S: Simd> {
     error: S::F,
     /// Change of the light per cell.
