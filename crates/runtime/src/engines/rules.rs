@@ -114,6 +114,8 @@ pub const GREATEST_OF_CUBIC: f32 = 0.05;
 /// Coefficient of the squared depth in `R(tau) ~ 1 / (12 + 6 tau + 1.2 tau^2)`: with it, R is within 6 % of the exact rational
 /// of exponentials up to tau = 3.
 pub const ORDER_SQUARE: f32 = 1.2;
+/// Greatest effect of order on two colours that differ by 1: it is below `tau^2 / (8 + MOST_OF_ORDER tau + tau^2)`, by up to 3 %.
+pub const MOST_OF_ORDER: f32 = 3.7;
 /// Error by order, in parts of `opacity tau / (4 + tau)`, of colours that differ by 1 and may come in any order. The closed form
 /// of the most that order can do, `(1 - exp(-tau / 2))^2 / 2`, takes 0.77.
 pub const OUT_OF_ORDER: f32 = 0.84;
@@ -135,6 +137,13 @@ pub const OF_CURVES: f32 = 0.0159;
 pub const OF_KINK: f32 = 0.0162;
 /// The same where the line's moment is that of the density's ends: 1/54, rounded up.
 pub const OF_UNSETTLED_KINK: f32 = 0.0186;
+/// The same of any bends, where the line has the density's ends, shifted to the same sum: 1/32, rounded up.
+pub const OF_BENDS: f32 = 0.0313;
+/// The same where the line has the moment of some of them, which moves the integral by up to 1.5 times [`MOMENT_OF_KINK`] more.
+pub const OF_ANY_BENDS: f32 = 0.0434;
+/// Most that a kink moves the first moment by where the line has the density's ends, in parts of a change of slope: `1 / (72 sqrt(3))`,
+/// rounded up.
+pub const MOMENT_OF_KINK: f32 = 0.00803;
 /// In parts of the height of a step, where the line's moment is that of the density's ends: 1/8.
 pub const OF_STEP: f32 = 0.125;
 /// Share of a part by which light may be misplaced whose extinction is uneven. Tests of stated errors hold with it, on random

@@ -44,10 +44,20 @@ pub enum Column {
     HalfSlope = Column::Value as usize + CHANNELS,
     /// A third of the quadratic coefficient of channel 0; the other three follow.
     ThirdBend = Column::HalfSlope as usize + CHANNELS,
-    /// Change of slope of channel 0 at the knot; the other three follow.
-    Kink = Column::ThirdBend as usize + CHANNELS,
+    /// The next control point above the piece; infinity if there is none.
+    KinkAbove = Column::ThirdBend as usize + CHANNELS,
+    /// Greatest change of slope there.
+    ChangeAbove,
+    /// Change of slope of channel 0 there; the other three follow.
+    ChangesAbove,
+    /// The last control point that is not above the piece's knot; minus infinity if there is none.
+    KinkBelow = Column::ChangesAbove as usize + CHANNELS,
+    /// Greatest change of slope there.
+    ChangeBelow,
+    /// Change of slope of channel 0 there; the other three follow.
+    ChangesBelow,
     /// Sum of the heights of all steps up to the anchor; each counts with its greatest channel.
-    Steps = Column::Kink as usize + CHANNELS,
+    Steps = Column::ChangesBelow as usize + CHANNELS,
     /// Sum of the changes of slope up to the anchor; each counts with its greatest channel.
     Bends,
     /// Change of slope per unit of value.
@@ -58,6 +68,8 @@ pub enum Column {
     Stretch,
     /// Greatest change of slope per unit of value in the stretch.
     BendOfStretch,
+    /// Sum of the changes of curvature, the second derivative, at the stretch's knots, up to the piece's own.
+    Curvatures,
     /// Variation of visible colour up to the anchor.
     ColorVariation,
     /// Variation of visible colour per unit of value.
@@ -90,6 +102,8 @@ pub struct Limits {
     pub difference: f32,
     /// Greatest change of slope per unit of value in any piece.
     pub bend: f32,
+    /// Bounds on what roundings take from a difference of sums of bends, and of kinks.
+    pub rounded: [f32; 2],
 }
 
 /// Error of a difference of two rounded antiderivatives, in parts of the greatest: half a unit in the last place of each, as much of
@@ -105,7 +119,7 @@ struct Piece {
     channels: [[f64; 3]; CHANNELS],
     color_slope: f64,
     /// Whether it begins at a control point.
-    begins_stretch: bool,
+    begins_at_point: bool,
 }
 
 impl TransferPieces {
@@ -118,7 +132,8 @@ impl TransferPieces {
         let stride = count.next_power_of_two().max(LEAST_STRIDE);
         let (first, last) = (pieces[0].anchor, pieces[count - 1].anchor);
         let bend = single(pieces.iter().map(bend_of).fold(0.0, f64::max));
-        let limits = Limits { narrow: single(NARROW_SHARE * (last - first)), difference: 0.0, bend };
+        let narrow = single(NARROW_SHARE * (last - first));
+        let limits = Limits { narrow, difference: 0.0, bend, rounded: [0.0; 2] };
         let columns = vec![0.0; stride * COLUMNS];
         let mut table = Self { columns, stride, count, limits, clear: clear_interval(&pieces) };
         table.columns[..stride].fill(f32::INFINITY);
@@ -129,13 +144,14 @@ impl TransferPieces {
             }
             table.write(i, piece, &sums);
             table.write_stretch(&pieces, i);
-            table.write_kinks(&pieces, i);
             if let Some(next) = pieces.get(i + 1) {
                 sums.advance(piece, next.knot - piece.anchor);
             }
         }
+        table.write_kinks(&pieces);
         // Emission is never greater than extinction.
         table.limits.difference = single(ROUNDED_DIFFERENCE * sums.antiderivative[0]);
+        table.limits.rounded = [sums.bends, sums.kinks].map(|sum| single(ROUNDED_DIFFERENCE * sum));
         table
     }
 
@@ -191,23 +207,45 @@ impl TransferPieces {
         set(Column::ColorVariationPerValue, 0, piece.color_slope);
     }
 
-    fn write_kinks(&mut self, pieces: &[Piece], i: usize) {
-        let Some(before) = i.checked_sub(1).map(|before| &pieces[before]) else { return };
-        let y = pieces[i].knot - before.anchor;
-        for c in 0..CHANNELS {
-            let [_, slope, bend] = before.channels[c];
-            let kink = pieces[i].channels[c][1] - (slope + 2.0 * y * bend);
-            self.columns[(Column::Kink as usize + c) * self.stride + i] = single(kink);
-        }
-    }
-
     fn write_stretch(&mut self, pieces: &[Piece], i: usize) {
-        let number = pieces[..=i].iter().filter(|piece| piece.begins_stretch).count();
-        let before = pieces[..=i].iter().rposition(|piece| piece.begins_stretch).unwrap_or(0);
-        let behind = pieces[i + 1..].iter().position(|piece| piece.begins_stretch).map_or(pieces.len(), |n| i + 1 + n);
+        let number = pieces[..=i].iter().filter(|piece| piece.begins_at_point).count();
+        let before = pieces[..=i].iter().rposition(|piece| piece.begins_at_point).unwrap_or(0);
+        let behind = pieces[i + 1..].iter().position(|piece| piece.begins_at_point).map_or(pieces.len(), |n| i + 1 + n);
         let bend = pieces[before..behind].iter().map(bend_of).fold(0.0, f64::max);
+        let curvature = |at: usize| greatest(changes_at(&pieces[at - 1], &pieces[at]).map(|change| change[2]));
+        let curvatures: f64 = (before + 1..=i).map(curvature).sum();
         self.columns[Column::Stretch as usize * self.stride + i] = single(number as f64);
         self.columns[Column::BendOfStretch as usize * self.stride + i] = single(bend);
+        self.columns[Column::Curvatures as usize * self.stride + i] = single(curvatures);
+    }
+
+    /// Writes the control points next to each piece, where slopes change. Other knots lie where a smooth function is cut: what little
+    /// changes there is a part of [`Column::Kinks`].
+    fn write_kinks(&mut self, pieces: &[Piece]) {
+        let is_kink = |i: &usize| *i > 0 && pieces[*i].begins_at_point;
+        for i in 0..pieces.len() {
+            let above = (i + 1..pieces.len()).find(is_kink);
+            self.write_kink((i, above), pieces, [Column::KinkAbove, Column::ChangeAbove, Column::ChangesAbove]);
+            let below = (0..=i).rev().find(is_kink);
+            self.write_kink((i, below), pieces, [Column::KinkBelow, Column::ChangeBelow, Column::ChangesBelow]);
+        }
+        let none = f32::NEG_INFINITY;
+        (pieces.len()..self.stride).for_each(|i| self.columns[Column::KinkBelow as usize * self.stride + i] = none);
+    }
+
+    /// Writes the kink where a piece begins into columns of another: place, greatest change of slope, and changes.
+    fn write_kink(&mut self, (i, kink): (usize, Option<usize>), pieces: &[Piece], [at, most, changes]: [Column; 3]) {
+        let Some(kink) = kink else {
+            let none = if at == Column::KinkAbove { f32::INFINITY } else { f32::NEG_INFINITY };
+            self.columns[at as usize * self.stride + i] = none;
+            return;
+        };
+        let found = changes_at(&pieces[kink - 1], &pieces[kink]).map(|change| change[1]);
+        self.columns[at as usize * self.stride + i] = single(pieces[kink].knot);
+        self.columns[most as usize * self.stride + i] = single(greatest(found));
+        for (c, change) in found.into_iter().enumerate() {
+            self.columns[(changes as usize + c) * self.stride + i] = single(change);
+        }
     }
 }
 
@@ -247,18 +285,13 @@ struct Sums {
 impl Sums {
     /// Crosses the knot between two pieces.
     fn cross(&mut self, before: &Piece, after: &Piece, tolerance: f64) {
-        let y = after.knot - before.anchor;
-        let change = |c: usize| {
-            let ([v0, s0, b0], [v1, s1, _]) = (before.channels[c], after.channels[c]);
-            [v1 - (v0 + y * (s0 + y * b0)), s1 - (s0 + 2.0 * y * b0)]
-        };
-        let changes: [[f64; 2]; CHANNELS] = std::array::from_fn(change);
+        let changes = changes_at(before, after);
         let [step, bend] = [0, 1].map(|order| greatest(changes.map(|change| change[order])));
         // The misfit between two pieces of one segment is not a step.
         let scale = before.channels[0][0].abs().max(after.channels[0][0].abs());
         if step > 4.0 * tolerance * scale {
             self.steps += step;
-            self.color += color_step(before, after, y);
+            self.color += color_step(before, after, after.knot - before.anchor);
         }
         self.bends += bend;
         self.kinks += bend;
@@ -272,6 +305,15 @@ impl Sums {
         self.bends += y * bend_of(piece);
         self.color += y * piece.color_slope;
     }
+}
+
+/// Changes of value, slope and curvature of the channels between two neighbouring pieces.
+fn changes_at(before: &Piece, after: &Piece) -> [[f64; 3]; CHANNELS] {
+    let y = after.knot - before.anchor;
+    std::array::from_fn(|c| {
+        let ([v0, s0, b0], [v1, s1, b1]) = (before.channels[c], after.channels[c]);
+        [v1 - (v0 + y * (s0 + y * b0)), s1 - (s0 + 2.0 * y * b0), 2.0 * (b1 - b0)]
+    })
 }
 
 /// Greatest of a quantity that every channel has, and of the same of what is absorbed and not emitted: extinction less emission. An
@@ -336,7 +378,7 @@ fn pieces_of(source: &TransferFunction, shift: f64, tolerance: f64) -> Vec<Piece
         anchor,
         channels: channels_between(source, &[point, point], 0.0).map(|v| [v, 0.0, 0.0]),
         color_slope: 0.0,
-        begins_stretch: true,
+        begins_at_point: true,
     };
     let segments: Vec<Segment> = (1..points.len())
         .filter(|&i| values[i - 1] < values[i])
@@ -397,8 +439,8 @@ impl Fitter<'_> {
             let width = end - *begin;
             [v, s / width, b / (width * width)]
         });
-        let begins_stretch = *begin == first.values[0];
-        let piece = Piece { knot: *begin, anchor: *begin, channels, color_slope, begins_stretch };
+        let begins_at_point = *begin == first.values[0];
+        let piece = Piece { knot: *begin, anchor: *begin, channels, color_slope, begins_at_point };
         *begin = end;
         Some(piece)
     }

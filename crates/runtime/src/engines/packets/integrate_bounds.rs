@@ -6,9 +6,11 @@ use supervol_format::random::Random;
 use supervol_scene::transfer_function::pieces::{CHANNELS, TransferPieces};
 use supervol_scene::transfer_function::{ControlPoint, TransferFunction};
 
-use super::integrate::{Chord, Line, integrate_at, locate};
+use super::chord::{Chord, Line};
+use super::integrate::integrate_at;
 use super::lookup::ManyPieces;
 use super::simd::{LANES_LIMIT, Portable, Simd, Task};
+use super::uneven::locate;
 use crate::engines::cubics::{Cubic, cubic, exact};
 
 /// Contribution of consecutive chords, by one line.
@@ -241,5 +243,69 @@ fn order_does_no_more_than_it_can() {
         // The effect of order in both directions, and the fit.
         let allowed = opacity * (0.25 * opacity + 1e-3);
         assert!(error < allowed, "{length}: {error} of {opacity}, {:?} for {expected:?}", found.sums);
+    }
+}
+
+/// The field goes there and back across a kink at which its line hardly rises: what the kink does to first order is as much as its
+/// whole effect.
+#[test]
+fn a_kink_that_the_field_crosses_three_times() {
+    let point = |value, alpha| [value, 0.5, 0.5, 0.5, alpha];
+    for (rise, cubic) in [(0.002, 1.0), (0.01, 1.0), (0.05, 1.0), (0.002, -1.0), (-0.01, 1.0), (-0.002, -1.0)] {
+        let points = vec![point(109.0, 0.05), point(110.0, 0.05), point(110.5, 0.15)];
+        let cubics = vec![([110.0 - 0.5 * rise, 0.5 * cubic + rise, -1.5 * cubic, cubic], 1.0)];
+        let case = Case { points, cubics };
+        check(&case, case.errors()[0], "kink");
+    }
+}
+
+/// Beside a segment of a thousandth of the others' width, sums over the pieces are rounded by more than the others bend.
+#[test]
+fn steep_segments_do_not_hide_what_others_do() {
+    let ramp = |first: f64, alphas: [f64; 4]| {
+        let [a, b, c, d] = alphas;
+        vec![
+            [first, 0.0, 0.8, 1.0, a],
+            [first + 0.001, 0.4, 0.4, 0.2, b],
+            [first + 2.8, 1.0, 0.4, 0.8, c],
+            [first + 7.2, 0.0, 0.9, 0.9, d],
+        ]
+    };
+    let cases = [
+        (ramp(111.19, [0.0, 0.007, 0.038, 0.0]), ([115.25, 5.74, 1.8, 0.0], 2.0)),
+        (ramp(104.68, [1.0, 0.0, 0.0, 0.6]), ([108.0, -8.0, -0.1, 0.08], 1.9)),
+        (ramp(111.19, [0.2, 0.9, 0.038, 0.0]), ([115.25, 3.0, -1.8, 0.5], 2.0)),
+    ];
+    for (points, cubic) in cases {
+        let case = Case { points, cubics: vec![cubic] };
+        check(&case, case.errors()[0], "steep");
+    }
+}
+
+/// The field stays below a step that its line reaches.
+#[test]
+fn a_step_that_only_the_line_reaches() {
+    let point = |value, alpha| [value, 0.5, 0.5, 0.5, alpha];
+    for bump in [0.01, 0.003, 0.3] {
+        let points = vec![point(102.505, 0.002), point(102.505, 0.5), point(104.0, 0.6)];
+        let rise = 1.28;
+        let cubics = vec![([102.504 - rise, rise + 4.0 * bump, -4.0 * bump, 0.0], 0.9)];
+        let case = Case { points, cubics };
+        let [sums, origin] = case.errors();
+        check(&case, sums, "step");
+        check(&case, origin, "origin of light at a step");
+    }
+}
+
+/// In opaque parts order does more than in thin ones: what is first seen may be any colour of the part.
+#[test]
+fn order_in_opaque_parts() {
+    let point = |value, [r, g, b]: [f64; 3]| [value, r, g, b, 1.0];
+    for length in [0.3, 1.0, 3.0] {
+        let points = vec![point(100.0, [1.0, 0.0, 0.5]), point(101.0, [0.0, 1.0, 0.5]), point(120.0, [0.0, 1.0, 0.5])];
+        for cubic in [[100.0, 19.0, 0.0, 0.0], [119.0, -19.0, 0.0, 0.0], [100.0, 40.0, -21.0, 0.0]] {
+            let case = Case { points: points.clone(), cubics: vec![(cubic, length)] };
+            check(&case, case.errors()[0], "order");
+        }
     }
 }

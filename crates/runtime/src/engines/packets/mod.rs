@@ -16,7 +16,7 @@
 //! - `rays` and `cast` (the tiles of a pass), `begin` (rays of a tile), `visit` and `order` (its bricks);
 //! - `tile`, `places`, `noted`, `parts_ahead`, `parts`: rays of a tile; `levels`, `work`: notes on them; `pixels`;
 //! - `blocks` and `leap` (invisible parts), `walk` (`trace` records its path for tests), `fetch`;
-//! - in `dvr` `packet`, `lookup` and `integrate` (one cell), `span` (several cells by one line); `shade`, `shaded_cells`
+//! - in `dvr` `packet`, `chord`, `lookup`, `uneven` and `integrate` (one cell), `span` (several cells by one line); `shade`, `shaded_cells`
 //!   and `turning` (light); `queue`, `pending` and `refine` (cells that need more than one part); `inner_surfaces`;
 //! - in the other modes `value_tiles` (bricks), `values` (`mip`, `minip`, `mean`), `surfaces` (`iso`);
 //! - `simd`: vectors of the instruction sets.
@@ -26,6 +26,7 @@ mod begin;
 pub mod blocks;
 mod budget;
 mod cast;
+mod chord;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 mod fetch;
 pub mod frame;
@@ -72,6 +73,8 @@ mod tile;
 pub mod trace;
 mod turn;
 mod turning;
+#[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
+mod uneven;
 mod value_tiles;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 mod values;

@@ -17,8 +17,9 @@ use supervol_scene::transfer_function::pieces::Limits;
 
 use super::blocks::OVERSHOOT;
 use super::budget::{Allowed, Budget};
+use super::chord::{Chord, Line};
 use super::fetch::{LaneCell, Raw, Rows};
-use super::integrate::{Chord, Line, Located, Part, integrate_at, locate};
+use super::integrate::{Part, integrate_at};
 use super::lookup::PieceLookup;
 use super::pending::{DEPTH, ERROR, Light, Pending, RoundParts};
 use super::queue::QueuedCell;
@@ -26,6 +27,7 @@ use super::refine::Refine;
 use super::shade::PacketLighting;
 use super::shaded_cells::{AlongRay, CellShader, SHADE_NUMBERS, ShadeCells, ShadeQueue, ShadeRound};
 use super::simd::{LANES_LIMIT, Places, Simd, for_three};
+use super::uneven::{Located, locate};
 use super::walk::{CellStep, Packet, PacketBrick, PerLane, ROUND, Walker, places_along};
 use crate::engines::rules::{POSITION_ERROR, VALUE_ERROR};
 use crate::stream::counters::RayCounters;

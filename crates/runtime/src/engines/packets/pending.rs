@@ -315,7 +315,7 @@ impl<S: Simd> Light<S> {
 mod tests {
     use supervol_format::random::Random;
 
-    use super::super::integrate::Chord;
+    use super::super::chord::Chord;
     use super::super::queue::QueuedCell;
     use super::super::simd::{Portable, Task};
     use super::*;

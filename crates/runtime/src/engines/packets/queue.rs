@@ -2,7 +2,7 @@
 
 use supervol_format::cast::narrow;
 
-use super::integrate::Chord;
+use super::chord::Chord;
 use super::simd::{Simd, for_three, load_from};
 
 /// Numbers of a [`QueuedCell`]: slot and base as bits.

@@ -10,7 +10,8 @@
 
 use supervol_format::cast::narrow;
 
-use super::integrate::{Chord, Part, cubic_at, cubic_through, integrate};
+use super::chord::{Chord, cubic_at, cubic_through};
+use super::integrate::{Part, integrate};
 use super::lookup::PieceLookup;
 use super::packet::{Host, Lanes, PacketTransfer};
 use super::pending::{PART_NUMBERS, PENDING_LIMIT, Pending};

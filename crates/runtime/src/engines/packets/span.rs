@@ -1,7 +1,7 @@
 //! Choice of the number of cells of a brick that are integrated together.
 //!
 //! If the field is smooth and the transfer function even, one line replaces several cells without loss
-//! ([`super::integrate::Line::over`]), and classification is that much cheaper. Its error is bounded in the same way.
+//! ([`super::chord::Line::over`]), and classification is that much cheaper. Its error is bounded in the same way.
 //! An unsettled span is split into cells again, which costs more than cells from the start. So spans are first tried on
 //! a sample of a brick's cells, along the direction of rays through it.
 //!
@@ -13,10 +13,12 @@ use std::marker::PhantomData;
 use supervol_format::cast::single;
 
 use super::budget::Budget;
-use super::integrate::{Chord, Line, integrate_at, locate};
+use super::chord::{Chord, Line};
+use super::integrate::integrate_at;
 use super::lookup::PieceLookup;
 use super::packet::{ClassifyTask, PacketTransfer, Precision, Round};
 use super::simd::{LANES_LIMIT, Simd};
+use super::uneven::locate;
 use super::walk::{Packet, PacketBrick, ROUND, Walker};
 
 /// Numbers of cells to try, the greatest first: divisors of a round's. If none suits, it is one.

@@ -13,7 +13,8 @@
 //! Refinement ([`super::refine`]) would compute as many positions one after the other, and integrate the cell's parts
 //! again at each.
 
-use super::integrate::{Part, cubic_at, cubic_through};
+use super::chord::{cubic_at, cubic_through};
+use super::integrate::Part;
 use super::shade::{LightAt, PacketLighting, greatest_of, nearest_within};
 use super::shaded_cells::AlongRay;
 use super::simd::{LANES_LIMIT, Simd, Task, for_three, lanes, load_from};

@@ -1,0 +1,384 @@
+//! The transfer function along a line of values: how it is uneven there, what of that is computed, and bounds of the rest.
+//!
+//! docs/bounds.md, sections 2 and 3, has the proofs.
+
+use supervol_scene::transfer_function::pieces::{CHANNELS, Column, Limits};
+
+use super::chord::Line;
+use super::lookup::{Channels, PieceLookup, Place};
+use super::simd::{Simd, for_three};
+use crate::engines::rules::{
+    MOMENT_OF_KINK, OF_ANY_BENDS, OF_BENDS, OF_CURVE, OF_CURVES, OF_KINK, OF_STEP, OF_UNSETTLED_KINK, ORDER_OF_DEPTH,
+};
+
+/// Positions of a line in a table: all of it that is kept from one stage to the next.
+#[derive(Clone, Copy)]
+pub struct Located<S: Simd> {
+    /// Positions of its ends.
+    ends: [Place<S>; 2],
+    /// Bounds of the field.
+    range: [Place<S>; 2],
+}
+
+impl<S: Simd> Located<S> {
+    /// Positions that were not looked up.
+    #[inline(always)]
+    pub fn nothing() -> Self {
+        let place = Place { piece: S::splat_int(0), y: S::splat(0.0) };
+        Self { ends: [place; 2], range: [place; 2] }
+    }
+}
+
+/// Looks up the positions of a line.
+#[inline(always)]
+pub fn locate<S: Simd, L: PieceLookup>(table: &L, line: &Line<S>) -> Located<S> {
+    let ([a, b], [low, high]) = (line.ends, line.range);
+    Located { ends: [table.place::<S>(a), table.place::<S>(b)], range: [table.place::<S>(low), table.place::<S>(high)] }
+}
+
+/// A line and its positions.
+pub struct LineInTable<S: Simd> {
+    pub(super) line: Line<S>,
+    pub(super) ends: [Place<S>; 2],
+    /// Distance between its ends after rounding, used for the antiderivatives.
+    pub(super) width: S::F,
+    /// The inverse of its size.
+    pub(super) per_rise: S::F,
+    pub(super) range: [Place<S>; 2],
+    /// Lanes in which the field certainly rises or falls all the way, as its line does.
+    pub(super) is_monotone: S::M,
+    /// There, the inverse of its least slope.
+    pub(super) per_slope: S::F,
+}
+
+impl<S: Simd> LineInTable<S> {
+    /// The inverse of the line's rise.
+    #[inline(always)]
+    pub fn per_width(&self) -> S::F {
+        S::select(S::lt(S::splat(0.0), self.width), self.per_rise, S::splat(0.0) - self.per_rise)
+    }
+
+    /// Bound on the mean of (u - 1/2) r.
+    #[inline(always)]
+    pub fn moment(&self) -> S::F {
+        if self.line.is_span { self.line.swing[1] } else { S::abs(self.line.moments[1]) }
+    }
+
+    /// Bound on the effect of a kink, for a change of slope of 1, where the field is on its other side than the line. If the field is
+    /// monotone, that is one triangle at most.
+    #[inline(always)]
+    pub fn beside(&self) -> S::F {
+        let Line { most, average, .. } = self.line;
+        S::select(self.is_monotone, S::min(S::splat(0.5) * most * (most * self.per_slope), average), average)
+    }
+
+    /// A line at the positions that were looked up for it.
+    #[inline(always)]
+    pub fn new(line: &Line<S>, &Located { ends, range }: &Located<S>) -> Self {
+        let (one, width) = (S::splat(1.0), line.ends[1] - line.ends[0]);
+        let rise = S::abs(width);
+        let least = S::splat(1e-30);
+        let is_monotone = S::lt(line.turn, rise);
+        let per_slope = one / S::max(rise - line.turn, least);
+        Self { line: *line, ends, width, per_rise: one / S::max(rise, least), range, is_monotone, per_slope }
+    }
+}
+
+/// What emissions, less their mean shares of the extinction, are uneven by between the ends of a line: bound on the integral of their
+/// distance from linear ones with the same moments. An emission that is a share of the extinction is not moved by order.
+#[inline(always)]
+pub fn twist<S: Simd>(
+    at: &LineInTable<S>,
+    (a, b): (&Channels<S>, &Channels<S>),
+    kinks: &Kinks<S>,
+    (means, per_kappa): (&[S::F; CHANNELS], S::F),
+) -> S::F {
+    let colors = for_three!(c => S::min(means[c + 1] * per_kappa, S::splat(1.0)));
+    let mut bends = [S::splat(0.0); CHANNELS];
+    for c in 0..CHANNELS {
+        bends[c] = a.third_bend[c] + b.third_bend[c];
+    }
+    let rise = S::abs(at.width);
+    let of_curve = S::splat(3.0 * OF_CURVE) * (rise * rise) * less_share::<S>(&bends, &colors);
+    if S::bits(S::lt(S::splat(0.0), kinks.settled)) == 0 {
+        return of_curve;
+    }
+    let [first, last] = &kinks.slopes;
+    let of_kinks = less_share::<S>(first, &colors) + less_share::<S>(last, &colors);
+    S::mul_add(S::splat(OF_KINK) * rise, of_kinks, of_curve)
+}
+
+/// Greatest of the emissions less these shares of the extinction.
+#[inline(always)]
+fn less_share<S: Simd>([extinction, emission @ ..]: &[S::F; CHANNELS], colors: &[S::F; 3]) -> S::F {
+    let left = for_three!(c => S::abs(emission[c] - colors[c] * *extinction));
+    S::max(left[0], S::max(left[1], left[2]))
+}
+
+/// Kinks between the ends of a line whose effects are computed: the first and the last one. Kinks are the control points between them.
+pub struct Kinks<S: Simd> {
+    /// First moments of the channels about the middle, less those of lines with the same rise.
+    pub moments: [S::F; CHANNELS],
+    /// Changes of slope of these kinks, of both together and of every channel.
+    settled: S::F,
+    slopes: [[S::F; CHANNELS]; 2],
+    /// Bound on what the means are still off by.
+    error: S::F,
+}
+
+impl<S: Simd> Kinks<S> {
+    /// Finds them, and adds to the means what the field's distance from the line does at them.
+    ///
+    /// Let a slope change by Q at u = p, and let the field be monotone, with `|r'| <= turn < |b - a|`. This changes the mean of a
+    /// channel by `-Q R(p)` on a rising line and `Q R(p)` on a falling one, with R the integral of r, and by
+    /// `Q r(p)^2 / (2 |b - a|)`, up to the share `turn / (|b - a| - turn)` of the latter. It changes the first moment by
+    /// `Q |b - a| p (1 - p) (1 - 2 p) / 12`.
+    #[inline(always)]
+    pub fn inside<L: PieceLookup>(table: &L, at: &LineInTable<S>, means: &mut [S::F; CHANNELS]) -> Self {
+        let (zero, one, half) = (S::splat(0.0), S::splat(1.0), S::splat(0.5));
+        let mut found = Self { moments: [zero; CHANNELS], settled: zero, slopes: [[zero; CHANNELS]; 2], error: zero };
+        let [a, b] = [at.ends[0].piece, at.ends[1].piece];
+        let ascends = S::lt(zero, at.width);
+        let (lower, upper) = (S::select_int(ascends, a, b), S::select_int(ascends, b, a));
+        let first = table.column::<S>(Column::KinkAbove, 0, lower);
+        let last = table.column::<S>(Column::KinkBelow, 0, upper);
+        let has_first = S::le(first, last) & at.is_monotone;
+        if S::bits(has_first) == 0 {
+            return found;
+        }
+        let has_last = S::lt(first, last) & at.is_monotone;
+        let [bump, cubic] = at.line.bow;
+        let Line { turn, average, .. } = at.line;
+        let size = S::abs(at.width);
+        let per_width = at.per_width();
+        let kinks = [
+            (first, lower, Column::ChangesAbove, Column::ChangeAbove, has_first),
+            (last, upper, Column::ChangesBelow, Column::ChangeBelow, has_last),
+        ];
+        for (i, (kink, piece, changes, greatest, is_there)) in kinks.into_iter().enumerate() {
+            let p = S::min(S::max((kink - at.line.ends[0]) * per_width, zero), one);
+            let (both, aside) = (p * (one - p), S::mul_add(S::splat(-2.0), p, one));
+            let swing = both * S::mul_add(S::splat(0.25) * cubic, both, S::splat(-2.0 / 3.0) * bump * aside);
+            let r = S::mul_add(half * cubic * both, aside, S::splat(4.0) * bump * (both - S::splat(1.0 / 6.0)));
+            let second = half * r * r;
+            let to_mean = S::mul_add(second, at.per_rise, S::select(ascends, zero - swing, swing));
+            let to_moment = size * both * aside * S::splat(1.0 / 12.0);
+            for c in 0..CHANNELS {
+                let slope = S::select(is_there, table.column::<S>(changes, c, piece), zero);
+                means[c] = S::max(S::mul_add(slope, to_mean, means[c]), zero);
+                found.moments[c] = S::mul_add(slope, to_moment, found.moments[c]);
+                found.slopes[i][c] = slope;
+            }
+            let change = S::select(is_there, table.column::<S>(greatest, 0, piece), zero);
+            found.settled = found.settled + change;
+            // Where the field may cross the kink beyond the part's ends, less of the second term is there, or none.
+            let is_inside = S::le(S::abs(r), (size - turn) * both);
+            let share = S::select(is_inside, turn * at.per_rise, one);
+            found.error = S::mul_add(change * S::min(second * at.per_slope, average), share, found.error);
+        }
+        found
+    }
+}
+
+/// Curvature of the transfer function over the range of a part.
+pub struct Stretch<S: Simd> {
+    /// Lanes in which the range lies between two control points.
+    pub is_one: S::M,
+    /// Greatest curvature, and its greatest distance from the mean of those at the line's ends; from 0 if the range is no one stretch.
+    bend: S::F,
+    curvature: S::F,
+}
+
+impl<S: Simd> Stretch<S> {
+    #[inline(always)]
+    pub fn of<L: PieceLookup>(table: &L, limits: Limits, at: &LineInTable<S>) -> Self {
+        let ([low, high], [a, b]) = (at.range, at.ends);
+        let between = |column| table.column::<S>(column, 0, high.piece) - table.column::<S>(column, 0, low.piece);
+        let numbers = between(Column::Stretch);
+        let of_stretch = Column::BendOfStretch;
+        let bend = S::max(per_value(table, of_stretch, low), per_value(table, of_stretch, high));
+        let bend = S::select(S::lt(numbers, S::splat(1.5)), bend, S::splat(limits.bend));
+        let is_one = S::lt(numbers, S::splat(0.5));
+        // On the way from one to the other each is passed by what changes in all.
+        let between_ends = S::abs(per_value(table, Column::Curvatures, b) - per_value(table, Column::Curvatures, a));
+        let away = S::mul_add(between_ends, S::splat(-0.5), between(Column::Curvatures));
+        Self { is_one, bend, curvature: S::select(is_one, S::min(away, bend + bend), bend) }
+    }
+}
+
+/// The transfer function over the range of a part: sums of what is uneven in it.
+pub struct Around<S: Simd> {
+    /// Heights of steps.
+    steps: S::F,
+    /// Changes of slope in all, those at knots whose effect is not computed, and those whose effect is.
+    bends: S::F,
+    kinks: S::F,
+    settled: S::F,
+    /// Changes of slope at those knots of the former that the line does not reach.
+    beyond: S::F,
+    /// Bound on what the means are off by at the latter.
+    left: S::F,
+    /// See [`Stretch`].
+    bend: S::F,
+    curvature: S::F,
+    /// Variation of colour, and of that what is even.
+    pub colors: S::F,
+}
+
+impl<S: Simd> Around<S> {
+    #[inline(always)]
+    pub fn of<L: PieceLookup>(
+        table: &L,
+        limits: Limits,
+        at: &LineInTable<S>,
+        (settled, stretch): (&Kinks<S>, &Stretch<S>),
+    ) -> Self {
+        let zero = S::splat(0.0);
+        let ([low, high], [a, b]) = (at.range, at.ends);
+        let between = |column| table.column::<S>(column, 0, high.piece) - table.column::<S>(column, 0, low.piece);
+        let [bend_low, bend_high] =
+            [per_value(table, Column::BendsPerValue, low), per_value(table, Column::BendsPerValue, high)];
+        let bends = sum_up_to(table, Column::Bends, bend_high, high) - sum_up_to(table, Column::Bends, bend_low, low);
+        let per_color = Column::ColorVariationPerValue;
+        let [slope_low, slope_high] = [per_value(table, per_color, low), per_value(table, per_color, high)];
+        let color = Column::ColorVariation;
+        let between_ends = |column| S::abs(per_value(table, column, b) - per_value(table, column, a));
+        let (kinks, inside) = (between(Column::Kinks), between_ends(Column::Kinks));
+        let is_one_piece = S::eq_int(low.piece, high.piece);
+        let rounded = limits.rounded.map(|rounded| S::select(is_one_piece, zero, S::splat(rounded)));
+        Self {
+            steps: between(Column::Steps),
+            bends: bends + rounded[0],
+            kinks: S::max(inside - settled.settled, zero) + rounded[1],
+            settled: settled.settled,
+            beyond: kinks - inside,
+            left: settled.error,
+            bend: stretch.bend,
+            curvature: stretch.curvature,
+            colors: sum_up_to(table, color, slope_high, high) - sum_up_to(table, color, slope_low, low),
+        }
+    }
+
+    /// Bound on what the mean of a channel is off by.
+    #[inline(always)]
+    pub fn error_of_mean(&self, at: &LineInTable<S>, limits: Limits, by_ends: S::M) -> S::F {
+        let narrow = S::splat(limits.narrow);
+        let (zero, one, half) = (S::splat(0.0), S::splat(1.0), S::splat(0.5));
+        let Line { most, average, square, swing, .. } = at.line;
+        let rise = S::abs(at.width);
+        // A narrow interval has the mean of its ends, wherever a step or a kink lies in between.
+        let of_steps = self.steps * S::min((most + most + narrow) * at.per_rise, one);
+        let curvature = if at.line.is_span { self.bend } else { self.curvature };
+        let smooth = curvature * S::mul_add(half, square, rise * swing[1]);
+        // A kink that a monotone field crosses: what r does to first order, and where the field is on its other side than the line.
+        // Any other moves it by at most half of the mean distance: as often the field is above its line as it is below.
+        let (beside, any) = (at.beside(), half * average);
+        let of_kinks = S::mul_add(self.kinks, S::select(at.is_monotone, beside + swing[0], any), self.left);
+        let of_kinks = S::mul_add(self.beyond, S::select(at.is_monotone, beside, any), of_kinks);
+        let of_ends = (self.kinks + self.settled) * (narrow * S::splat(0.125));
+        let rounded = S::select(by_ends, zero, S::splat(limits.difference) * at.per_rise);
+        of_steps + smooth + of_kinks + of_ends + rounded
+    }
+
+    /// Bound on what the mean of a channel changes by if the field is off by its rounding. It moves by at most the slope times that; and,
+    /// for a field from end to end, the integral over values changes at its ends, and the way per value.
+    #[inline(always)]
+    pub fn error_of_noise(&self, at: &LineInTable<S>, a: &Channels<S>, of_ends: S::F) -> S::F {
+        at.line.noise * S::min(a.slope + self.bends, of_ends * at.per_rise)
+    }
+
+    /// Bound on the error of a mean by steps that rounding misplaces.
+    #[inline(always)]
+    pub fn error_of_rounded_steps(&self, at: &LineInTable<S>, limits: Limits) -> S::F {
+        let noise = at.line.noise + at.line.noise + S::splat(limits.narrow);
+        self.steps * S::min(noise * at.per_rise, S::splat(1.0))
+    }
+
+    /// Bound on what is missed of the effect of order.
+    #[inline(always)]
+    pub fn error_of_order(
+        &self,
+        at: &LineInTable<S>,
+        a: &Channels<S>,
+        [tau, per_kappa, opacity, kappa_rise, turn, twist]: [S::F; 6],
+    ) -> S::F {
+        let one = S::splat(1.0);
+        let Line { most, average, square, swing, length, .. } = at.line;
+        let rise = S::abs(at.width);
+        let (slope, curve) = (a.slope + self.bends, self.bend * (rise * rise));
+        let (kink, misplaced) = (self.kinks * rise, S::min((most + most) * at.per_rise, one));
+        let tilt = S::abs(kappa_rise) * per_kappa;
+        // How far extinction, relative to its mean, is from a line; and how far light comes from elsewhere than evenly.
+        let shape = S::mul_add(curve, S::splat(0.0322), S::mul_add(self.settled, rise, kink) * S::splat(1.0 / 16.0));
+        let shape = S::min(shape, self.bends * rise * S::splat(1.0 / 16.0));
+        let rest = S::min((shape + slope * average + self.steps) * per_kappa, S::splat(2.0));
+        let from = S::mul_add(tilt, S::splat(0.25), rest) * S::mul_add(tau, S::splat(0.6), one);
+        // Nowhere more light comes from than there is.
+        let from = S::min(S::mul_add(tau, S::splat(0.6), from), one);
+        let from = S::select(S::le(tau, one), from, one);
+        // The integral of what emission and extinction, each, are from lines: where the field is one, and where it is not.
+        let of_kinks =
+            kink * S::min(S::mul_add(from, S::splat(OF_BENDS), S::splat(MOMENT_OF_KINK)), S::splat(OF_BENDS));
+        let on = S::mul_add(self.curvature * (rise * rise), S::splat(OF_CURVE), of_kinks);
+        let bow = S::mul_add(slope, from, self.bends) * swing[0];
+        let off = S::mul_add(S::splat(0.5) * self.bend, square, bow + slope * at.moment());
+        let near = S::mul_add(self.kinks + self.beyond + self.settled, at.beside(), on + off);
+        let any = S::mul_add(self.bends * rise, S::splat(OF_ANY_BENDS), slope * average);
+        let of_steps = self.steps * S::mul_add(S::splat(0.25), one, misplaced);
+        let uneven = S::min(S::mul_add(twist, from, near), any) + of_steps;
+        let shape = opacity * length * uneven;
+        // Where order is counted by the line.
+        let moved = tau * S::mul_add(tilt, S::splat(0.125), rest * S::splat(0.5));
+        let of_tilt = opacity * tau * S::mul_add(tau * tau, S::splat(ORDER_OF_DEPTH), tilt * S::splat(1.0 / 240.0));
+        let of_rest = S::splat(0.125) * S::mul_add(moved, moved, tau * rest);
+        S::mul_add(turn * per_kappa * length, of_tilt + of_rest, shape)
+    }
+
+    /// See [`Part::misplaced`].
+    ///
+    /// Of a density that is not linear: what its curvature does, [`OF_CURVE`] times it; what a change of slope does; what a
+    /// step does. To each is added what the moment is off by, for the line has the stated one.
+    #[inline(always)]
+    pub fn misplaced(&self, at: &LineInTable<S>, a: &Channels<S>, [kappa, opacity, narrow]: [S::F; 3]) -> S::F {
+        let one = S::splat(1.0);
+        let Line { most, average, square, swing, length, .. } = at.line;
+        let rise = S::abs(at.width);
+        let slope = a.slope + self.bends;
+        // The transfer function along the line, and what the field's distance from it does.
+        let curve =
+            S::mul_add(self.curvature, S::splat(OF_CURVES - OF_CURVE), self.bend * S::splat(OF_CURVE)) * (rise * rise);
+        let kinks = rise * S::mul_add(self.kinks, S::splat(OF_UNSETTLED_KINK), self.settled * S::splat(OF_KINK));
+        let bow = S::mul_add(S::splat(3.0), self.bends, slope) * swing[0];
+        let off = S::mul_add(S::splat(0.5) * self.bend, square, bow + slope * at.moment());
+        let off = S::mul_add(self.kinks + self.beyond + self.settled, at.beside(), off);
+        let any = S::mul_add(self.bends * rise, S::splat(1.0 / 8.0), (slope + slope) * average);
+        let moved = S::min((most + most + narrow) * at.per_rise, one);
+        let of_field = S::min(curve + kinks + off, any) + self.steps * (S::splat(OF_STEP) + moved);
+        let of_field = of_field * length;
+        // Light from behind is dimmed: the density bends, although emission may not.
+        let changed = length * slope * S::mul_add(S::splat(2.0), most, rise) + length * self.steps;
+        let tau = kappa * length;
+        let deepest = tau + changed;
+        let of_depth = S::splat(OF_CURVE) * deepest * S::mul_add(deepest, deepest, S::splat(3.0) * changed);
+        let of_moment = changed * S::mul_add(opacity * tau, S::splat(0.03), changed * S::splat(0.0075));
+        let turned = S::mul_add(changed, S::splat(0.125), of_field);
+        let of_turned = opacity * S::mul_add(turned, turned, of_field);
+        let fourth = tau * tau * tau * tau;
+        let of_fit = opacity * fourth * tau * S::splat(1e-5) + changed * fourth * S::splat(5e-5);
+        let near = S::mul_add(of_field, one + opacity, of_depth + of_moment + of_turned + of_fit);
+        // No density is further from any line whose moment is at most half of its sum.
+        S::min(near, opacity * S::splat(1.5))
+    }
+}
+
+/// Growth per value over the piece of a place.
+#[inline(always)]
+fn per_value<S: Simd, L: PieceLookup>(table: &L, column: Column, place: Place<S>) -> S::F {
+    table.column::<S>(column, 0, place.piece)
+}
+
+/// Sum over the pieces before a place, plus that in its own piece, which grows by `slope` per value.
+#[inline(always)]
+fn sum_up_to<S: Simd, L: PieceLookup>(table: &L, column: Column, slope: S::F, place: Place<S>) -> S::F {
+    S::mul_add(place.y, slope, table.column::<S>(column, 0, place.piece))
+}
