@@ -27,6 +27,8 @@ readonly FUZZ_SECONDS="${FUZZ_SECONDS:-7}"
 readonly FUZZ_SEED=1
 readonly INSTALL_TRIES=3
 readonly SOAK_MINUTES="${SOAK_MINUTES:-2}"
+# Parts of the names of tests that share a device.
+readonly ONE_DEVICE="gpu_images::|graphics_devices"
 readonly FUZZ_TARGETS=(container journal codec_raw codec_rle codec_zstd codec_wavelet codec_trimmed segy nrrd metaimage nifti npy dicom dicom_frames tiff vti vtk zarr zarr3 n5 hdf5 archives slices viewer_xml)
 
 started=$SECONDS
@@ -38,25 +40,34 @@ trap 'rm -rf "$work"' EXIT
 say() { printf '%s\n' "$*"; }
 fail() { printf 'ci: FAILED: %s\n' "$*" >&2; exit 1; }
 
+# spent: sets $processor_s to the processor seconds of all commands that this shell has waited for.
+spent() {
+    local file="$work/times.$BASHPID"
+    times >"$file"
+    processor_s="$(awk 'NR == 2 { gsub(/[ms]/, " "); print int($1 * 60 + $2 + $3 * 60 + $4) }' "$file")"
+}
+
 # step NAME COMMAND...: announces, runs, times; the output goes to the terminal and to a log. A step that fails does not
 # stop the others: one run names everything that is wrong.
-step_times=()
-failed_steps=()
 step() {
-    local name="$1" begun=$SECONDS result="ok"
+    local name="$1" begun=$SECONDS result="ok" processor_s before_s line
     shift
     say ""
     say "=== $name"
+    spent
+    before_s=$processor_s
     # In a subshell with -e of its own: bash switches -e off in functions whose status is asked for.
     set +e
     (set -e; "$@") 2>&1 | tee "$logs/${name// /-}.log"
     if [ "${PIPESTATUS[0]}" -ne 0 ]; then
         result="FAILED"
-        failed_steps+=("$name")
+        say "$name" >>"$work/failed.txt"
     fi
     set -e
-    step_times+=("$(printf '%5d s  %-6s  %s' $((SECONDS - begun)) "$result" "$name")")
-    say "--- $name: $result, $((SECONDS - begun)) s"
+    spent
+    line="$(printf '%5d s  %5d processor s  %-6s  %s' $((SECONDS - begun)) $((processor_s - before_s)) "$result" "$name")"
+    say "$line" >>"$work/steps.txt"
+    say "--- $line"
 }
 
 # as_root COMMAND...: runs it as root, or says that it cannot.
@@ -161,16 +172,34 @@ portable() {
 # Tests print what they skip and measure on standard error; --success-output shows it for those that pass, too. The whole output
 # goes to a log; on the terminal there is of tests that pass only that, and of others everything, at the end.
 tests() {
-    if command -v cargo-nextest >/dev/null; then
-        cargo nextest run --workspace --locked --no-fail-fast --color never \
-            --status-level slow --final-status-level fail --success-output final --failure-output final 2>&1 |
-            tee "$logs/tests-in-full.txt" |
-            awk '/^ +(PASS|LEAK) +\[/ { hidden = 1 }
-                 /^ +[A-Z-]+ +\[/ && !/^ +(PASS|LEAK) +\[/ { hidden = 0 }
-                 !hidden || /SKIPPED:|MEASURED:/ { print; fflush() }'
-    else
+    local on_one_device status=0
+    if ! command -v cargo-nextest >/dev/null; then
         cargo test --workspace --locked --no-fail-fast --lib --bins --tests -- --show-output
+        return
     fi
+    built
+    tests_on_one_device >"$logs/tests-on-one-device.txt" 2>&1 &
+    on_one_device=$!
+    cargo nextest run --workspace --locked --no-fail-fast --color never -E "not (binary(pictures) & test(/$ONE_DEVICE/))" \
+        --status-level slow --final-status-level fail --success-output final --failure-output final 2>&1 |
+        tee "$logs/tests-in-full.txt" |
+        awk '/^ +(PASS|LEAK) +\[/ { hidden = 1 }
+             /^ +[A-Z-]+ +\[/ && !/^ +(PASS|LEAK) +\[/ { hidden = 0 }
+             !hidden || /SKIPPED:|MEASURED:/ { print; fflush() }' || status=1
+    if wait "$on_one_device"; then
+        grep -E "^test result|SKIPPED:|MEASURED:" "$logs/tests-on-one-device.txt" || true
+    else
+        status=1
+        cat "$logs/tests-on-one-device.txt"
+    fi
+    [ "$status" -eq 0 ]
+}
+
+# nextest gives each test a process. These tests share one, and one device, which compiles each shader once: pipelines
+# take most of their time. They give way to the others, some of which have deadlines.
+tests_on_one_device() {
+    # shellcheck disable=SC2086  # words of a list
+    nice -n 10 cargo test --quiet --workspace --locked --test pictures -- --test-threads 1 --show-output ${ONE_DEVICE//|/ }
 }
 
 # Licences, known advisories and origin of all dependencies, held against tools/dependencies.json.
@@ -369,15 +398,26 @@ main() {
         step "fuzz build" fuzz_build
         step "fuzz run" fuzz_run
     fi
+    # The soak ends by the clock, and the others wait for windows and downloads: they run at the same time.
+    local soaking=""
+    if wanted soak; then
+        step "soak" soak >"$work/soak.txt" 2>&1 &
+        soaking=$!
+    fi
     if wanted examples; then step "examples" examples; fi
     if wanted demo; then step "demo" demo; fi
     if wanted window; then step "window" window; fi
     if wanted readers; then step "readers" readers; fi
-    if wanted soak; then step "soak" soak; fi
+    if [ -n "$soaking" ]; then
+        wait "$soaking" || true
+        cat "$work/soak.txt"
+    fi
+    local failed_steps=()
+    [ ! -e "$work/failed.txt" ] || mapfile -t failed_steps <"$work/failed.txt"
 
     say ""
     say "=== summary"
-    printf '%s\n' "${step_times[@]}"
+    cat "$work/steps.txt"
     printf '%5d s  in all\n' $((SECONDS - started))
     grep -h "MEASURED:" "$logs"/*.log | sort -u || true
     if grep -hq "SKIPPED: no GPU adapter" "$logs"/*.log; then

@@ -15,6 +15,12 @@
 //! - their memory as lattices, equal along all axes or not, packed without loss;
 //! - the same for bricks whose parent's error exceeds the tolerance: all others are drawn from the coarser level.
 
+#![allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "it measures small numbers"
+)]
 #![allow(missing_docs, clippy::print_stdout, reason = "a bench has no callers, and prints what it found")]
 
 use std::path::{Path, PathBuf};

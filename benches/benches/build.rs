@@ -1,5 +1,11 @@
 //! Throughput of a whole build in bytes of source voxels per second: pyramid, ranges, error bounds, checksums, file.
 
+#![allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "it measures small numbers"
+)]
 #![allow(missing_docs, reason = "a bench has no callers")]
 
 use std::fs::File;

@@ -1,5 +1,11 @@
 //! Throughput of codecs in bytes of decoded voxels per second and core, on one brick of the synthetic survey.
 
+#![allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "it measures small numbers"
+)]
 #![allow(missing_docs, reason = "a bench has no callers")]
 
 use divan::Bencher;

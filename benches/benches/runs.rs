@@ -7,6 +7,12 @@
 //! bricks in sixteen directions, with one cell per voxel; both representations look up the same eight voxels. One
 //! thread, without ray casting and classification.
 
+#![allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "it measures small numbers"
+)]
 #![allow(missing_docs, clippy::print_stdout, reason = "a bench has no callers, and prints what it found")]
 
 use std::hint::black_box;

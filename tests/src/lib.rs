@@ -16,6 +16,15 @@
 //! All randomness is seeded ([`supervol_format::random`]). A test that cannot run on this machine reports it with
 //! [`skipped`].
 
+#![allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    clippy::missing_panics_doc,
+    missing_debug_implementations,
+    reason = "a library of tests: numbers are small, and what is wrong panics"
+)]
+
 pub mod counting;
 pub mod faults;
 pub mod fields;

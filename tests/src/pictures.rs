@@ -7,12 +7,14 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 use supervol_format::{Dims, Lod, VoxelBox};
-use supervol_measure::volume::Volume;
+use supervol_measure::volume::{Volume, device};
 use supervol_measure::{Context, Scale};
 use supervol_preprocess::BuildOptions;
-use supervol_runtime::engines::gpu::device::GpuDevice;
+use supervol_runtime::render::error::RenderError;
 use supervol_runtime::render::options::{Backend, LevelChoice, RenderOptions};
+use supervol_runtime::render::renderer::Renderer;
 use supervol_runtime::render::stats::FrameStats;
+use supervol_runtime::render::volume::PlacedVolume;
 use supervol_scene::image::Image;
 use supervol_scene::scene::ResolvedScene;
 use supervol_sources::{SourceError, SourceInfo, VolumeSource};
@@ -74,7 +76,7 @@ pub fn stored_file(name: &str) -> PathBuf {
 /// If there is none and `SUPERVOL_REQUIRE_GPU=1` is set.
 #[must_use]
 pub fn gpu_name() -> Option<String> {
-    match GpuDevice::open() {
+    match device() {
         Ok(gpu) => Some(gpu.name()),
         Err(error) => {
             let is_required = std::env::var_os("SUPERVOL_REQUIRE_GPU").is_some_and(|v| v == "1");
@@ -161,6 +163,20 @@ impl Subject {
     pub fn finest(&self, scene: &ResolvedScene, backend: Backend) -> Image {
         self.render(scene, &finest(backend)).0
     }
+}
+
+/// A renderer of a subject. Renderers with backend `gpu` share the device of the process.
+///
+/// # Panics
+/// If there is no device, or threads cannot be started.
+#[must_use]
+pub fn new_renderer(subject: &Subject, options: RenderOptions) -> Renderer {
+    let volume = PlacedVolume::of(subject.container.clone());
+    let renderer = match options.backend {
+        Backend::Gpu => device().map_err(RenderError::from).and_then(|gpu| Renderer::on_device(volume, options, gpu)),
+        _ => Renderer::new(volume, options),
+    };
+    renderer.unwrap_or_else(|e| panic!("{}: {e}", subject.name))
 }
 
 /// Options for level 0 with one backend.

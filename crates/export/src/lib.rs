@@ -5,7 +5,5 @@
 //!
 //! The memory limit is a number of bytes. Output files appear only when they are whole (`supervol_files`).
 
-#![warn(clippy::cast_possible_truncation, clippy::missing_errors_doc, missing_debug_implementations)]
-
 pub mod extract;
 pub mod mesh;

@@ -11,8 +11,6 @@
 //! 5. A file is written under a temporary name in the same folder ([`unfinished`]), synced, and renamed. It gets the
 //!    mode and owner of the file it replaces; a new file gets the process's default mode.
 
-#![warn(clippy::cast_possible_truncation, clippy::missing_errors_doc, missing_debug_implementations)]
-
 mod error;
 pub mod kind;
 pub mod unfinished;

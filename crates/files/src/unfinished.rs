@@ -121,6 +121,7 @@ impl UnfinishedFile {
     }
 
     /// Name of the file in its folder.
+    #[expect(clippy::missing_panics_doc, reason = "every file has a name")]
     #[must_use]
     pub fn file_name(&self) -> &OsStr {
         self.file.path().file_name().expect("a file has a name")

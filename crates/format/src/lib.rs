@@ -28,7 +28,12 @@
 //! This crate knows no GPU, starts no thread and prints nothing. It holds at most one brick besides those that a caller
 //! hands to it or tells it to keep. It compiles for 64-bit targets only.
 
-#![warn(clippy::cast_possible_truncation, clippy::missing_errors_doc, missing_debug_implementations)]
+#![allow(
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    clippy::missing_panics_doc,
+    reason = "codecs take the bits of a number as another type, and assert their own invariants"
+)]
 #![cfg_attr(test, allow(clippy::cast_possible_truncation, reason = "tests use small numbers"))]
 
 pub mod brick;

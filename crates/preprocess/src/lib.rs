@@ -35,14 +35,6 @@
 //! - The same input and options give the same bytes with any number of threads.
 //! - Nothing here touches a GPU.
 
-#![warn(
-    clippy::cast_possible_truncation,
-    clippy::cast_possible_wrap,
-    clippy::cast_sign_loss,
-    clippy::missing_errors_doc,
-    clippy::missing_panics_doc,
-    missing_debug_implementations
-)]
 #![cfg_attr(
     test,
     allow(

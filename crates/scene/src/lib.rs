@@ -21,14 +21,6 @@
 //! This crate is pure: it starts no thread, knows no GPU, and opens no file but scenes, transfer functions, meshes and
 //! images.
 
-#![warn(
-    clippy::cast_possible_truncation,
-    clippy::cast_possible_wrap,
-    clippy::cast_sign_loss,
-    clippy::missing_errors_doc,
-    clippy::missing_panics_doc,
-    missing_debug_implementations
-)]
 #![cfg_attr(
     test,
     allow(

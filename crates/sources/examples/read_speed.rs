@@ -3,6 +3,13 @@
 //! number is the best of [`ROUNDS`].
 //!     cargo run --release -p supervol-sources --example read_speed -- FILE...
 
+#![allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "it measures small numbers"
+)]
+
 use std::io::Write;
 use std::path::Path;
 

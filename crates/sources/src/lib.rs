@@ -16,14 +16,6 @@
 //! - [`synthetic`], [`computed`]: volumes computed from coordinates;
 //! - [`message`]: messages that name options; [`stop`]: the end of long reads.
 
-#![warn(
-    clippy::cast_possible_truncation,
-    clippy::cast_possible_wrap,
-    clippy::cast_sign_loss,
-    clippy::missing_errors_doc,
-    clippy::missing_panics_doc,
-    missing_debug_implementations
-)]
 #![cfg_attr(
     test,
     allow(

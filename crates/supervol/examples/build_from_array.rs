@@ -2,6 +2,7 @@
 //!
 //! Voxels that are not all in memory come from a source of one's own: see `Waves` below.
 
+#![allow(clippy::cast_possible_truncation, reason = "an example of a small volume")]
 #![allow(clippy::print_stdout, reason = "an example shows what it finds")]
 
 use std::error::Error;

@@ -4,6 +4,7 @@
 //! An engine names the bricks that it wants, in an order of its own. The streamer reads as many as the host budget has room
 //! for, and the engine goes on with these. It knows neither files nor threads.
 
+#![allow(clippy::cast_possible_truncation, reason = "an example of a small volume")]
 #![allow(clippy::print_stdout, reason = "an example shows what it finds")]
 
 use std::error::Error;

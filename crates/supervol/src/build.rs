@@ -5,7 +5,7 @@ use std::path::Path;
 use supervol_files::folder_of;
 use supervol_format::container::manifest::Source;
 use supervol_format::voxel_type::Voxel;
-use supervol_format::{Dims, VoxelBox, VoxelType};
+use supervol_format::{Dims, VoxelBox, VoxelType, cast};
 use supervol_preprocess::kept::Reading;
 use supervol_preprocess::report::{BuildReport, Progress};
 use supervol_preprocess::{BuildError, BuildOptions, build, identify_source};
@@ -132,7 +132,7 @@ impl<V: Voxel> VolumeSource for ArraySource<V> {
         let mut rows = out.chunks_exact_mut(sx * size_of::<V>());
         for (z, y) in (0..sz as u64).flat_map(|z| (0..sy as u64).map(move |y| (z, y))) {
             let [x, y, z] = [voxels.start[0], voxels.start[1] + y, voxels.start[2] + z];
-            let first = (x + nx * (y + ny * z)) as usize;
+            let first = cast::index(x + nx * (y + ny * z));
             let row = rows.next().expect("the caller's buffer holds exactly the box");
             for (voxel, to) in self.voxels[first..first + sx].iter().zip(row.chunks_exact_mut(size_of::<V>())) {
                 voxel.write_le(to);

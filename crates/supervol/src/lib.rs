@@ -52,7 +52,6 @@
 //!
 //! The crates below are re-exported for what the entries above do not cover: [`format`](mod@format), [`scene`], [`runtime`], and with the feature
 //! `sources` also `sources` and `preprocess`.
-#![warn(missing_debug_implementations)]
 
 mod array;
 #[cfg(feature = "sources")]

@@ -1,5 +1,11 @@
 //! The front door: wrong input is an error, failures are told, and pictures are those of the layers below.
 
+#![allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "tests use small numbers"
+)]
 #![allow(clippy::unwrap_used, reason = "tests fail loudly")]
 #![cfg(all(feature = "images", feature = "sources"))]
 

@@ -1,5 +1,11 @@
 //! Contracts of containers and builds, on generated, damaged, huge and real files.
 
+#![allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "tests use small numbers"
+)]
 #![allow(clippy::unwrap_used, reason = "tests fail loudly")]
 
 mod bounded_error;

@@ -10,12 +10,11 @@ use supervol_preprocess::{BuildOptions, MaxError};
 use supervol_runtime::render::options::{Backend, LevelChoice, RenderOptions};
 use supervol_runtime::render::renderer::Renderer;
 use supervol_runtime::render::stats::FrameStats;
-use supervol_runtime::render::volume::PlacedVolume;
 use supervol_scene::image::{GREY_LEVELS, Image, greatest};
 use supervol_scene::scene::ResolvedScene;
 use supervol_sources::VolumeSource;
 use supervol_tests::fields::{Content, Field, options};
-use supervol_tests::pictures::{Subject, finest, gpu_name};
+use supervol_tests::pictures::{Subject, finest, gpu_name, new_renderer};
 
 const SIZE: &str = r#""image": {"width": 24, "height": 20}"#;
 /// Modes without iso surfaces.
@@ -32,7 +31,7 @@ const REFERENCE: f64 = 0.01;
 /// A renderer that states errors.
 fn renderer(subject: &Subject, backend: Backend) -> Renderer {
     let options = RenderOptions { predict_error: true, ..finest(backend) };
-    Renderer::new(PlacedVolume::of(subject.container.clone()), options).expect("threads")
+    new_renderer(subject, options)
 }
 
 /// A picture, the stated error of each pixel, and the statistics.

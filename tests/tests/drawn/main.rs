@@ -1,5 +1,11 @@
 //! Pictures compared with the reference, across backends, scenes, levels and errors; and known issues.
 
+#![allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "tests use small numbers"
+)]
 #![allow(clippy::unwrap_used, reason = "tests fail loudly")]
 
 mod error_stated;

@@ -19,7 +19,6 @@ use supervol_runtime::lod::by_error::ANY_ERROR;
 use supervol_runtime::render::error::RenderError;
 use supervol_runtime::render::options::{Backend, LevelChoice, RenderOptions};
 use supervol_runtime::render::renderer::{Renderer, render};
-use supervol_runtime::render::volume::PlacedVolume;
 use supervol_runtime::stream::classify::Skipping;
 use supervol_scene::image::{GREY_LEVELS, Image, greatest};
 use supervol_scene::scene::ResolvedScene;
@@ -27,8 +26,8 @@ use supervol_sources::open::{OpenOptions, open};
 use supervol_sources::synthetic::Synthetic;
 use supervol_tests::fields::{Field, options};
 use supervol_tests::pictures::{
-    BOUND, EYE_SHIFT_VOXELS, SubBox, Subject, covered, distance, finest, gpu_name, mean_distance, stable_pixels,
-    stored_file,
+    BOUND, EYE_SHIFT_VOXELS, SubBox, Subject, covered, distance, finest, gpu_name, mean_distance, new_renderer,
+    stable_pixels, stored_file,
 };
 
 const SIZE: &str = r#""image": {"width": 64, "height": 48}"#;
@@ -108,8 +107,7 @@ struct Drawer(Renderer);
 
 impl Drawer {
     fn new(subject: &Subject, backend: Backend) -> Self {
-        let volume = PlacedVolume::of(subject.container.clone());
-        Self(Renderer::new(volume, finest(backend)).unwrap_or_else(|e| panic!("{}, {backend:?}: {e}", subject.name)))
+        Self(new_renderer(subject, finest(backend)))
     }
 
     /// The picture with a requested error in grey levels.
@@ -366,7 +364,7 @@ fn sixteen_slots_on_the_gpu_draw_what_all_do() {
     for (mode, scene) in scenes(&subject).into_iter().filter(|(mode, _)| is_for_gpu(mode)) {
         let expected = subject.finest(&scene, Backend::Cpu);
         let tiny = RenderOptions { gpu_memory_bytes: Some(1), ..finest(Backend::Gpu) };
-        let (slot_bytes, min_slots, needed) = match render(&subject.container, &scene, &tiny) {
+        let (slot_bytes, min_slots, needed) = match subject.render_with_maps(&scene, &tiny) {
             Err(RenderError::Engine(EngineError::Gpu(GpuError::Budget { slot_bytes, min_slots, needed, .. }))) => {
                 (slot_bytes, min_slots, needed)
             }

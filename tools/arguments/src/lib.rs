@@ -14,14 +14,6 @@
 //!
 //! This crate draws, builds and measures nothing.
 
-#![warn(
-    clippy::cast_possible_truncation,
-    clippy::cast_possible_wrap,
-    clippy::cast_sign_loss,
-    clippy::missing_errors_doc,
-    clippy::missing_panics_doc,
-    missing_debug_implementations
-)]
 #![cfg_attr(
     test,
     allow(

@@ -6,14 +6,6 @@
 //! Edges on the far side of the box are drawn behind the volume, the others in front of it, according to the picture's
 //! opacity. The picture has no depth, so an edge inside a transparent volume looks as if it were behind it.
 
-#![warn(
-    clippy::cast_possible_truncation,
-    clippy::cast_possible_wrap,
-    clippy::cast_sign_loss,
-    clippy::missing_errors_doc,
-    clippy::missing_panics_doc,
-    missing_debug_implementations
-)]
 #![cfg_attr(
     test,
     allow(

@@ -17,7 +17,7 @@ use supervol_preprocess::{BuildOptions, MaxError};
 use supervol_runtime::engines::gpu::device::GpuDevice;
 use supervol_runtime::render::options::{Backend, RenderOptions};
 use supervol_runtime::render::process;
-use supervol_runtime::render::renderer::Renderer;
+use supervol_runtime::render::renderer::{Renderer, render};
 use supervol_runtime::render::stats::FrameStats;
 use supervol_scene::image::{GREY_LEVELS, Image};
 use supervol_scene::scene::ResolvedScene;
@@ -255,7 +255,9 @@ fn measure(stored: &mut Stored<'_>, members: &[&str], method: &MethodSpec) -> Re
         host_memory_bytes: HOST_MEMORY_BYTES,
         ..finest(method.backend)
     };
-    let (image, cold) = volume.render(&scene, &options)?;
+    // On a device of its own: a cold picture compiles the shaders.
+    let (image, cold) = render(&volume.container, &scene, &options)?;
+    volume.check_whole(&image, &cold)?;
     let mut cost = Cost { cold, cpu_ms: Vec::new(), wall_ms: Vec::new() };
     if method.backend == Backend::Gpu {
         time_gpu(volume, &scene, &options, &mut cost)?;

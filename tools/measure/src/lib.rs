@@ -24,14 +24,6 @@
 //! Neither building nor rendering needs this crate: it calls the other crates as any program does. All random numbers
 //! are seeded ([`supervol_format::random`]).
 
-#![warn(
-    clippy::cast_possible_truncation,
-    clippy::cast_possible_wrap,
-    clippy::cast_sign_loss,
-    clippy::missing_errors_doc,
-    clippy::missing_panics_doc,
-    missing_debug_implementations
-)]
 #![cfg_attr(
     test,
     allow(

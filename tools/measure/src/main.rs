@@ -3,13 +3,6 @@
 //! `supervol` starts it with its own arguments, unchanged. The measurements are the library's; here are arguments,
 //! files and messages.
 
-#![warn(
-    clippy::cast_possible_truncation,
-    clippy::cast_possible_wrap,
-    clippy::cast_sign_loss,
-    missing_debug_implementations
-)]
-
 mod commands;
 
 use std::process::ExitCode;

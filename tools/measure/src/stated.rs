@@ -3,7 +3,6 @@
 use serde::Serialize;
 use supervol_format::Lod;
 use supervol_runtime::render::options::{LevelChoice, RenderOptions};
-use supervol_runtime::render::renderer::render_with_errors;
 use supervol_runtime::render::stats::FrameStats;
 use supervol_scene::image::{GREY_LEVELS, Image, greatest};
 use supervol_scene::scene::ResolvedScene;
@@ -72,9 +71,9 @@ impl Pixels {
     ) -> Result<(Image, FrameStats), ChartError> {
         let max_error = self.asked / GREY_LEVELS;
         let options = RenderOptions { level: LevelChoice::Fixed(Lod(self.level)), max_error, ..aimed };
-        let (picture, errors, stats) = render_with_errors(&volume.container, scene, &options)?;
+        let (picture, maps, stats) = volume.render_with_maps(scene, &options)?;
         volume.check_whole(&picture, &stats)?;
-        let errors = errors.ok_or_else(|| ChartError::Broken(format!("nothing is stated: {stats:?}")))?;
+        let errors = maps.errors.ok_or_else(|| ChartError::Broken(format!("nothing is stated: {stats:?}")))?;
         self.add(number, &picture, exact, &errors);
         Ok((picture, stats))
     }

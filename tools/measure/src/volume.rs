@@ -1,7 +1,7 @@
 //! Volume built into a container file; its scenes and pictures.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use glam::DVec3;
 use supervol_format::codec::CodecChoice;
@@ -10,8 +10,12 @@ use supervol_format::{BrickLayout, Container, Lod};
 use supervol_preprocess::downsample::Reduce;
 use supervol_preprocess::lod_axes::LodAxes;
 use supervol_preprocess::{BuildOptions, Existing, build};
+use supervol_runtime::engines::gpu::device::GpuDevice;
+use supervol_runtime::engines::gpu::error::GpuError;
+use supervol_runtime::engines::maps::Maps;
+use supervol_runtime::render::error::RenderError;
 use supervol_runtime::render::options::{Backend, LevelChoice, RenderOptions};
-use supervol_runtime::render::renderer::render;
+use supervol_runtime::render::renderer::{render_on_device, render_with_maps};
 use supervol_runtime::render::stats::FrameStats;
 use supervol_scene::facts::VolumeFacts;
 use supervol_scene::image::Image;
@@ -142,9 +146,24 @@ impl Volume {
     /// # Errors
     /// If the picture cannot be drawn, did not converge, or holds values that are not finite.
     pub fn render(&self, scene: &ResolvedScene, options: &RenderOptions) -> Result<(Image, FrameStats), ChartError> {
-        let (image, stats) = render(&self.container, scene, options)?;
+        let (image, _, stats) = self.render_with_maps(scene, options)?;
         self.check_whole(&image, &stats)?;
         Ok((image, stats))
+    }
+
+    /// A picture with its maps, whether or not it has converged. Pictures by backend `gpu` share a [`device`].
+    ///
+    /// # Errors
+    /// As [`render_with_maps`].
+    pub fn render_with_maps(
+        &self,
+        scene: &ResolvedScene,
+        options: &RenderOptions,
+    ) -> Result<(Image, Maps, FrameStats), RenderError> {
+        match options.backend {
+            Backend::Gpu => render_on_device(device()?, &self.container, scene, options),
+            _ => render_with_maps(&self.container, scene, options),
+        }
     }
 
     /// Refuses a picture that did not converge without a failed brick, or holds values that are not finite.
@@ -167,6 +186,19 @@ impl Volume {
     pub fn finest(&self, scene: &ResolvedScene, backend: Backend) -> Result<Image, ChartError> {
         Ok(self.render(scene, &finest(backend))?.0)
     }
+}
+
+/// The device of this process: opened once, because each device compiles its pipelines anew.
+///
+/// # Errors
+/// If there is none.
+pub fn device() -> Result<GpuDevice, GpuError> {
+    static DEVICE: OnceLock<GpuDevice> = OnceLock::new();
+    if let Some(device) = DEVICE.get() {
+        return Ok(device.clone());
+    }
+    let device = GpuDevice::open()?;
+    Ok(DEVICE.get_or_init(|| device).clone())
 }
 
 /// Options for level 0 on one backend.

@@ -1,6 +1,13 @@
 //! Methods of comparison: each converges to the right value at its known order. Brick size, skipping and accumulation
 //! do not change the result unless the method asks for it.
 
+#![allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "tests use small numbers"
+)]
+
 // The volumes are bricked in memory as in the renderer's own tests.
 #[path = "../../../crates/runtime/tests/pictures/support/mod.rs"]
 mod support;

@@ -23,8 +23,8 @@ use supervol_sources::formats::nifti::NiftiSource;
 use supervol_sources::input::spool::SpoolFolder;
 use supervol_sources::synthetic::Synthetic;
 
-use crate::render::{Subject, picture};
-use crate::written::PictureOutputs;
+use crate::picture;
+use crate::written::{PictureOutputs, Subject};
 
 const CARP_SCENE: &str = include_str!("../scenes/carp.json");
 const SEISMIC_SCENE: &str = include_str!("../scenes/seismic.json");
@@ -96,7 +96,7 @@ fn show(source: &dyn VolumeSource, origin: Source, stem: &Path, scene: &str, for
     let facts = VolumeFacts::of(&container);
     let subject = Subject { container: &container, facts: &facts, scene: &scene, decorate: false };
     let outputs = PictureOutputs { picture: image, maps: [None, None], fidelity: None, record: None };
-    let stats = picture(&subject, outputs, (&options, Instant::now()), None)?;
+    let stats = picture::draw(&subject, outputs, (&options, Instant::now()), None)?;
     say(format_args!(
         "  {}: {} x {}, {} bricks ({}) read, {:.1} s, at most {} of memory for bricks and rays, peak of the process {}",
         image_path.display(),

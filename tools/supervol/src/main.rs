@@ -1,19 +1,13 @@
 //! `supervol`: the command line. It parses arguments, calls the other crates, and reports; no algorithm lives here.
 //!
 //! Each command has one file; `man` and `schema` are in `completions`. Parts of `render`: `look`, `panels`, `pick`,
-//! `sequence`. Part of `build`: `batch`.
+//! `picture`, `sequence`. Part of `build`: `batch`.
 //!
 //! Exit codes: 0 done, 1 the data is wrong, 2 the command is wrong, 3 the machine failed us (disk full, no memory, I/O
 //! error), 128 + n ended by signal n ([`supervol_arguments::signals`]). Results go to standard output, messages and
 //! progress to standard error. Rules for overwriting: [`supervol_arguments::output`]. `view`, `bench` and `chart` are
 //! executables of their own ([`executables`]).
 
-#![warn(
-    clippy::cast_possible_truncation,
-    clippy::cast_possible_wrap,
-    clippy::cast_sign_loss,
-    missing_debug_implementations
-)]
 #![cfg_attr(
     test,
     allow(
@@ -31,12 +25,14 @@ mod demo;
 mod executables;
 mod extract;
 mod failed_bricks;
+mod grid;
 mod histogram;
 mod info;
 mod look;
 mod mesh;
 mod panels;
 mod pick;
+mod picture;
 mod prove;
 mod render;
 mod sequence;

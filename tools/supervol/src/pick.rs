@@ -16,7 +16,7 @@ use supervol_runtime::render::volume::PlacedVolume;
 use supervol_scene::facts::VolumeFacts;
 use supervol_scene::scene::Scene;
 
-use crate::render::with_render;
+use crate::picture::with_render;
 
 /// Digits of a value after the first one.
 const SINGLE_DIGITS: f64 = 6.0;

@@ -171,6 +171,7 @@ fn with_stored(error: StoredError) -> Failure {
 fn with_proof(path: &Path, error: ProofError) -> Failure {
     let option = match &error {
         ProofError::TooLarge { needed_bytes, .. } => format!(" (option --memory {})", show_bytes(*needed_bytes)),
+        ProofError::NoRecord => " (.npy with --record)".into(),
         ProofError::SceneFile { .. } => ". Name its folder with --files".into(),
         _ => String::new(),
     };

@@ -3,7 +3,6 @@
 use std::io::Write;
 use std::num::NonZero;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::time::Instant;
 
 use clap::{Args, ValueEnum};
@@ -19,34 +18,26 @@ use supervol_arguments::terminal::{self, Format};
 use supervol_format::readable::counted;
 use supervol_format::{Container, Lod};
 use supervol_runtime::engines::cpu::Caster;
-use supervol_runtime::engines::error::EngineError;
-use supervol_runtime::engines::gpu::error::GpuError;
-use supervol_runtime::engines::maps::work_in_colors;
 use supervol_runtime::engines::packets::PacketRule;
 use supervol_runtime::engines::packets::simd::InstructionSet;
-use supervol_runtime::render::accuracy::check;
-use supervol_runtime::render::accuracy::stated::in_colors;
-use supervol_runtime::render::error::{ErrorKind, RenderError};
 use supervol_runtime::render::options::{Backend, LevelChoice, RenderOptions};
 use supervol_runtime::render::process;
-use supervol_runtime::render::renderer::{NO_DEVICE, render_with_maps};
+use supervol_runtime::render::renderer::NO_DEVICE;
 use supervol_runtime::render::stats::FrameStats;
 use supervol_runtime::render::volume::PlacedVolume;
 use supervol_runtime::stream::classify::Skipping;
 use supervol_scene::camera_path;
 use supervol_scene::camera_path::CameraPath;
-use supervol_scene::facts::VolumeFacts;
 use supervol_scene::image::ImageFormat;
 use supervol_scene::preset::view::upright;
-use supervol_scene::scene::{CameraSpec, ResolvedScene, Scene};
+use supervol_scene::scene::{CameraSpec, Scene};
 
-use crate::failed_bricks::{FailedBricks, check_all_read, check_any_read};
-use crate::look::{LookArguments, warnings};
+use crate::failed_bricks::{FailedBricks, check_all_read};
+use crate::look::LookArguments;
 use crate::panels::Panels;
-use crate::pick;
-use crate::prove::with_ray_bar;
 use crate::sequence::Sequence;
-use crate::written::{Finished, PictureOutputs};
+use crate::written::{PictureOutputs, Subject, warn};
+use crate::{pick, picture};
 
 /// Options for single pictures only.
 const OF_ONE_PICTURE: [&str; 7] = ["stats", "error_map", "work_map", "check", "time_budget", "record", "fidelity"];
@@ -512,7 +503,7 @@ pub fn run(arguments: &Arguments, start: Instant) -> Result<(), Failure> {
     let bar = RayBar::over(&scene);
     let (progress, rays_finished) = (Some(bar.on_progress()), Some(bar.finished()));
     let options = RenderOptions { progress, rays_finished, ..arguments.options(start) };
-    let result = picture(&subject, outputs, (&options, start), arguments.check);
+    let result = picture::draw(&subject, outputs, (&options, start), arguments.check);
     drop(bar);
     let stats = result.map_err(|failure| failure.named(arguments.scene.as_deref().map(name_of_scene)))?;
     if let Some(file) = statistics {
@@ -529,129 +520,6 @@ pub fn run(arguments: &Arguments, start: Instant) -> Result<(), Failure> {
         announce(&why);
     }
     check_all_read(path, stats.bricks_failed, arguments.failed_bricks())
-}
-
-/// Subject of a picture.
-#[derive(Clone, Copy)]
-pub struct Subject<'a> {
-    /// The volume.
-    pub container: &'a Arc<Container>,
-    /// Facts of the volume.
-    pub facts: &'a VolumeFacts,
-    /// The scene.
-    pub scene: &'a Scene,
-    /// Whether box, orientation, scale, colour legend and name are drawn beside the volume.
-    pub decorate: bool,
-}
-
-/// Part of a time budget, in milliseconds, for the work after casting: stating errors, conversion to bytes, writing
-/// the file. Measured: 60 to 90 ns a pixel; the time above the reserved part may exceed the deadline (decision 008).
-fn handing_over_ms([width, height]: [u32; 2]) -> u64 {
-    const NANOSECONDS_PER_PIXEL: u64 = 50;
-    u64::from(width) * u64::from(height) * NANOSECONDS_PER_PIXEL / 1_000_000
-}
-
-/// Renders and writes one picture, and casts `check` of its rays again. `render` and `demo` share this.
-pub fn picture(
-    subject: &Subject<'_>,
-    outputs: PictureOutputs,
-    (options, start): (&RenderOptions, Instant),
-    check: Option<NonZero<u64>>,
-) -> Result<FrameStats, Failure> {
-    let Subject { container, facts, scene, .. } = *subject;
-    let resolved = scene.resolve(facts).map_err(Failure::command)?;
-    if check.is_some() {
-        check::check_fits(container, &resolved, options).map_err(with_render)?;
-    }
-    let in_time = |ms: u64| ms.saturating_sub(handing_over_ms(resolved.image_size));
-    let options = &RenderOptions { time_budget_ms: options.time_budget_ms.map(in_time), ..options.clone() };
-    let (image, maps, mut stats) = render_with_maps(container, &resolved, options).map_err(with_render)?;
-    check_any_read(&stats)?;
-    let PictureOutputs { picture: output, maps: [error_map, work_map], fidelity, record } = outputs;
-    let finished = Finished { subject, resolved: &resolved, options, stats: &stats, image: &image };
-    let format = output.format();
-    finished.write(output, record)?;
-    if let Some(file) = fidelity {
-        finished.write_fidelity(format, file)?;
-    }
-    stats.handed_over_ms = start.elapsed().as_secs_f64() * 1e3;
-    warn_of_idle_cuts(&resolved, facts)?;
-    if let (Some(file), Some(errors)) = (error_map, maps.errors) {
-        file.write_map(errors, in_colors)?;
-    }
-    if let (Some(file), Some(work)) = (work_map, maps.work) {
-        file.write_map(work, work_in_colors)?;
-    }
-    if let Some(rays) = check {
-        let measured =
-            with_ray_bar(|progress| check::measure_error(container, &resolved, options, &image, rays.get(), progress));
-        stats.error_measured = Some(measured.map_err(|error| match with_render(error) {
-            // The picture replaces unreadable bricks by their parents; the reference does not.
-            Failure::Data(message) => Failure::Data(format!("--check: {message}")),
-            other => other,
-        })?);
-    }
-    Ok(stats)
-}
-
-/// Warns of cuts without effect.
-fn warn_of_idle_cuts(resolved: &ResolvedScene, facts: &VolumeFacts) -> Result<(), Failure> {
-    warnings::idle_cuts(resolved, facts).iter().try_for_each(|cut| {
-        warn(&format!(
-            "{cut} cuts nothing off this picture; expected numbers in world coordinates, as `info` prints them"
-        ))
-    })
-}
-
-/// Prints a warning.
-pub fn warn(what: &str) -> Result<(), Failure> {
-    writeln!(terminal::stderr(), "supervol: warning: {what}").map_err(with_output)
-}
-
-/// Failure of a picture that could not be drawn.
-pub fn with_render(error: RenderError) -> Failure {
-    let message = error.to_string();
-    match error {
-        RenderError::CheckTooLarge { level, needed_bytes, budget_bytes, finest_that_fits } => {
-            let or_coarser = finest_that_fits
-                .map_or(String::new(), |fits| format!(", or draw and check a coarser level with --level {fits}"));
-            Failure::Command(format!(
-                "--check: level {level} needs {} for the reference integrator, but --host-memory is {}; use \
-                 --host-memory {}MiB{or_coarser}",
-                show_bytes(needed_bytes),
-                show_bytes(budget_bytes),
-                needed_bytes.div_ceil(1 << 20),
-            ))
-        }
-        RenderError::NoPlace | RenderError::NoSuchPixel { .. } => Failure::Command(format!("--pick: {message}")),
-        RenderError::SlicesOnGpu => Failure::Command(format!("--backend: {message}")),
-        error => {
-            let message = format!("{message}{}", option_against(&error));
-            match error.kind() {
-                ErrorKind::Request => Failure::Command(message),
-                ErrorKind::Data => Failure::Data(message),
-                ErrorKind::Machine | ErrorKind::Cancelled => Failure::Machine(message),
-            }
-        }
-    }
-}
-
-/// The option that helps against an error, in brackets.
-fn option_against(error: &RenderError) -> &'static str {
-    let error = match error {
-        RenderError::Budget(_) => return " (option --host-memory)",
-        RenderError::Engine(EngineError::Gpu(error)) => error,
-        _ => return "",
-    };
-    match error {
-        GpuError::NotBuilt
-        | GpuError::NoAdapter { .. }
-        | GpuError::TooSmall { .. }
-        | GpuError::TableLimit { .. }
-        | GpuError::Scene { .. } => " (option --backend cpu)",
-        GpuError::OutOfMemory { .. } | GpuError::Budget { .. } => " (option --gpu-memory)",
-        GpuError::Refused { .. } | GpuError::DeviceLost { .. } | GpuError::Brick { .. } | GpuError::NoRoom { .. } => "",
-    }
 }
 
 /// Message about the automatically chosen backend and the reason, or about a slow requested one.
@@ -741,8 +609,6 @@ fn print(output: &Path, stats: &FrameStats) -> std::io::Result<()> {
 
 #[cfg(test)]
 mod tests {
-    use supervol_runtime::engines::gpu::error::GpuError;
-
     use super::*;
 
     #[test]
@@ -753,13 +619,5 @@ mod tests {
         assert!(
             Decorate::On.applies_to(Path::new("a.npy"), false) && !Decorate::Off.applies_to(Path::new("a.png"), true)
         );
-    }
-
-    #[test]
-    fn budgets_that_are_too_small_are_wrong_commands_on_every_backend() {
-        let gpu = GpuError::Budget { budget: 1, fixed: 2, slot_bytes: 3, min_slots: 4, needed: 5 };
-        assert!(matches!(with_render(gpu.into()), Failure::Command(_)));
-        let host = RenderError::ReferenceTooLarge { level: 0, needed_bytes: 2, budget_bytes: 1 };
-        assert!(matches!(with_render(host), Failure::Command(_)));
     }
 }

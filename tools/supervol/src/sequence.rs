@@ -21,8 +21,8 @@ use supervol_scene::image::ImageFormat;
 use supervol_scene::scene::CameraSpec;
 
 use crate::failed_bricks::{FailedBricks, check_any_read};
-use crate::render::{Subject, with_render};
-use crate::written::Finished;
+use crate::picture::with_render;
+use crate::written::{Finished, Subject};
 
 /// Pictures of an animation.
 pub struct Sequence<'a> {

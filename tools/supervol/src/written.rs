@@ -1,7 +1,12 @@
 //! Writes finished pictures: decorations, records and fidelity.
 
-use supervol_arguments::failure::Failure;
+use std::io::Write;
+use std::sync::Arc;
+
+use supervol_arguments::failure::{Failure, with_output};
 use supervol_arguments::output::{PictureFile, TextFile};
+use supervol_arguments::terminal;
+use supervol_format::Container;
 use supervol_runtime::render::fidelity::{Circumstances, Fidelity, Outlook};
 use supervol_runtime::render::options::RenderOptions;
 use supervol_runtime::render::record::{Drawn, DrawnBy, PictureRecord};
@@ -11,7 +16,19 @@ use supervol_scene::image::{Image, ImageFormat};
 use supervol_scene::scene::{ResolvedScene, Scene};
 
 use crate::look::warnings;
-use crate::render::{Subject, warn};
+
+/// Subject of a picture.
+#[derive(Clone, Copy)]
+pub struct Subject<'a> {
+    /// The volume.
+    pub container: &'a Arc<Container>,
+    /// Facts of the volume.
+    pub facts: &'a VolumeFacts,
+    /// The scene.
+    pub scene: &'a Scene,
+    /// Whether box, orientation, scale, colour legend and name are drawn beside the volume.
+    pub decorate: bool,
+}
 
 /// Files of one picture.
 pub struct PictureOutputs {
@@ -82,4 +99,9 @@ impl Finished<'_> {
 pub fn warn_of_nothing(image: &Image, resolved: &ResolvedScene, facts: &VolumeFacts) -> Result<(), Failure> {
     let Some(why) = warnings::reason(image, resolved, facts) else { return Ok(()) };
     warn(&format!("the picture shows nothing but its background: {why}"))
+}
+
+/// Prints a warning.
+pub fn warn(what: &str) -> Result<(), Failure> {
+    writeln!(terminal::stderr(), "supervol: warning: {what}").map_err(with_output)
 }

@@ -13,6 +13,13 @@
 //! Both wall time and processor time of a step are printed, because other programs may run. The time to put a picture
 //! on the screen is not included.
 
+#![allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "it measures small numbers"
+)]
+
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 

@@ -20,14 +20,6 @@
 //! - `folders`, `saved_settings`: cache folder and settings that persist between sessions.
 //! - this file: the window.
 
-#![warn(
-    clippy::cast_possible_truncation,
-    clippy::cast_possible_wrap,
-    clippy::cast_sign_loss,
-    clippy::missing_errors_doc,
-    clippy::missing_panics_doc,
-    missing_debug_implementations
-)]
 #![cfg_attr(
     test,
     allow(

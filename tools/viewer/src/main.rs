@@ -2,13 +2,6 @@
 //!
 //! `supervol` starts it with its own arguments, unchanged.
 
-#![warn(
-    clippy::cast_possible_truncation,
-    clippy::cast_possible_wrap,
-    clippy::cast_sign_loss,
-    missing_debug_implementations
-)]
-
 use std::num::NonZero;
 use std::process::ExitCode;
 

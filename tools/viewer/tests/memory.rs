@@ -1,6 +1,13 @@
 //! Memory test: a long session stays within its budget, and nothing leaks from volume to volume. An allocator counts
 //! the bytes, because the system's numbers of a process depend on other activity.
 
+#![allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "tests use small numbers"
+)]
+
 mod support;
 
 use eframe::egui::{Key, Modifiers};

@@ -4,6 +4,13 @@
 //! `cargo test -p supervol-viewer --test ten_minutes -- --ignored` runs for ten minutes; without `--ignored`, a few
 //! rounds.
 
+#![allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "tests use small numbers"
+)]
+
 mod support;
 
 use std::path::PathBuf;

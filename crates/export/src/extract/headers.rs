@@ -4,6 +4,7 @@
 //! MetaImage's left-posterior-superior. For a patient volume in the other space, x and y are reversed, so that each
 //! voxel keeps its place in the patient. TIFF states only spacing and unit (as OME-XML). All numbers are little endian.
 
+use supervol_format::cast::narrow;
 use supervol_format::space::WorldSpace;
 use supervol_format::{Geometry, VoxelType};
 
@@ -189,9 +190,9 @@ impl Place<'_> {
             put(4, b"n+2\0\r\n\x1a\n");
             put(12, &code.to_le_bytes());
             put(14, &bits.to_le_bytes());
-            dims.iter().enumerate().for_each(|(i, n)| put(16 + 8 * i, &(*n as i64).to_le_bytes()));
+            dims.iter().enumerate().for_each(|(i, n)| put(16 + 8 * i, &narrow::<i64>(*n).to_le_bytes()));
             geometry.spacing.iter().enumerate().for_each(|(i, s)| put(112 + 8 * i, &s.to_le_bytes()));
-            put(168, &(offset as i64).to_le_bytes());
+            put(168, &narrow::<i64>(offset).to_le_bytes());
             put(176, &1f64.to_le_bytes());
             put(348, &i32::from(sform_code).to_le_bytes());
             (0..12).for_each(|i| put(400 + 8 * i, &row(i / 4, i % 4).to_le_bytes()));

@@ -59,13 +59,13 @@ struct Lines {
 
 impl Lines {
     fn of(container: &Container, what: &Extraction, voxels: VoxelBox, geometry: &Geometry) -> Self {
-        let scale = container.pyramid().level_at(what.lod).scale.map(|s| s as i64);
+        let scale = container.pyramid().level_at(what.lod).scale.map(cast::narrow::<i64>);
         // A coarse voxel gets the line number at the middle of its lines.
-        let fine = |axis: usize| voxels.start[axis] as i64 * scale[axis] + (scale[axis] - 1) / 2;
+        let fine = |axis: usize| cast::narrow::<i64>(voxels.start[axis]) * scale[axis] + (scale[axis] - 1) / 2;
         let survey = Survey::of(container.manifest());
         let numbers = |line: Option<LineNumbers>, axis: usize| match line {
             Some(line) => [line.first + fine(axis) * line.step, line.step * scale[axis]],
-            None => [1 + voxels.start[axis] as i64 * scale[axis], scale[axis]],
+            None => [1 + cast::narrow::<i64>(voxels.start[axis]) * scale[axis], scale[axis]],
         };
         let inline = numbers(survey.as_ref().map(|s| s.inline), 1);
         let crossline = numbers(survey.as_ref().map(|s| s.crossline), 0);
@@ -130,7 +130,7 @@ impl Headers {
         let fits = |divisor: &i16| largest * f64::from(*divisor) < f64::from(i32::MAX);
         let divisor = [1000, 100, 10, 1].into_iter().find(fits);
         let divisor = divisor.ok_or_else(|| refused(format!("SEG-Y has no place for coordinates of {largest}")))?;
-        let last = |[first, step]: [i64; 2], count: usize| first + step * (count as i64 - 1);
+        let last = |[first, step]: [i64; 2], count: usize| first + step * (cast::narrow::<i64>(count) - 1);
         let numbers = [lines.inline[0], last(lines.inline, ny), lines.crossline[0], last(lines.crossline, nx)];
         if numbers.iter().any(|n| i32::try_from(*n).is_err()) || samples > i32::MAX as usize {
             return Err(refused("SEG-Y has no place for line numbers or samples of more than 31 bits".into()));
@@ -177,8 +177,8 @@ impl Headers {
         let mut binary = [0; BINARY_BYTES];
         let mut put = |byte: usize, value: &[u8]| binary[byte - 3201..][..value.len()].copy_from_slice(value);
         // Values that do not fit are in revision 2's own fields.
-        #[expect(clippy::cast_possible_truncation, reason = "saturating: longer intervals are cut to the limit below")]
-        let interval = if self.interval.fract() == 0.0 { self.interval as u16 } else { 0 };
+        // Saturating: longer intervals are cut to the limit below.
+        let interval = if self.interval.fract() == 0.0 { cast::whole::<u16>(self.interval) } else { 0 };
         put(3217, &interval.min(i16::MAX as u16).to_be_bytes());
         put(3221, &u16::try_from(self.samples).unwrap_or(0).to_be_bytes());
         put(3225, &self.format.to_be_bytes());
@@ -204,7 +204,7 @@ impl Headers {
         )]
         let number = (number as u32).wrapping_add(1).to_be_bytes();
         let line = |[first, step]: [i64; 2], at: usize| {
-            let number = i32::try_from(first + step * at as i64);
+            let number = i32::try_from(first + step * cast::narrow::<i64>(at));
             number.expect("`new` has checked the first and the last line number").to_be_bytes()
         };
         #[expect(

@@ -1,7 +1,12 @@
 //! Exported files, read again.
 
 #![allow(clippy::unwrap_used, reason = "tests fail loudly")]
-#![allow(clippy::cast_possible_truncation, reason = "tests use small numbers")]
+#![allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "tests use small numbers"
+)]
 
 #[path = "../../../sources/tests/readers/grid_support/mod.rs"]
 mod grid_support;

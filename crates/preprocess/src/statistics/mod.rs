@@ -20,7 +20,7 @@ use supervol_format::{ValueRange, VoxelType, with_voxel};
 
 use self::bins::{bins, key, value_of};
 use self::sketch::{Interval, Sketch};
-pub use self::values::{Form, Values, finite};
+pub use self::values::{Form, LABELS, Values, finite};
 
 /// Number of bins of the manifest's histogram.
 pub const HISTOGRAM_BINS: usize = 256;

@@ -9,7 +9,9 @@ use super::bins::key;
 use super::central::central;
 use super::sketch::Interval;
 use super::{Statistics, has_exact_bins, histogram, percentiles};
-use crate::pipeline::record::manifest::LABELS;
+
+/// Parameter of a manifest with the reason why the voxels are labels.
+pub const LABELS: &str = "labels";
 
 /// Form of the statistics in a manifest.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

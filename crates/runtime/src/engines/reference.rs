@@ -122,22 +122,34 @@ impl<'a> ReferenceCaster<'a> {
 impl ReferenceVolume {
     /// Value of a voxel, indices clamped to the grid.
     fn voxel(&self, index: [i64; 3]) -> f64 {
-        let [i, j, k] = [0, 1, 2].map(|a| narrow::<usize>(index[a].clamp(0, narrow::<i64>(self.dims[a]) - 1)));
+        let [i, j, k] = [0, 1, 2].map(|a| self.clamped(index[a], a));
         self.values[i + self.dims[0] * (j + self.dims[1] * k)]
+    }
+
+    fn clamped(&self, index: i64, axis: usize) -> usize {
+        narrow::<usize>(index.clamp(0, narrow::<i64>(self.dims[axis]) - 1))
     }
 
     /// s(p): trilinear interpolation; `None` where a voxel of non-zero weight is absent.
     #[must_use]
     pub fn sample(&self, p: [f64; 3]) -> Option<f64> {
-        let cell = p.map(f64::floor);
-        let after: [f64; 3] = std::array::from_fn(|a| p[a] - cell[a]);
-        let weights = [after.map(|x| 1.0 - x), after];
+        // Along each axis, of the voxels before and after p: the weights, and the parts of the index in `values`.
+        let (mut weights, mut places) = ([[0.0; 2]; 3], [[0; 2]; 3]);
+        let mut stride = 1;
+        for a in 0..3 {
+            let cell = p[a].floor();
+            let after = p[a] - cell;
+            let before = whole::<i64>(cell);
+            weights[a] = [1.0 - after, after];
+            places[a] = [stride * self.clamped(before, a), stride * self.clamped(before.saturating_add(1), a)];
+            stride *= self.dims[a];
+        }
         let mut sum = 0.0;
         for corner in 0..8usize {
-            let bit = [corner & 1, corner >> 1 & 1, corner >> 2];
-            let weight = weights[bit[0]][0] * weights[bit[1]][1] * weights[bit[2]][2];
+            let [x, y, z] = [corner & 1, corner >> 1 & 1, corner >> 2];
+            let weight = weights[0][x] * weights[1][y] * weights[2][z];
             if weight != 0.0 {
-                let value = self.voxel([0, 1, 2].map(|a| whole::<i64>(cell[a]) + narrow::<i64>(bit[a])));
+                let value = self.values[places[0][x] + places[1][y] + places[2][z]];
                 if value.is_nan() {
                     return None;
                 }

@@ -26,8 +26,7 @@ const VOCABULARY: &str = "viewport fidelity, draft of OHIF/Viewers#6254 and corn
 /// Error by which rounding to 8 bits moves a channel, grey levels: a bound.
 const ROUNDED_TO_8_BITS: f64 = 0.5;
 /// Reason why an error is unknown that nobody asked for.
-const NOT_STATED: &str =
-    "the error was not stated; ask for it with --record, --stats or --fidelity, or with predict_error";
+const NOT_STATED: &str = "the error was not stated, because it was not requested (predict_error)";
 
 /// Dimension along which a picture may be reduced.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]

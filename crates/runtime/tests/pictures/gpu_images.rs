@@ -10,7 +10,7 @@ use supervol_runtime::lod::LodChoice;
 use supervol_runtime::stream::classify::Skipping;
 
 use crate::gpu_support;
-use gpu_support::{F32, I16, Storage, TestVolume, U8, gpu, greatest_difference, marschner_lobb, noise};
+use gpu_support::{F32, I16, Storage, TestVolume, U8, greatest_difference, marschner_lobb, noise, shared_gpu};
 
 const FINEST: LodChoice = LodChoice::Fixed(Lod::FINEST);
 /// Half a grey level.
@@ -50,7 +50,7 @@ const MODES: [(&str, &str); 7] = [
 
 #[test]
 fn every_mode_equals_the_reference() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = shared_gpu() else { return };
     let volume = ml(16, F32);
     for (mode, rest) in MODES {
         let scene = volume
@@ -87,7 +87,7 @@ fn check(gpu: &GpuDevice, name: &str, volume: &TestVolume, scene: &str, lod: Lod
 /// S21, S44: slots, order of arrival and skipping do not change the picture.
 #[test]
 fn few_slots_draw_the_same_picture() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = shared_gpu() else { return };
     let volume = ml(16, U8);
     for (mode, rest) in MODES {
         for slots in [2, 5, 16] {
@@ -100,7 +100,7 @@ fn few_slots_draw_the_same_picture() {
 
 #[test]
 fn noise_of_every_storage_and_brick_size() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = shared_gpu() else { return };
     for (core, storage) in [(16, U8), (32, I16), (64, F32)] {
         let volume = TestVolume::new([37, 35, 33], core, Geometry::IDENTITY, storage, noise);
         for (mode, rest) in MODES {
@@ -112,7 +112,7 @@ fn noise_of_every_storage_and_brick_size() {
 /// Sheets two voxels thick, one in each macro cell: all macro cells are visible, and half of their blocks.
 #[test]
 fn rays_leap_over_blocks_that_show_nothing() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = shared_gpu() else { return };
     let sheets = |[_, _, z]: [usize; 3]| if (1..3).contains(&(z % 8)) { 0.9 } else { 0.1 };
     let look = r#""transfer_function": {"unit_distance": 4.0, "points": [
         {"value": 0.5, "color": [0.1, 0.2, 0.9], "alpha": 0.0}, {"value": 0.9, "color": [0.9, 0.9, 0.3], "alpha": 0.2}]}"#;
@@ -141,7 +141,7 @@ fn rays_leap_over_blocks_that_show_nothing() {
 /// Software adapters read storage textures, others sampled ones: the texels are the same.
 #[test]
 fn textures_are_read_alike_either_way() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = shared_gpu() else { return };
     for (core, storage) in [(16, U8), (32, I16), (64, F32)] {
         let volume = TestVolume::new([37, 35, 33], core, Geometry::IDENTITY, storage, noise);
         for (mode, rest) in MODES.into_iter().filter(|(mode, _)| mode.starts_with("dvr") || *mode == "mip") {
@@ -159,7 +159,7 @@ fn textures_are_read_alike_either_way() {
 /// A card casts all rays at once, has no scouts, and its shaders read other textures: the picture is the same.
 #[test]
 fn work_for_a_card_makes_the_same_picture() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = shared_gpu() else { return };
     let card = gpu.clone().dealt_as_card();
     let volume = ml(16, U8);
     for (mode, rest) in MODES {
@@ -177,7 +177,7 @@ fn work_for_a_card_makes_the_same_picture() {
 
 #[test]
 fn cameras_inside_and_along_the_axes() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = shared_gpu() else { return };
     let volume = ml(16, F32);
     let inside = r#""camera": {"eye": [20.3, 18.1, 22.7], "target": [0, 5, 3], "up": [0, 0, 1], "fov_y": 70.0}"#;
     // Rays run exactly along voxel planes, and exactly along brick and macro-cell faces.
@@ -193,7 +193,7 @@ fn cameras_inside_and_along_the_axes() {
 
 #[test]
 fn holes_uniform_absent_and_failed_bricks() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = shared_gpu() else { return };
     for storage in [F32, I16] {
         let mut volume = TestVolume::new([41; 3], 16, Geometry::IDENTITY, storage, |voxel| {
             let [x, y, z] = voxel;
@@ -222,7 +222,7 @@ fn holes_uniform_absent_and_failed_bricks() {
 /// visible.
 #[test]
 fn nothing_is_seen_of_what_is_cut_off_beside_holes() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = shared_gpu() else { return };
     for axis in 0..3 {
         let volume = TestVolume::new([41; 3], 16, Geometry::IDENTITY, F32, |voxel| {
             if voxel[axis] >= 12 { f64::NAN } else { noise(voxel) }
@@ -245,7 +245,7 @@ fn nothing_is_seen_of_what_is_cut_off_beside_holes() {
 /// round.
 #[test]
 fn surfaces_in_planes_of_voxels_are_lit_where_they_are() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = shared_gpu() else { return };
     let field = |[x, y, z]: [usize; 3]| {
         let [x, y, z] = [x, y, z].map(|n| n as f64);
         72.0 + (14.0 - z) * (4.0 + 2.0 * (1.3 * y + 0.4 * x).sin())
@@ -263,7 +263,7 @@ fn surfaces_in_planes_of_voxels_are_lit_where_they_are() {
 
 #[test]
 fn levels_of_detail_geometry_clipping_and_subgrid() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = shared_gpu() else { return };
     let geometry = Geometry {
         spacing: [0.5, 2.0, 1.0],
         origin: [6.5e6, -300.0, 12.0],
@@ -295,7 +295,7 @@ fn levels_of_detail_geometry_clipping_and_subgrid() {
 /// The requested error decides how finely cells are cut, and is kept; also in a renderer that continues.
 #[test]
 fn the_error_asked_for_steers_the_shader() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = shared_gpu() else { return };
     for (name, transfer_function) in [("smooth", SMOOTH), ("steps", STEPS)] {
         let samples = samples_by_error(&gpu, &scene(CAMERA, "").replace(SMOOTH, transfer_function));
         println!("{name}: {samples:?}");
@@ -328,7 +328,7 @@ fn samples_by_error(gpu: &GpuDevice, scene: &str) -> Vec<u64> {
 /// Steps and narrow peaks: if a ray grazes one, an error e of the value moves the crossing by the square root of e.
 #[test]
 fn steep_transfer_functions() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = shared_gpu() else { return };
     let volume = ml(16, F32);
     let peak = r#""transfer_function": {"unit_distance": 1.0, "points": [
         {"value": 0.49, "color": [1.0, 0.7, 0.2], "alpha": 0.0}, {"value": 0.5, "color": [0.2, 0.7, 1.0], "alpha": 0.9},

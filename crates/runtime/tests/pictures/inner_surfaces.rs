@@ -11,7 +11,7 @@ use supervol_format::random::Random;
 use supervol_format::{Lod, VoxelType};
 use supervol_runtime::lod::LodChoice;
 use supervol_runtime::render::options::{Backend, LevelChoice, RenderOptions};
-use supervol_runtime::render::renderer::{PickedOn, Renderer, render, render_with_errors};
+use supervol_runtime::render::renderer::{PickedOn, Renderer, render, render_on_device, render_with_errors};
 use supervol_runtime::render::volume::PlacedVolume;
 use supervol_runtime::stream::classify::Skipping;
 use supervol_scene::image::{GREY_LEVELS, Image, greatest};
@@ -304,16 +304,15 @@ fn on_device(level: LevelChoice) -> RenderOptions {
 /// The bound in random scenes with noise and holes, from outside and inside, for any brick size.
 #[test]
 fn graphics_devices_draw_random_scenes_as_the_reference_does() {
-    if gpu_support::gpu().is_none() {
-        return;
-    }
+    let Some(gpu) = gpu_support::shared_gpu() else { return };
     let mut random = Random::new(SEED);
     let (mut pixels, mut all) = (0, 0);
     for index in 0..12 {
         let (volume, size) = random_volume(&mut random, index);
         let scene = random_scene(&mut random, &volume, size, "");
         let container = open(&container_bytes(&volume, 16));
-        let (found, stats) = render(&container, &scene, &on_device(LevelChoice::Fixed(Lod::FINEST))).unwrap();
+        let (found, _, stats) =
+            render_on_device(gpu.clone(), &container, &scene, &on_device(LevelChoice::Fixed(Lod::FINEST))).unwrap();
         assert!(stats.converged && stats.backend == "gpu", "{stats:?}");
         let (error, count) = judged(&volume, &scene, &found);
         eprintln!("scene {index}: {error:.4}/255, {count} of {} pixels judged", found.pixels.len());
@@ -327,9 +326,7 @@ fn graphics_devices_draw_random_scenes_as_the_reference_does() {
 /// nothing.
 #[test]
 fn graphics_devices_meet_surfaces_between_steps_cuts_and_levels() {
-    if gpu_support::gpu().is_none() {
-        return;
-    }
+    let Some(gpu) = gpu_support::shared_gpu() else { return };
     let volume = smooth();
     let container = open(&container_bytes(&volume, 16));
     let finest = on_device(LevelChoice::Fixed(Lod::FINEST));
@@ -343,19 +340,23 @@ fn graphics_devices_meet_surfaces_between_steps_cuts_and_levels() {
     let others = [smooth_json(""), smooth_json_with(&steps, ""), smooth_json_with(&clear, "")];
     for json in CLIPS.map(smooth_json).iter().chain(&others) {
         let scene = scene(&volume, json);
-        let (found, stats) = render(&container, &scene, &finest).unwrap();
+        let (found, _, stats) = render_on_device(gpu.clone(), &container, &scene, &finest).unwrap();
         assert!(stats.converged && stats.backend == "gpu", "{stats:?}");
         let (error, count) = judged(&volume, &scene, &found);
         eprintln!("{json}: {error:.4}/255, {count} pixels judged");
         assert!(error <= BOUND && count > found.pixels.len() / 2, "{json}: {error}/255, {count} judged");
     }
     let scene = scene(&volume, &smooth_json(""));
-    let (coarse, _) = render(&container, &scene, &on_device(LevelChoice::Fixed(Lod(1)))).unwrap();
+    let (coarse, ..) =
+        render_on_device(gpu.clone(), &container, &scene, &on_device(LevelChoice::Fixed(Lod(1)))).unwrap();
     let (off, count) = judged(&volume.coarser([2, 2, 2]), &scene, &coarse);
     assert!(off <= BOUND && count > coarse.pixels.len() / 2, "level 1: {off}/255, {count} judged");
-    let (wide, _) = render(&container, &scene, &finest).unwrap();
+    let (wide, ..) = render_on_device(gpu.clone(), &container, &scene, &finest).unwrap();
     let few = RenderOptions { cache_bytes: Some(64 << 10), ..finest.clone() };
-    assert_eq!(render(&container, &scene, &few).unwrap().0, wide, "small cache");
+    assert_eq!(render_on_device(gpu.clone(), &container, &scene, &few).unwrap().0, wide, "small cache");
     let all = RenderOptions { skipping: Skipping::Off, ..finest };
-    assert!(difference(&render(&container, &scene, &all).unwrap().0, &wide) < 0.01, "without skipping");
+    assert!(
+        difference(&render_on_device(gpu.clone(), &container, &scene, &all).unwrap().0, &wide) < 0.01,
+        "without skipping"
+    );
 }

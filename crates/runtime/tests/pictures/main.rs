@@ -1,5 +1,11 @@
 //! Engines against the reference, the streamer under faults, and the renderer across pictures.
 
+#![allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "tests use small numbers"
+)]
 #![allow(clippy::unwrap_used, reason = "tests fail loudly")]
 
 mod containers;

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use supervol_format::{Container, Lod, VoxelType};
 use supervol_runtime::render::error::RenderError;
 use supervol_runtime::render::options::{Backend, LevelChoice, RenderOptions};
-use supervol_runtime::render::renderer::{Renderer, render, render_with_errors};
+use supervol_runtime::render::renderer::{Renderer, render, render_on_device, render_with_errors};
 use supervol_runtime::render::volume::PlacedVolume;
 use supervol_scene::image::{GREY_LEVELS, Image};
 use supervol_scene::scene::{ResolvedScene, Scene};
@@ -123,18 +123,17 @@ fn pictures_with_slices_are_those_of_the_reference() {
 /// A device draws the volume between slices, the CPU their colours; at once and in steps.
 #[test]
 fn graphics_devices_draw_the_volume_between_slices() {
-    if gpu_support::gpu().is_none() {
-        return;
-    }
+    let Some(gpu) = gpu_support::shared_gpu() else { return };
     let volume = volume();
     let container = open(&container_bytes(&volume, 16));
     let device = RenderOptions { backend: Backend::Gpu, ..options(LevelChoice::Auto) };
     for (slices, more) in cases().into_iter().filter(|(_, more)| !more.contains(r#""slice""#)) {
         let scene = scene(&volume, &wanted(&slices, more));
-        let (picture, stats) = render(&container, &scene, &device).unwrap();
+        let (picture, _, stats) = render_on_device(gpu.clone(), &container, &scene, &device).unwrap();
         assert!(stats.converged && stats.backend == "gpu", "{more}: {stats:?}");
         assert_agree(&reference(&volume, &scene), &picture, &slices, more);
-        let mut renderer = Renderer::new(PlacedVolume::of(container.clone()), device.clone()).unwrap();
+        let mut renderer =
+            Renderer::on_device(PlacedVolume::of(container.clone()), device.clone(), gpu.clone()).unwrap();
         renderer.set_scene(scene);
         let converged = (0..10_000).any(|n| {
             let step = renderer.advance(Some(Instant::now() + Duration::from_millis(n % 8))).unwrap();

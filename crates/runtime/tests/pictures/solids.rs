@@ -13,7 +13,7 @@ use supervol_format::{Container, Lod, VoxelType};
 use supervol_runtime::engines::cells::CellRule;
 use supervol_runtime::engines::cpu::Caster;
 use supervol_runtime::render::options::{Backend, LevelChoice, RenderOptions};
-use supervol_runtime::render::renderer::{Renderer, render, render_with_errors};
+use supervol_runtime::render::renderer::{Renderer, render, render_on_device, render_with_errors};
 use supervol_runtime::render::volume::PlacedVolume;
 use supervol_scene::image::{GREY_LEVELS, Image, greatest};
 use supervol_scene::scene::{ResolvedScene, Scene};
@@ -242,9 +242,7 @@ fn the_stated_error_holds() {
 /// The host computes the list of parts, mode by mode. With few slots, rays wait for bricks in each part.
 #[test]
 fn graphics_devices_cut_by_solids_as_the_reference_does() {
-    if gpu_support::gpu().is_none() {
-        return;
-    }
+    let Some(gpu) = gpu_support::shared_gpu() else { return };
     let volume = volume();
     let container = open(&container_bytes(&volume, 16));
     let folder = tempfile::tempdir().unwrap();
@@ -264,17 +262,17 @@ fn graphics_devices_cut_by_solids_as_the_reference_does() {
     ] {
         for solids in [BALL_AND_BOX, &ring] {
             let scene = scene(&volume, &wanted(solids, more));
-            let (picture, stats) = render(&container, &scene, &device).unwrap();
+            let (picture, _, stats) = render_on_device(gpu.clone(), &container, &scene, &device).unwrap();
             assert!(stats.converged && stats.backend == "gpu", "{stats:?}");
             assert_agree(&reference(&volume, &scene), &picture, 0, &format!("{more} {solids}"));
         }
     }
     let scene = scene(&volume, &wanted(&format!("{BALL_AND_BOX},{ring}"), r#", "samples_per_pixel": 4"#));
-    let (expected, _) = render(&container, &scene, &device).unwrap();
+    let (expected, ..) = render_on_device(gpu.clone(), &container, &scene, &device).unwrap();
     assert_agree(&reference(&volume, &scene), &expected, 0, "several rays a pixel");
     let few = RenderOptions { cache_bytes: Some(64 << 10), ..device };
-    assert_eq!(render(&container, &scene, &few).unwrap().0, expected, "small cache");
-    let mut renderer = Renderer::new(PlacedVolume::of(container), few).unwrap();
+    assert_eq!(render_on_device(gpu.clone(), &container, &scene, &few).unwrap().0, expected, "small cache");
+    let mut renderer = Renderer::on_device(PlacedVolume::of(container), few, gpu).unwrap();
     renderer.set_scene(scene);
     let mut steps = 0;
     while !renderer.advance(Some(Instant::now() + Duration::from_millis(2))).unwrap().is_finished {

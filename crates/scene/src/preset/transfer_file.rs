@@ -46,7 +46,7 @@ pub enum TransferFileError {
     Unknown { path: String, reason: String },
     #[error("{path}: {reason}")]
     Invalid { path: String, reason: String },
-    #[error("{path} holds colours alone, no opacities: it is a colour map (--colormap), no transfer function")]
+    #[error("{path} holds colours alone, no opacities: it is a colour map, no transfer function")]
     NoOpacities { path: String },
 }
 

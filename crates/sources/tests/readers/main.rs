@@ -1,5 +1,11 @@
 //! Reader tests with real files, files written by the tests, and damaged files.
 
+#![allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "tests use small numbers"
+)]
 #![allow(clippy::unwrap_used, reason = "tests fail loudly")]
 
 mod attribute_files;

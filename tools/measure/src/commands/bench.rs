@@ -152,13 +152,13 @@ impl Bench<'_> {
         }
         write!(stdout(), "{text}").map_err(with_output)?;
         let above: u64 = found.iter().map(|found| found.scenes_above().len() as u64).sum();
-        let Some(first) = found.iter().find(|found| !found.scenes_above().is_empty()) else { return Ok(()) };
-        let of = first.volume.as_ref().map_or(String::new(), |volume| format!(" --volume {volume}"));
+        let Some(number) = found.iter().position(|found| !found.scenes_above().is_empty()) else { return Ok(()) };
+        let of = self.0.volume.get(number).map_or(String::new(), |file| format!(" --volume {}", file.display()));
         Err(Failure::Data(format!(
-            "{above} of {} random scenes of seed {seed} exceed their allowed or their stated error; repeat the first of them \
-             with --random-scenes 1 --seed {seed} --first-scene {}{of}",
+            "{above} of {} random scenes of seed {seed} exceed their allowed or their stated error; the same command with \
+             --random-scenes 1 --first-scene {}{of} repeats the first of them",
             scenes * found.len() as u64,
-            first.scenes_above()[0]
+            found[number].scenes_above()[0]
         )))
     }
 

@@ -27,7 +27,7 @@ use supervol_scene::transfer_function::times_extinction;
 use self::parse::{CameraRequest, ClipShape, ColorMapRequest, SurfaceRequest, WindowRequest};
 use self::places::{Crop, Cut};
 use self::slices::SliceArguments;
-use crate::panels::{Grid, PANEL_LIMIT};
+use crate::grid::{Grid, PANEL_LIMIT};
 
 /// Volume, camera and appearance.
 #[derive(Debug, Clone, Args)]

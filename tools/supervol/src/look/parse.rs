@@ -6,7 +6,7 @@ use supervol_arguments::failure::Failure;
 use supervol_scene::clip::solids::Keep;
 use supervol_scene::facts::VolumeFacts;
 use supervol_scene::preset::colormap;
-use supervol_scene::preset::transfer_file::TransferFile;
+use supervol_scene::preset::transfer_file::{TransferFile, TransferFileError};
 use supervol_scene::preset::view::Direction;
 use supervol_scene::preset::windows::{self, NamedWindow};
 use supervol_scene::scene::{BoxSpec, CylinderSpec, PlaneSpec, PointSpec, PointsSpec, SolidSpec, SphereSpec};
@@ -280,7 +280,11 @@ pub fn surface(text: &str) -> Result<SurfaceRequest, String> {
 pub fn transfer_function(text: &str, facts: &VolumeFacts) -> Result<PointsSpec, Failure> {
     if names_file(text) {
         let points = TransferFile::read(Path::new(text)).and_then(|file| file.points(facts));
-        return points.map_err(|e| Failure::Command(format!("--tf: {e}")));
+        return points.map_err(|error| {
+            let option =
+                if matches!(error, TransferFileError::NoOpacities { .. }) { " (option --colormap)" } else { "" };
+            Failure::Command(format!("--tf: {error}{option}"))
+        });
     }
     points(text)
 }

@@ -1,5 +1,11 @@
 //! The viewer, driven and drawn without a display.
 
+#![allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    reason = "tests use small numbers"
+)]
 #![allow(clippy::unwrap_used, reason = "tests fail loudly")]
 
 #[path = "../support/mod.rs"]

@@ -13,7 +13,7 @@ use crate::pipeline::plan::labels::Labels;
 use crate::pipeline::plan::lod_axes::LevelPlan;
 use crate::pipeline::plan::max_error::MaxError;
 use crate::report::LevelReport;
-use crate::statistics::{self, Form, Statistics, Values};
+use crate::statistics::{self, Form, LABELS, Statistics, Values};
 
 /// Limits of the manifest: characters of a name or unit, characters of a note, number of notes.
 const LABEL_CHARACTERS: usize = 256;
@@ -28,8 +28,6 @@ const READER: &str = "reader_";
 const RMS_KEPT: &str = "lod_axes_rms_kept";
 /// Parameter with the kind of data that the caller named.
 const KIND: &str = "kind";
-/// Parameter with the reason why the voxels are labels.
-pub const LABELS: &str = "labels";
 /// Parameter with the steps to which means in coarser levels are rounded.
 const STEPS: &str = "coarse_steps";
 

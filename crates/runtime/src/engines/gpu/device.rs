@@ -27,15 +27,15 @@ const FUTURE_POLL_LIMIT: usize = 1 << 20;
 /// Default memory to use on a discrete card, bytes.
 const CARD_MEMORY: u64 = 1 << 30;
 
-/// Most variants of the pipelines that are kept: modes, with and without shading.
-const VARIANT_LIMIT: usize = 10;
+/// Most variants of the pipelines that are kept: modes, with and without shading, of either texel access.
+const VARIANT_LIMIT: usize = 20;
 
 /// Storage textures of a shader: the cache's and the transfer function's light table. WebGPU guarantees one less.
 #[expect(clippy::cast_possible_truncation, reason = "a small constant")]
 const STORAGE_TEXTURES: u32 = TEXTURE_LIMIT as u32 + 1;
 
 /// Pipelines, and the parameters that they were compiled for.
-type KeptPipelines = (Variant, Arc<Pipelines>);
+type KeptPipelines = (Variant, TexelAccess, Arc<Pipelines>);
 
 /// One opened GPU: device, queue and limits. A clone is the same device.
 #[derive(Debug, Clone)]
@@ -154,7 +154,7 @@ impl GpuDevice {
     /// The same device with another way of reading textures; it must have enough storage textures.
     #[must_use]
     pub fn with_texels(self, texels: TexelAccess) -> Self {
-        Self { texels, pipelines: Arc::default(), ..self }
+        Self { texels, ..self }
     }
 
     /// Default memory to use, bytes. Cards have their own memory, and a survey of 512^3 voxels fits; other adapters
@@ -182,21 +182,22 @@ impl GpuDevice {
         Self { deals_as: wgpu::DeviceType::DiscreteGpu, ..self.with_texels(TexelAccess::Sampled) }
     }
 
-    /// The compute pipelines of a variant: compiled once per device; the last ten are kept.
+    /// The compute pipelines of a variant: compiled once per device; the last twenty are kept.
     ///
     /// # Errors
     /// If the driver refuses one.
     pub fn pipelines(&self, variant: Variant) -> Result<Arc<Pipelines>, GpuError> {
         self.alive()?;
         let mut kept = self.pipelines.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, pipelines)) = kept.iter().find(|(other, _)| *other == variant) {
+        let is_wanted = |(other, texels, _): &&KeptPipelines| (*other, *texels) == (variant, self.texels);
+        if let Some((.., pipelines)) = kept.iter().find(is_wanted) {
             return Ok(Arc::clone(pipelines));
         }
         let pipelines = Arc::new(Pipelines::new(self, variant)?);
         if kept.len() == VARIANT_LIMIT {
             kept.remove(0);
         }
-        kept.push((variant, Arc::clone(&pipelines)));
+        kept.push((variant, self.texels, Arc::clone(&pipelines)));
         Ok(pipelines)
     }
 

@@ -69,8 +69,8 @@ impl Default for ProofOptions {
 #[allow(missing_docs, reason = "the messages say it")]
 pub enum ProofError {
     #[error(
-        "the picture has no record of what it shows. Pictures of `supervol render` carry one (.npy with --record); \
-         programs that change a picture drop it. Draw it again"
+        "the picture has no record of what it shows. Pictures of Supervol carry one; programs that change a picture drop \
+         it. Draw it again"
     )]
     NoRecord,
     #[error(transparent)]
@@ -227,10 +227,7 @@ pub fn claims_of(record: &PictureRecord) -> Result<Vec<Claim>, ProofError> {
         ("it has not converged".into(), "Draw it without a deadline")
     } else if without_bound {
         let bricks = counted(record.bricks_without_bound, "brick");
-        (
-            format!("{bricks} of coarser levels, with voxels smaller than pixels, have no bound"),
-            "Draw it with `--level 0`",
-        )
+        (format!("{bricks} of coarser levels, with voxels smaller than pixels, have no bound"), "Draw it from level 0")
     } else if !record.aims_at_error {
         ("it is drawn by a method of comparison".into(), "Draw it by the default method")
     } else {
@@ -486,7 +483,7 @@ mod tests {
         assert!(told(PictureRecord { converged: false, ..record() }).contains("without a deadline"));
         let coarse = told(PictureRecord { bricks_without_bound: 3, stated: stated(255.0), ..record() });
         assert!(
-            coarse.contains("3 bricks") && coarse.contains("states 255") && coarse.contains("--level 0"),
+            coarse.contains("3 bricks") && coarse.contains("states 255") && coarse.contains("from level 0"),
             "{coarse}"
         );
         assert!(told(PictureRecord { requested_grey_levels: 255.0, ..record() }).contains("smaller error"));

@@ -71,18 +71,22 @@ impl Chosen {
     /// If the options ask for a GPU and there is none.
     pub(super) fn new(backend: Backend, pool: &rayon::ThreadPool) -> Result<Self, RenderError> {
         let no_gpu = |why: String| Self::Cpu { no_gpu_because: Some(why) };
-        let gpu = |device, or_cpu| Self::Gpu { device: Box::new(Device::new(device)), or_cpu };
         Ok(match backend {
             Backend::Cpu => Self::Cpu { no_gpu_because: None },
-            Backend::Gpu => gpu(pool.install(GpuDevice::open)?, false),
+            Backend::Gpu => Self::on_device(pool.install(GpuDevice::open)?),
             Backend::Reference => Self::Reference,
             Backend::Auto if !may_have_hardware() => no_gpu(NO_DEVICE.into()),
             Backend::Auto => match GpuDevice::open() {
                 Ok(device) if device.is_software() => no_gpu(format!("{} is a processor", device.name())),
-                Ok(device) => gpu(device, true),
+                Ok(device) => Self::Gpu { device: Box::new(Device::new(device)), or_cpu: true },
                 Err(error) => no_gpu(error.to_string()),
             },
         })
+    }
+
+    /// An open device, without the CPU in its place.
+    pub(super) fn on_device(device: GpuDevice) -> Self {
+        Self::Gpu { device: Box::new(Device::new(device)), or_cpu: false }
     }
 
     /// Begins a picture.

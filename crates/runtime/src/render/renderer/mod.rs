@@ -32,6 +32,7 @@ use self::backend::Chosen;
 pub use self::backend::{MakeEngine, NO_DEVICE};
 pub use self::pick::{Picked, PickedOn};
 use crate::engines::engine::Engine;
+use crate::engines::gpu::device::GpuDevice;
 use crate::engines::gpu::limits::SHARED_MEMORY;
 use crate::engines::maps::Maps;
 use crate::render::drawing::Drawing;
@@ -40,7 +41,7 @@ use crate::render::drawing::means::Means;
 use crate::render::error::RenderError;
 use crate::render::frame::walk::FinishedBands;
 use crate::render::frame::{FrameWalk, plan_host, streamer_for};
-use crate::render::options::{LevelChoice, RenderOptions};
+use crate::render::options::{Backend, LevelChoice, RenderOptions};
 use crate::render::process;
 use crate::render::stats::{FrameStats, OUTSIDE_ENGINE, mode_name};
 use crate::render::volume::PlacedVolume;
@@ -139,6 +140,18 @@ impl Renderer {
         engines: impl MakeEngine + 'static,
     ) -> Result<Self, RenderError> {
         Ok(Self { backend: Some(Chosen::Outside(Box::new(engines))), ..Self::new(volume, options)? })
+    }
+
+    /// A renderer that draws on an open device, with backend `gpu` whatever the options say.
+    ///
+    /// A device compiles pipelines once, which takes a software adapter about a second; renderers on one device share
+    /// them. They share its counters of traffic, too: these are true if one renderer draws at a time.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn on_device(volume: PlacedVolume, options: RenderOptions, device: GpuDevice) -> Result<Self, RenderError> {
+        let options = RenderOptions { backend: Backend::Gpu, ..options };
+        Ok(Self { backend: Some(Chosen::on_device(device)), ..Self::new(volume, options)? })
     }
 
     /// The volume that it draws.
@@ -453,8 +466,34 @@ pub fn render_with_maps(
     scene: &ResolvedScene,
     options: &RenderOptions,
 ) -> Result<(Image, Maps, FrameStats), RenderError> {
-    let deadline = options.time_budget_ms.map(|ms| Instant::now() + Duration::from_millis(ms));
-    let mut renderer = Renderer::new(PlacedVolume::of(container.clone()), options.clone())?;
+    let deadline = deadline_of(options);
+    finished(Renderer::new(PlacedVolume::of(container.clone()), options.clone())?, scene, deadline)
+}
+
+/// The same on an open device: [`Renderer::on_device`].
+///
+/// # Errors
+/// As [`Renderer::advance`].
+pub fn render_on_device(
+    device: GpuDevice,
+    container: &Arc<Container>,
+    scene: &ResolvedScene,
+    options: &RenderOptions,
+) -> Result<(Image, Maps, FrameStats), RenderError> {
+    let deadline = deadline_of(options);
+    finished(Renderer::on_device(PlacedVolume::of(container.clone()), options.clone(), device)?, scene, deadline)
+}
+
+fn deadline_of(options: &RenderOptions) -> Option<Instant> {
+    options.time_budget_ms.map(|ms| Instant::now() + Duration::from_millis(ms))
+}
+
+/// One picture of a new renderer.
+fn finished(
+    mut renderer: Renderer,
+    scene: &ResolvedScene,
+    deadline: Option<Instant>,
+) -> Result<(Image, Maps, FrameStats), RenderError> {
     renderer.set_scene(scene.clone());
     renderer.advance(deadline)?;
     let stats = renderer.stats();

@@ -5,6 +5,7 @@
 pub mod compute;
 
 use std::collections::HashMap;
+use std::sync::OnceLock;
 
 use supervol_format::brick::{APRON, MACRO_CELL};
 use supervol_format::codec::BrickShape;
@@ -29,8 +30,8 @@ use supervol_scene::image::Image;
 use supervol_scene::scene::{ResolvedScene, Scene};
 use supervol_scene::value_map::ValueMap;
 
+/// A new GPU, or `None` with a printed message if there is none; with `SUPERVOL_REQUIRE_GPU=1` that is a failure.
 #[allow(clippy::print_stderr, reason = "a skipped test must be seen")]
-/// The GPU, or `None` with a printed message if there is none; with `SUPERVOL_REQUIRE_GPU=1` that is a failure.
 pub fn gpu() -> Option<GpuDevice> {
     match GpuDevice::open() {
         Ok(gpu) => Some(gpu),
@@ -42,6 +43,13 @@ pub fn gpu() -> Option<GpuDevice> {
             None
         }
     }
+}
+
+/// As [`gpu`], but one device for all tests of a process: each device compiles its pipelines anew. Its counters of
+/// traffic mix if tests run at the same time.
+pub fn shared_gpu() -> Option<GpuDevice> {
+    static GPU: OnceLock<Option<GpuDevice>> = OnceLock::new();
+    GPU.get_or_init(gpu).clone()
 }
 
 /// A volume in memory, all its levels, and all its bricks.

@@ -143,7 +143,7 @@ fn huge_coordinates(context: &Context<'_>) -> Result<Outcome, ChartError> {
             .to_owned();
     for (name, backend) in [("CPU", Backend::Cpu), ("GPU", Backend::Gpu)] {
         let (mut worst_error, mut worst_jitter) = (0.0f64, 0.0f64);
-        // On a software adapter each picture first compiles the shaders, so the small scale runs only the hardest case.
+        // Software adapters are slow, so the small scale runs only the hardest case.
         let least = context.pick(false, backend == Backend::Gpu);
         let mut measure = || -> Result<(), ChartError> {
             for border in borders().into_iter().skip(if least { 2 } else { 0 }) {

@@ -4,14 +4,14 @@ use supervol_runtime::engines::error::EngineError;
 use supervol_runtime::engines::gpu::error::GpuError;
 use supervol_runtime::render::error::RenderError;
 use supervol_runtime::render::options::{Backend, RenderOptions};
-use supervol_runtime::render::renderer::{Renderer, render};
+use supervol_runtime::render::renderer::Renderer;
 use supervol_scene::scene::ResolvedScene;
 
 use super::session::{Session, Settings, fresh, linf, scene, translucent};
 use crate::context::{ChartError, Context};
 use crate::stability::{CurvePoint, Gate, Outcome, Regime};
 use crate::virtual_volume::{Field, VirtualVolume};
-use crate::volume::{HOST_MEMORY_BYTES, Volume, finest, image_size, transfer_function};
+use crate::volume::{HOST_MEMORY_BYTES, Volume, device, finest, image_size, transfer_function};
 
 /// S40.
 pub const EDITS_WHILE_LOADING: Regime = Regime {
@@ -123,19 +123,19 @@ fn gpu_differences(context: &Context<'_>, size: (u32, u32), curve: &mut Vec<Curv
         host_memory_bytes: HOST_MEMORY_BYTES,
         ..finest(Backend::Gpu)
     };
-    let (whole, stats) = render(&volume.container, &view, &options(1, 64 << 20))?;
+    let (whole, _, stats) = volume.render_with_maps(&view, &options(1, 64 << 20))?;
     // Memory for rays, tables and the fewest bricks, plus a tenth of the memory of all bricks.
-    let least = match render(&volume.container, &view, &options(1, 1)) {
+    let least = match volume.render_with_maps(&view, &options(1, 1)) {
         Err(RenderError::Engine(EngineError::Gpu(GpuError::Budget { needed, .. }))) => needed,
         other => return Err(ChartError::Broken(format!("a picture in 1 byte of GPU memory: {:?}", other.err()))),
     };
     let few = least + stats.gpu_bytes.saturating_sub(least) / 10;
     let mut worst = 0.0f64;
-    // On a software adapter each picture first compiles the shaders, so the small scale runs one case of each kind.
+    // Software adapters are slow, so the small scale runs one case of each kind.
     let all = [(1, 64 << 20), (1, few), (2, 64 << 20), (2, few), (8, 64 << 20), (8, few)];
     for (threads, memory) in all.into_iter().skip(context.pick(0, 4)) {
         let living = supervol_runtime::render::volume::PlacedVolume::of(volume.container.clone());
-        let mut renderer = Renderer::new(living, options(threads, memory))?;
+        let mut renderer = Renderer::on_device(living, options(threads, memory), device()?)?;
         let mut here = 0.0f64;
         // First with a cold cache, then with a warm one.
         for _ in 0..2 {
