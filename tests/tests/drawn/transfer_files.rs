@@ -70,7 +70,7 @@ fn colour_maps_are_straight_in_their_own_space() {
         let found = at(place);
         assert!((0..3).all(|c| (255.0 * found[c] - published[c]).abs() < 1.0), "{place}: {found:?}");
     }
-    assert!(two("Diverging", cool_to_warm).points(&facts()).unwrap_err().to_string().contains("--colormap"));
+    assert!(two("Diverging", cool_to_warm).points(&facts()).unwrap_err().to_string().contains("colour map"));
     // Steps stay steps.
     let map = two("Step", "0, 1, 0, 0, 1, 0, 1, 0, 2, 0, 0, 1").color_map().unwrap();
     assert_eq!(map.iter().map(|p| p.1).collect::<Vec<_>>()[..2], [[1.0, 0.0, 0.0]; 2]);

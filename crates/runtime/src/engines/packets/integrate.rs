@@ -28,7 +28,7 @@ use supervol_scene::transfer_function::pieces::{CHANNELS, Limits};
 use super::chord::{Chord, Line};
 use super::lookup::{Channels, PieceLookup, channels};
 use super::simd::{Simd, exp_minus};
-use super::uneven::{Around, Kinks, LineInTable, Located, Stretch, locate, twist};
+use super::uneven::{Around, Kinks, LineInTable, Located, Stretch, finite, locate, twist};
 use crate::engines::rules::{LEAN_SQUARE, MOST_OF_ORDER, ORDER_SQUARE, SPREAD_SQUARE};
 
 /// Contribution of a part of a ray.
@@ -117,7 +117,7 @@ pub fn integrate_at<S: Simd, L: PieceLookup>(
     let order = h * h / S::mul_add(tau, S::mul_add(tau, S::splat(ORDER_SQUARE), S::splat(6.0)), S::splat(12.0));
     let kappa_rise = at_b.value[0] - at_a.value[0];
     let around = Around::of(table, limits, at, (&kinks, &stretch));
-    let square = tau * tau;
+    let square = finite::<S>(tau * tau);
     let most = around.colors * (square / S::mul_add(S::splat(MOST_OF_ORDER), tau, square + S::splat(8.0)));
     // Where evenly emitted light comes from, about the middle; and how far light of a rise does.
     let lean = zero - tau / S::mul_add(square, S::splat(LEAN_SQUARE), S::splat(12.0));
@@ -167,7 +167,7 @@ fn moment<S: Simd>(sum: S::F, lean: S::F, of_rise: S::F) -> S::F {
 #[inline(always)]
 fn means<S: Simd>(a: &Channels<S>, b: &Channels<S>, at: &LineInTable<S>, by_ends: S::M) -> [S::F; CHANNELS] {
     let (zero, half) = (S::splat(0.0), S::splat(0.5));
-    let (square, per_width) = (at.width * at.width, at.per_width());
+    let (square, per_width) = (finite::<S>(at.width * at.width), at.per_width());
     let mut means = [zero; CHANNELS];
     for c in 0..CHANNELS {
         let of_sums = ((b.start[c] - a.start[c]) + (b.rest[c] - a.rest[c])) * per_width;
@@ -191,7 +191,7 @@ fn add_moments<S: Simd>(
     }
     let [square, moment] = at.line.moments;
     let missed = S::mul_add(S::splat(1.5), square, S::splat(3.0) * (at.width * moment));
-    let missed = S::select(stretch.is_one, missed, S::splat(0.0));
+    let missed = S::select(stretch.is_one, finite::<S>(missed), S::splat(0.0));
     for c in 0..CHANNELS {
         means[c] = S::max(S::mul_add(a.third_bend[c] + b.third_bend[c], missed, means[c]), S::splat(0.0));
     }

@@ -309,3 +309,30 @@ fn order_in_opaque_parts() {
         }
     }
 }
+
+/// Beside a voxel of 1e37 a part may be wrong, but it says so.
+#[test]
+fn enormous_values() {
+    let point = |value, alpha| [value, 0.95, 0.8, 0.45, alpha];
+    let points = vec![point(-0.3, 0.0), point(0.7, 0.3)];
+    let mut numbers = Random::new(3);
+    for size in [1e10, 1e20, 1e37] {
+        for i in 0..2000 {
+            let mut number = || size * 0.5 * (numbers.unit() - 0.5);
+            let k = match i % 3 {
+                0 => [0.5, number().abs(), 0.0, 0.0],
+                1 => [0.5, number(), number(), number()],
+                _ => [number(), number(), number(), number()],
+            };
+            let case = Case { points: points.clone(), cubics: vec![(k, 1.0)] };
+            let tf = case.transfer_function().unwrap();
+            let pieces = TransferPieces::new(&tf, 0.0, FIT);
+            let found = Integrate { pieces: &pieces, cubics: &case.cubics }.run::<Portable>();
+            let expected = exact(&tf, &case.cubics);
+            let off = (f64::from(found.sums[3]) - expected[3]).abs();
+            let what = format!("{k:?}: {:?} for {expected:?}, {} stated", found.sums, found.error);
+            assert!(found.error >= 0.0 && found.sums.iter().all(|sum| sum.is_finite()), "{what}");
+            assert!(off <= f64::from(found.error) + ROUNDED, "{what}");
+        }
+    }
+}

@@ -140,7 +140,7 @@ pub fn channels<S: Simd, L: PieceLookup>(table: &L, place: Place<S>) -> Channels
         third_bend: [zero; CHANNELS],
         slope: zero,
     };
-    let (y, y2, y3) = (place.y, place.y + place.y, S::splat(3.0) * place.y);
+    let (y, y3) = (place.y, S::splat(3.0) * place.y);
     let mut slopes = [zero; CHANNELS];
     for (c, slope) in slopes.iter_mut().enumerate() {
         let value = table.column::<S>(Column::Value, c, place.piece);
@@ -151,7 +151,7 @@ pub fn channels<S: Simd, L: PieceLookup>(table: &L, place: Place<S>) -> Channels
         out.third_bend[c] = third_bend;
         let half_there = S::mul_add(y3, third_bend, half_slope);
         *slope = half_there + half_there;
-        out.value[c] = S::mul_add(y2, half_slope, S::mul_add(y * y3, third_bend, value));
+        out.value[c] = S::mul_add(y, half_slope + half_there, value);
     }
     out.slope = S::abs(slopes[0]);
     for emission in &slopes[1..] {

@@ -99,7 +99,7 @@ pub fn twist<S: Simd>(
         bends[c] = a.third_bend[c] + b.third_bend[c];
     }
     let rise = S::abs(at.width);
-    let of_curve = S::splat(3.0 * OF_CURVE) * (rise * rise) * less_share::<S>(&bends, &colors);
+    let of_curve = S::splat(3.0 * OF_CURVE) * finite::<S>(rise * rise) * less_share::<S>(&bends, &colors);
     if S::bits(S::lt(S::splat(0.0), kinks.settled)) == 0 {
         return of_curve;
     }
@@ -160,9 +160,10 @@ impl<S: Simd> Kinks<S> {
             let (both, aside) = (p * (one - p), S::mul_add(S::splat(-2.0), p, one));
             let swing = both * S::mul_add(S::splat(0.25) * cubic, both, S::splat(-2.0 / 3.0) * bump * aside);
             let r = S::mul_add(half * cubic * both, aside, S::splat(4.0) * bump * (both - S::splat(1.0 / 6.0)));
-            let second = half * r * r;
-            let to_mean = S::mul_add(second, at.per_rise, S::select(ascends, zero - swing, swing));
-            let to_moment = size * both * aside * S::splat(1.0 / 12.0);
+            // In other lanes these may be beyond any number.
+            let second = half * r * (r * at.per_rise);
+            let to_mean = S::select(is_there, second + S::select(ascends, zero - swing, swing), zero);
+            let to_moment = S::select(is_there, size * both * aside * S::splat(1.0 / 12.0), zero);
             for c in 0..CHANNELS {
                 let slope = S::select(is_there, table.column::<S>(changes, c, piece), zero);
                 means[c] = S::max(S::mul_add(slope, to_mean, means[c]), zero);
@@ -174,7 +175,9 @@ impl<S: Simd> Kinks<S> {
             // Where the field may cross the kink beyond the part's ends, less of the second term is there, or none.
             let is_inside = S::le(S::abs(r), (size - turn) * both);
             let share = S::select(is_inside, turn * at.per_rise, one);
-            found.error = S::mul_add(change * S::min(second * at.per_slope, average), share, found.error);
+            let most = S::min(half * r * (r * at.per_slope), average);
+            let of_rounding = S::abs(to_mean) * S::splat(4.0 * f32::EPSILON);
+            found.error = S::mul_add(change, S::mul_add(most, share, of_rounding), found.error);
         }
         found
     }
@@ -269,7 +272,7 @@ impl<S: Simd> Around<S> {
         // A narrow interval has the mean of its ends, wherever a step or a kink lies in between.
         let of_steps = self.steps * S::min((most + most + narrow) * at.per_rise, one);
         let curvature = if at.line.is_span { self.bend } else { self.curvature };
-        let smooth = curvature * S::mul_add(half, square, rise * swing[1]);
+        let smooth = curvature * finite::<S>(S::mul_add(half, square, rise * swing[1]));
         // A kink that a monotone field crosses: what r does to first order, and where the field is on its other side than the line.
         // Any other moves it by at most half of the mean distance: as often the field is above its line as it is below.
         let (beside, any) = (at.beside(), half * average);
@@ -305,7 +308,7 @@ impl<S: Simd> Around<S> {
         let one = S::splat(1.0);
         let Line { most, average, square, swing, length, .. } = at.line;
         let rise = S::abs(at.width);
-        let (slope, curve) = (a.slope + self.bends, self.bend * (rise * rise));
+        let (slope, curve) = (a.slope + self.bends, self.bend * finite::<S>(rise * rise));
         let (kink, misplaced) = (self.kinks * rise, S::min((most + most) * at.per_rise, one));
         let tilt = S::abs(kappa_rise) * per_kappa;
         // How far extinction, relative to its mean, is from a line; and how far light comes from elsewhere than evenly.
@@ -319,7 +322,7 @@ impl<S: Simd> Around<S> {
         // The integral of what emission and extinction, each, are from lines: where the field is one, and where it is not.
         let of_kinks =
             kink * S::min(S::mul_add(from, S::splat(OF_BENDS), S::splat(MOMENT_OF_KINK)), S::splat(OF_BENDS));
-        let on = S::mul_add(self.curvature * (rise * rise), S::splat(OF_CURVE), of_kinks);
+        let on = S::mul_add(self.curvature * finite::<S>(rise * rise), S::splat(OF_CURVE), of_kinks);
         let bow = S::mul_add(slope, from, self.bends) * swing[0];
         let off = S::mul_add(S::splat(0.5) * self.bend, square, bow + slope * at.moment());
         let near = S::mul_add(self.kinks + self.beyond + self.settled, at.beside(), on + off);
@@ -345,8 +348,8 @@ impl<S: Simd> Around<S> {
         let rise = S::abs(at.width);
         let slope = a.slope + self.bends;
         // The transfer function along the line, and what the field's distance from it does.
-        let curve =
-            S::mul_add(self.curvature, S::splat(OF_CURVES - OF_CURVE), self.bend * S::splat(OF_CURVE)) * (rise * rise);
+        let curve = S::mul_add(self.curvature, S::splat(OF_CURVES - OF_CURVE), self.bend * S::splat(OF_CURVE))
+            * finite::<S>(rise * rise);
         let kinks = rise * S::mul_add(self.kinks, S::splat(OF_UNSETTLED_KINK), self.settled * S::splat(OF_KINK));
         let bow = S::mul_add(S::splat(3.0), self.bends, slope) * swing[0];
         let off = S::mul_add(S::splat(0.5) * self.bend, square, bow + slope * at.moment());
@@ -369,6 +372,12 @@ impl<S: Simd> Around<S> {
         // No density is further from any line whose moment is at most half of its sum.
         S::min(near, opacity * S::splat(1.5))
     }
+}
+
+/// A product of distances of values. Beside values of 1e20 it overflows, although curvature is 0 there.
+#[inline(always)]
+pub fn finite<S: Simd>(product: S::F) -> S::F {
+    S::min(S::max(product, S::splat(f32::MIN)), S::splat(f32::MAX))
 }
 
 /// Growth per value over the piece of a place.
