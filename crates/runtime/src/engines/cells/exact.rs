@@ -36,7 +36,7 @@ type Seen = (DVec3, f64);
 struct ExactChord<'a> {
     transfer_function: &'a TransferFunction,
     lighting: Option<&'a Lighting>,
-    /// Of each light, the unit vectors to it and half way to the eye, and its intensity.
+    /// Unit vectors to each light and half way from it to the eye, and its intensity.
     lights: Vec<(DVec3, DVec3, f64)>,
     /// World gradient from the gradient along the chord.
     world_from_index: DMat3,

@@ -84,8 +84,8 @@ impl<S: Simd> LineInTable<S> {
     }
 }
 
-/// What emissions, less their mean shares of the extinction, are uneven by between the ends of a line: bound on the integral of their
-/// distance from linear ones with the same moments. An emission that is a share of the extinction is not moved by order.
+/// Unevenness of emissions less their mean shares of the extinction, between the ends of a line: bound on the integral of
+/// their distance from linear ones with the same moments. Order does not move an emission that is a share of the extinction.
 #[inline(always)]
 pub fn twist<S: Simd>(
     at: &LineInTable<S>,
@@ -172,7 +172,7 @@ impl<S: Simd> Kinks<S> {
             }
             let change = S::select(is_there, table.column::<S>(greatest, 0, piece), zero);
             found.settled = found.settled + change;
-            // Where the field may cross the kink beyond the part's ends, less of the second term is there, or none.
+            // The second term is smaller, or missing, if the field crosses the kink beyond the part's ends.
             let is_inside = S::le(S::abs(r), (size - turn) * both);
             let share = S::select(is_inside, turn * at.per_rise, one);
             let most = S::min(half * r * (r * at.per_slope), average);
@@ -330,7 +330,7 @@ impl<S: Simd> Around<S> {
         let of_steps = self.steps * S::mul_add(S::splat(0.25), one, misplaced);
         let uneven = S::min(S::mul_add(twist, from, near), any) + of_steps;
         let shape = opacity * length * uneven;
-        // Where order is counted by the line.
+        // Error of what the line counts of order.
         let moved = tau * S::mul_add(tilt, S::splat(0.125), rest * S::splat(0.5));
         let of_tilt = opacity * tau * S::mul_add(tau * tau, S::splat(ORDER_OF_DEPTH), tilt * S::splat(1.0 / 240.0));
         let of_rest = S::splat(0.125) * S::mul_add(moved, moved, tau * rest);
@@ -339,8 +339,8 @@ impl<S: Simd> Around<S> {
 
     /// See [`Part::misplaced`].
     ///
-    /// Of a density that is not linear: what its curvature does, [`OF_CURVE`] times it; what a change of slope does; what a
-    /// step does. To each is added what the moment is off by, for the line has the stated one.
+    /// A density that is not linear has curvature, changes of slope and steps. Each adds its own bound, such as [`OF_CURVE`] times the
+    /// curvature, and the error of the moment, for the line has the stated one.
     #[inline(always)]
     pub fn misplaced(&self, at: &LineInTable<S>, a: &Channels<S>, [kappa, opacity, narrow]: [S::F; 3]) -> S::F {
         let one = S::splat(1.0);
