@@ -22,6 +22,8 @@ pub const BY_OPACITY: f64 = 0.15;
 /// Part of what is left of a ray's reserve that one cell may use. With 0.03 to 0.05 time is least, and 0.15 takes up to seven times
 /// as much: cells that come late are cut too finely (045).
 pub const RESERVE_SHARE: f32 = 0.05;
+/// Share of that which a part may be off by in the order of its light, without a closer look at it.
+pub const ORDER_SHARE: f32 = 0.1;
 /// Least share of E that is kept for the reserve, whatever rounding takes.
 const LEAST_RESERVE: f64 = 0.1;
 /// Share of E that is left out behind the point where a ray ends in mode `dvr`: a bound (006).
@@ -111,9 +113,11 @@ pub const SWING_OF_BUMP: f32 = 0.06416;
 pub const SWING_OF_CUBIC: f32 = 1.0 / 64.0;
 /// Greatest distance of a cubic's odd part, in parts of its coefficient: 0.0481, rounded up.
 pub const GREATEST_OF_CUBIC: f32 = 0.05;
-/// Coefficient of the squared depth in `R(tau) ~ 1 / (12 + 6 tau + 1.2 tau^2)`: with it, R is within 6 % of the exact rational
-/// of exponentials up to tau = 3.
+/// Coefficient of the squared depth in `R(tau) ~ 1 / (12 + 6 tau + 1.2 tau^2 + 0.1 tau^3)`, and of its cube: the series of the exact
+/// rational of exponentials. Without the cube, as on the GPU, R is within 6 % of it up to tau = 3.
 pub const ORDER_SQUARE: f32 = 1.2;
+/// See [`ORDER_SQUARE`].
+pub const ORDER_CUBE: f32 = 0.1;
 /// Greatest effect of order on two colours that differ by 1: it is below `tau^2 / (8 + MOST_OF_ORDER tau + tau^2)`, by up to 3 %.
 pub const MOST_OF_ORDER: f32 = 3.7;
 /// Error by order, in parts of `opacity tau / (4 + tau)`, of colours that differ by 1 and may come in any order. The closed form
@@ -121,8 +125,19 @@ pub const MOST_OF_ORDER: f32 = 3.7;
 pub const OUT_OF_ORDER: f32 = 0.84;
 /// The same of colours that turn evenly: R is off by 6 %.
 pub const ORDER_REST: f32 = 0.06;
-/// Error of R, in parts of the opacity and the squared depth: for evenly turning colours.
-pub const ORDER_OF_DEPTH: f32 = 6.8e-4;
+/// Depth up to which R goes by that series: beyond, the rational loses nothing by rounding.
+pub const SERIES_UP_TO: f32 = 1.0;
+/// Error of R, in parts of the opacity and the cubed depth: 9.92e-6, rounded up.
+pub const ORDER_OF_DEPTH: f32 = 1.0e-5;
+/// Error of R, in parts of opacity, depth and squared tilt, where the extinction rises by the tilt t from end to end, relative to its
+/// mean, and R is multiplied by `1 + t tau / 20`: up to [`TILT_LIMIT`], and from [`LEAST_TILT`] on. Below that, the tilt falls only once.
+pub const ORDER_OF_TILT: f32 = 1.65e-4;
+/// See [`ORDER_OF_TILT`].
+pub const LEAST_TILT: f32 = 1.9;
+/// Depth beyond which that grows no more, for tilts up to 2.
+pub const OPAQUE_TILT: f32 = 4.0;
+/// See [`ORDER_OF_TILT`]: the greatest of a quadratic that is nowhere negative is 3.46.
+pub const TILT_LIMIT: f32 = 4.0;
 /// Mean origin of light of even extinction, before the middle: `tau / (12 + LEAN_SQUARE tau^2)`, within `1e-5 tau^5` of the
 /// exact `coth(tau / 2) / 2 - 1 / tau`.
 pub const LEAN_SQUARE: f32 = 0.2;

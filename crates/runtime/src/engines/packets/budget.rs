@@ -16,7 +16,7 @@
 //! [`ROUND`] visible cells later ([`Late`]). So a ray's budget does not depend on how its cells are grouped into rounds, which
 //! depends on leaps.
 
-use super::integrate::Part;
+use super::integrate::Passed;
 use super::simd::Simd;
 use super::walk::ROUND;
 use crate::engines::rules::RESERVE_SHARE;
@@ -107,7 +107,7 @@ impl<S: Simd> Budget<S> {
 
     /// Allowance of some cells together, whose contribution is this part.
     #[inline(always)]
-    pub fn allowed(&self, part: &Part<S>, cells: usize) -> Allowed<S> {
+    pub fn allowed(&self, part: Passed<S>, cells: usize) -> Allowed<S> {
         // The least opacity: the weight falls by this share of it ([`Budget::pass`]), so that these sums end at 1.
         let opacity = S::max(S::splat(1.0) - part.transmittance - part.error, S::splat(0.0));
         let by_opacity = self.by_opacity * opacity * self.weight;
@@ -122,7 +122,7 @@ impl<S: Simd> Budget<S> {
 
     /// Goes behind a part, which lets at most its transmittance plus its error through.
     #[inline(always)]
-    pub fn pass(&mut self, part: &Part<S>) {
+    pub fn pass(&mut self, part: Passed<S>) {
         let one = S::splat(1.0);
         let most = S::min(part.transmittance + part.error, one);
         let through = S::select(S::lt(part.error, one), most, one);

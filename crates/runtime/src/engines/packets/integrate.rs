@@ -6,13 +6,13 @@
 //! With `tau = h mean(kappa)` the opacity is `1 - exp(-tau)`, and the colour
 //!
 //! ```text
-//! C = mean(e) h (1 - exp(-tau)) / tau  -  h^2 (de mean(kappa) - mean(e) dkappa) R(tau)
-//! R ~ 1 / (12 + 6 tau + 1.2 tau^2)
+//! C = mean(e) h (1 - exp(-tau)) / tau  -  h^2 (de mean(kappa) - mean(e) dkappa) R
+//! R = (1 + t tau / 20) (tau - 2 + (tau + 2) exp(-tau)) / (2 tau^3),    t = dkappa / mean(kappa)
 //! ```
 //!
 //! where de and dkappa are the differences between the ends. The second term is the effect of the order of emission and
-//! absorption. It is exact for small tau, and within 6 % of the exact rational of exponentials up to tau = 3. It
-//! assumes linear extinction and emission. Elsewhere it is limited to the largest effect of order on two colours that
+//! absorption. It is exact for even extinction, and to first order in its tilt t for small tau. It assumes linear extinction
+//! and emission. Elsewhere it is limited to the largest effect of order on two colours that
 //! differ by D: with m = (1 - exp(-tau)) / tau that is `D (1 - m + m ln m)`, below `D tau^2 / (8 + 3.7 tau + tau^2)`.
 //!
 //! Error of the line ([`Part::error`], opacity or colour as a share of the light in front), with r = s - line; proofs are in
@@ -26,10 +26,10 @@
 use supervol_scene::transfer_function::pieces::{CHANNELS, Limits};
 
 use super::chord::{Chord, Line};
-use super::lookup::{Channels, PieceLookup, channels};
+use super::lookup::{Channels, PieceLookup, quadratics};
 use super::simd::{Simd, exp_minus};
 use super::uneven::{Around, Kinks, LineInTable, Located, Stretch, finite, locate, twist};
-use crate::engines::rules::{LEAN_SQUARE, MOST_OF_ORDER, ORDER_SQUARE, SPREAD_SQUARE};
+use crate::engines::rules::{LEAN_SQUARE, MOST_OF_ORDER, ORDER_CUBE, ORDER_SQUARE, SERIES_UP_TO, SPREAD_SQUARE};
 
 /// Contribution of a part of a ray.
 #[derive(Clone, Copy)]
@@ -53,7 +53,20 @@ pub struct Part<S: Simd> {
     pub colors: S::F,
 }
 
+/// Share of light that passes a part, and bound on what it is off by.
+#[derive(Clone, Copy)]
+pub struct Passed<S: Simd> {
+    pub transmittance: S::F,
+    pub error: S::F,
+}
+
 impl<S: Simd> Part<S> {
+    /// What the budget asks for.
+    #[inline(always)]
+    pub fn passed(&self) -> Passed<S> {
+        Passed { transmittance: self.transmittance, error: self.error }
+    }
+
     /// An empty part.
     #[inline(always)]
     pub fn nothing() -> Self {
@@ -83,11 +96,22 @@ impl<S: Simd> Part<S> {
 /// Extinction below which colours are not known.
 const LEAST_KAPPA: f32 = 1e-20;
 
+/// Lanes of a packet, and how exactly their parts are wanted.
+#[derive(Clone, Copy)]
+pub struct Wanted<S: Simd> {
+    /// Lanes that count: the parts of others have no meaning.
+    pub lanes: S::M,
+    /// Error of order up to which a bound that costs little will do, though another may be smaller.
+    pub order: S::F,
+    /// Whether the parts will be lit: else their moments, and how they are misplaced, have no meaning.
+    pub lit: bool,
+}
+
 /// Integrates a chord. `limits` is the table's.
 #[inline(always)]
-pub fn integrate<S: Simd, L: PieceLookup>(table: &L, limits: Limits, chord: &Chord<S>) -> Part<S> {
+pub fn integrate<S: Simd, L: PieceLookup>(table: &L, limits: Limits, chord: &Chord<S>, wanted: &Wanted<S>) -> Part<S> {
     let line = chord.line();
-    integrate_at(table, limits, &line, &locate(table, &line))
+    integrate_at(table, limits, (&line, &locate(table, &line, wanted.lanes)), wanted)
 }
 
 /// Integrates along a line whose position in the table is known.
@@ -95,17 +119,34 @@ pub fn integrate<S: Simd, L: PieceLookup>(table: &L, limits: Limits, chord: &Cho
 pub fn integrate_at<S: Simd, L: PieceLookup>(
     table: &L,
     limits: Limits,
-    line: &Line<S>,
-    located: &Located<S>,
+    (line, located): (&Line<S>, &Located<S>),
+    wanted: &Wanted<S>,
 ) -> Part<S> {
     let at = &LineInTable::new(line, located);
+    match located.has_knots {
+        true => integrate_over::<S, L, true>(table, limits, at, wanted),
+        false => integrate_over::<S, L, false>(table, limits, at, wanted),
+    }
+}
+
+/// See [`integrate_at`]; `KNOTS`: see [`Around`].
+#[inline(always)]
+fn integrate_over<S: Simd, L: PieceLookup, const KNOTS: bool>(
+    table: &L,
+    limits: Limits,
+    at: &LineInTable<S>,
+    wanted: &Wanted<S>,
+) -> Part<S> {
     let (zero, one) = (S::splat(0.0), S::splat(1.0));
-    let (at_a, at_b) = (channels(table, at.ends[0]), channels(table, at.ends[1]));
-    let by_ends = S::eq_int(at.ends[0].piece, at.ends[1].piece) | S::le(S::abs(at.width), S::splat(limits.narrow));
-    let mut means = means(&at_a, &at_b, at, by_ends);
-    let stretch = Stretch::of(table, limits, at);
+    let [a, b] = at.ends;
+    let of_a = quadratics(table, a.piece);
+    let of_b = if KNOTS { quadratics(table, b.piece) } else { of_a };
+    let (at_a, at_b) = (of_a.at(a.y), of_b.at(b.y));
+    let by_ends = S::eq_int(a.piece, b.piece) | S::le(S::abs(at.width), S::splat(limits.narrow));
+    let mut means = if KNOTS { means(&at_a, &at_b, at, by_ends) } else { means_by_ends(&at_a, &at_b, at) };
+    let stretch = Stretch::of::<L, KNOTS>(table, limits, at);
     add_moments(&mut means, (&at_a, &at_b), at, &stretch);
-    let kinks = Kinks::inside(table, at, &mut means);
+    let kinks = if KNOTS { Kinks::inside(table, at, &mut means) } else { Kinks::none() };
     let h = at.line.length;
     let kappa = means[0];
     let tau = kappa * h;
@@ -114,43 +155,67 @@ pub fn integrate_at<S: Simd, L: PieceLookup>(
     let is_clear = S::lt(tau, S::splat(1e-6));
     let per_kappa = one / S::max(kappa, S::splat(LEAST_KAPPA));
     let emitting = S::select(is_clear, h, opacity * per_kappa);
-    let order = h * h / S::mul_add(tau, S::mul_add(tau, S::splat(ORDER_SQUARE), S::splat(6.0)), S::splat(12.0));
     let kappa_rise = at_b.value[0] - at_a.value[0];
-    let around = Around::of(table, limits, at, (&kinks, &stretch));
+    let order = h * h * S::mul_add(kappa_rise * h, S::splat(0.05), one) * order_of_even::<S>(tau, transmittance);
+    let around = Around::<S, KNOTS>::of(table, limits, at, (&kinks, &stretch));
     let square = finite::<S>(tau * tau);
     let most = around.colors * (square / S::mul_add(S::splat(MOST_OF_ORDER), tau, square + S::splat(8.0)));
     // Where evenly emitted light comes from, about the middle; and how far light of a rise does.
     let lean = zero - tau / S::mul_add(square, S::splat(LEAN_SQUARE), S::splat(12.0));
     let of_rise = emitting / S::mul_add(square, S::splat(SPREAD_SQUARE), S::splat(12.0));
-    let extinction_rise = S::mul_add(S::splat(12.0), kinks.moments[0], kappa_rise);
+    let extinction_rise = kinks.rise::<KNOTS>(0, kappa_rise);
     let mut moments = [moment::<S>(opacity, lean, of_rise * extinction_rise); CHANNELS];
     let mut color = [zero; 3];
     let (mut turn, mut ordered_most) = (zero, zero);
     for c in 0..3 {
         let emission = means[c + 1];
         let emission_rise = at_b.value[c + 1] - at_a.value[c + 1];
-        let rise = S::mul_add(S::splat(12.0), kinks.moments[c + 1], emission_rise);
+        let rise = kinks.rise::<KNOTS>(c + 1, emission_rise);
         let of_color = rise * kappa - emission * extinction_rise;
         turn = S::max(turn, S::abs(of_color));
         let ordered = S::min(S::max(order * of_color, zero - most), most);
         ordered_most = S::max(ordered_most, S::abs(ordered));
         color[c] = S::min(S::max(emission * emitting - ordered, zero), opacity);
-        moments[c + 1] = moment::<S>(color[c], lean, of_rise * rise);
+        if wanted.lit {
+            moments[c + 1] = moment::<S>(color[c], lean, of_rise * rise);
+        }
     }
     let of_ends = S::max(at_a.value[0], zero) + S::max(at_b.value[0], zero) + kappa + kappa;
     let of_noise = around.error_of_noise(at, &at_a, of_ends);
     let of_mean = (around.error_of_mean(at, limits, by_ends) + of_noise) * h;
     let rounding = (around.error_of_rounded_steps(at, limits) + of_noise) * h;
-    let twist = twist(at, (&at_a, &at_b), &kinks, (&means, per_kappa));
-    let of_order = around.error_of_order(at, &at_a, [tau, per_kappa, opacity, kappa_rise, turn, twist]);
-    let of_order = S::min(of_order, most + ordered_most);
+    let of_order = most + ordered_most;
+    let is_closer = S::lt(wanted.order, of_order);
+    let of_order = match S::bits(is_closer & wanted.lanes) {
+        0 => of_order,
+        _ => {
+            let twist = twist(at, (&at_a, &at_b), &kinks, (&means, per_kappa));
+            let close = around.error_of_order(at, &at_a, [tau, per_kappa, opacity, kappa_rise, turn, twist]);
+            S::select(is_closer, S::min(close, of_order), of_order)
+        }
+    };
     // What is missed of a mean shows less in a part that is opaque.
     let least = S::max(tau - of_mean, zero);
     let seen = of_mean / S::max(S::splat(0.5) * least, one);
     let error = S::min(seen, one) + of_order;
-    let misplaced = around.misplaced(at, &at_a, [kappa, opacity + error, S::splat(limits.narrow)]);
+    let misplaced = match wanted.lit {
+        true => around.misplaced(at, &at_a, [kappa, opacity + error, S::splat(limits.narrow)]),
+        false => zero,
+    };
     let rounding = rounding * transmittance;
     Part { color, tau, transmittance, error, rounding, moments, misplaced, colors: S::min(around.colors, one) }
+}
+
+/// R of the head, of even extinction: `(tau - 2 + (tau + 2) exp(-tau)) / (2 tau^3)`, for small tau by its series.
+#[inline(always)]
+pub fn order_of_even<S: Simd>(tau: S::F, transmittance: S::F) -> S::F {
+    let (one, two) = (S::splat(1.0), S::splat(2.0));
+    let is_deep = S::lt(S::splat(SERIES_UP_TO), tau);
+    let series = S::mul_add(tau, S::mul_add(tau, S::splat(ORDER_CUBE), S::splat(ORDER_SQUARE)), S::splat(6.0));
+    let series = S::mul_add(tau, series, S::splat(12.0));
+    let above = S::select(is_deep, S::mul_add(tau + two, transmittance, tau - two), one);
+    let below = S::select(is_deep, (tau + tau) * tau * tau, series);
+    above / below
 }
 
 /// First moment of a density with this sum; at most half of it, as any has.
@@ -161,18 +226,26 @@ fn moment<S: Simd>(sum: S::F, lean: S::F, of_rise: S::F) -> S::F {
 }
 
 /// Means of the channels over the line between two places; never negative.
-///
-/// In one piece, the mean of a quadratic follows from its ends, without cancellation: `(f(a) + f(b)) / 2 - bend (b -
-/// a)^2 / 6`.
 #[inline(always)]
 fn means<S: Simd>(a: &Channels<S>, b: &Channels<S>, at: &LineInTable<S>, by_ends: S::M) -> [S::F; CHANNELS] {
-    let (zero, half) = (S::splat(0.0), S::splat(0.5));
-    let (square, per_width) = (finite::<S>(at.width * at.width), at.per_width());
-    let mut means = [zero; CHANNELS];
+    let per_width = at.per_width();
+    let mut means = means_by_ends(a, b, at);
     for c in 0..CHANNELS {
         let of_sums = ((b.start[c] - a.start[c]) + (b.rest[c] - a.rest[c])) * per_width;
-        let of_ends = half * S::mul_add(zero - a.third_bend[c], square, a.value[c] + b.value[c]);
-        means[c] = S::max(S::select(by_ends, of_ends, of_sums), zero);
+        means[c] = S::select(by_ends, means[c], S::max(of_sums, S::splat(0.0)));
+    }
+    means
+}
+
+/// Means between two places in one piece. The mean of a quadratic follows from its ends, without cancellation: `(f(a) + f(b)) / 2 - bend
+/// (b - a)^2 / 6`.
+#[inline(always)]
+fn means_by_ends<S: Simd>(a: &Channels<S>, b: &Channels<S>, at: &LineInTable<S>) -> [S::F; CHANNELS] {
+    let (zero, half) = (S::splat(0.0), S::splat(0.5));
+    let square = finite::<S>(at.width * at.width);
+    let mut means = [zero; CHANNELS];
+    for c in 0..CHANNELS {
+        means[c] = S::max(half * S::mul_add(zero - a.third_bend[c], square, a.value[c] + b.value[c]), zero);
     }
     means
 }

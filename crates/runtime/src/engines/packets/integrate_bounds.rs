@@ -3,15 +3,16 @@
 //! Cases are random, and those that an adversary finds, who changes numbers as long as the true error gets nearer to the stated one.
 
 use supervol_format::random::Random;
-use supervol_scene::transfer_function::pieces::{CHANNELS, TransferPieces};
+use supervol_scene::transfer_function::pieces::{CHANNELS, Column, TransferPieces};
 use supervol_scene::transfer_function::{ControlPoint, TransferFunction};
 
 use super::chord::{Chord, Line};
-use super::integrate::integrate_at;
+use super::integrate::{Part, Wanted, integrate, integrate_at, order_of_even};
 use super::lookup::ManyPieces;
 use super::simd::{LANES_LIMIT, Portable, Simd, Task};
 use super::uneven::locate;
 use crate::engines::cubics::{Cubic, cubic, exact};
+use crate::engines::rules::{LEAST_TILT, OPAQUE_TILT, ORDER_OF_DEPTH, ORDER_OF_TILT, SERIES_UP_TO, TILT_LIMIT};
 
 /// Contribution of consecutive chords, by one line.
 struct Integrate<'a> {
@@ -34,7 +35,9 @@ impl Task for Integrate<'_> {
         let chords: Vec<_> = self.cubics.iter().map(chord).collect();
         let line = if chords.len() == 1 { chords[0].line() } else { Line::over(&chords) };
         let table = ManyPieces::new(self.pieces);
-        let part = integrate_at::<S, _>(&table, self.pieces.limits, &line, &locate(&table, &line));
+        let wanted = Wanted { lanes: S::mask_from_bits(u32::MAX), order: S::splat(0.0), lit: true };
+        let located = locate(&table, &line, wanted.lanes);
+        let part = integrate_at::<S, _>(&table, self.pieces.limits, (&line, &located), &wanted);
         let first = |v: S::F| {
             let mut lanes = [0.0; LANES_LIMIT];
             S::store(v, &mut lanes);
@@ -308,6 +311,98 @@ fn order_in_opaque_parts() {
             check(&case, case.errors()[0], "order");
         }
     }
+}
+
+/// Order of linear emission and extinction: what the rule takes for `1 / (2 tau) times the integral of (1 - 2 u) exp(-depth(u))` is off by
+/// no more than it states.
+#[test]
+fn order_of_lines() {
+    const PLACES: u32 = 400;
+    // By pairs of Gauss points: of the 400 stretches, the fourth derivative makes less than 1e-9.
+    let exact = |tau: f64, tilt: f64| {
+        let gauss = 0.5 / 3.0f64.sqrt();
+        let places = (0..PLACES).flat_map(|i| [-gauss, gauss].map(|g| (f64::from(i) + 0.5 + g) / f64::from(PLACES)));
+        let at = |u: f64| (1.0 - 2.0 * u) * (-tau * (u - 0.5 * tilt * u * (1.0 - u))).exp();
+        places.map(at).sum::<f64>() / f64::from(4 * PLACES) / tau
+    };
+    let first = |v| {
+        let mut lanes = [0.0; LANES_LIMIT];
+        Portable::store(v, &mut lanes);
+        f64::from(lanes[0])
+    };
+    for step in 1..=400 {
+        let tau = 10f64.powf(f64::from(step) / 400.0 * 4.0 - 2.5);
+        let opacity = 1.0 - (-tau).exp();
+        let even = first(order_of_even::<Portable>(Portable::splat(tau as f32), Portable::splat((-tau).exp() as f32)));
+        for tilt in (-40..=40).map(|i| f64::from(i) / 10.0) {
+            let (size, is_opaque) = (tilt.abs(), tau > f64::from(OPAQUE_TILT));
+            if size > if is_opaque { 2.0 } else { f64::from(TILT_LIMIT) } {
+                continue;
+            }
+            let off = (even * (1.0 + tilt * tau / 20.0) - exact(tau, tilt)).abs();
+            let of_depth = if tau > f64::from(SERIES_UP_TO) { 0.0 } else { f64::from(ORDER_OF_DEPTH) * tau.powi(3) };
+            let of_tilt = f64::from(ORDER_OF_TILT) * size * size.max(f64::from(LEAST_TILT));
+            let stated = opacity * (of_depth + of_tilt * tau.min(f64::from(OPAQUE_TILT)));
+            // Roundings of single precision, here and in the rule.
+            let rounded = 4e-7 * (1.0 + size * tau / 20.0) / (1.0 + tau * tau);
+            assert!(off <= stated + rounded, "{tau} {tilt}: {off} {stated}");
+        }
+    }
+}
+
+/// Parts do not depend on which others are integrated with them: on whether any of them reaches over a knot.
+#[test]
+fn parts_do_not_depend_on_their_neighbours() {
+    struct Numbers<'a>(&'a TransferPieces, &'a [Cubic]);
+    impl Task for Numbers<'_> {
+        type Output = Vec<[u32; 15]>;
+        #[inline(always)]
+        fn run<S: Simd>(self) -> Self::Output {
+            let Self(pieces, cubics) = self;
+            let number = |of: &dyn Fn(&Cubic) -> f64| {
+                let mut lanes = [0.0; LANES_LIMIT];
+                (0..LANES_LIMIT).for_each(|lane| lanes[lane] = of(&cubics[lane % cubics.len()]) as f32);
+                S::load(&lanes)
+            };
+            let chord = Chord::<S> {
+                values: [0.0, 0.5, 1.0].map(|u| number(&|&(k, _)| cubic(k, u))),
+                cubic: number(&|(k, _)| k[3]),
+                length: number(&|&(_, length)| length),
+                noise: S::splat(1e-5),
+                bounds: Chord::<S>::UNBOUNDED.map(S::splat),
+            };
+            let table = ManyPieces::new(pieces);
+            let wanted = Wanted { lanes: S::mask_from_bits(u32::MAX), order: S::splat(1e-5), lit: true };
+            let part = integrate::<S, _>(&table, pieces.limits, &chord, &wanted);
+            let Part { color, tau, transmittance, error, rounding, moments, misplaced, colors } = part;
+            let others = [tau, transmittance, error, rounding, misplaced, colors];
+            let mut lanes = vec![[0; 15]; cubics.len()];
+            for (i, value) in color.into_iter().chain(moments).chain(others).enumerate() {
+                let mut stored = [0.0; LANES_LIMIT];
+                S::store(value, &mut stored);
+                lanes.iter_mut().zip(stored).for_each(|(lane, value)| lane[i] = value.to_bits());
+            }
+            lanes
+        }
+    }
+    let mut numbers = Random::new(5);
+    let mut random = || numbers.unit();
+    let (mut alone, mut compared) = (0, 0);
+    for _ in 0..3000 {
+        let Some(tf) = Case::random(&mut random).transfer_function() else { continue };
+        let pieces = TransferPieces::new(&tf, 0.0, FIT);
+        let cubics: Vec<Cubic> = (0..Portable::LANES).map(|_| Case::random(&mut random).cubics[0]).collect();
+        let together = Numbers(&pieces, &cubics).run::<Portable>();
+        for (cubic, together) in cubics.iter().zip(together) {
+            let of_one = Numbers(&pieces, &[*cubic]).run::<Portable>()[0];
+            assert_eq!(of_one, together, "{cubic:?}");
+            compared += 1;
+            let range = [0.0, 0.25, 0.5, 0.75, 1.0].map(|u| self::cubic(cubic.0, u) as f32);
+            let knots = pieces.column(Column::Knot, 0);
+            alone += u32::from(knots.iter().all(|k| range.iter().all(|v| v < k) || range.iter().all(|v| v > k)));
+        }
+    }
+    assert!(alone > 500 && compared - alone > 500, "{alone} of {compared} reach over no knot");
 }
 
 /// Beside a voxel of 1e37 a part may be wrong, but it says so.

@@ -28,7 +28,12 @@ pub trait PieceLookup {
     /// Piece and distance from its anchor.
     #[inline(always)]
     fn place<S: Simd>(&self, value: S::F) -> Place<S> {
-        let piece = self.piece_of::<S>(value);
+        self.place_in::<S>(self.piece_of::<S>(value), value)
+    }
+
+    /// Distance from the anchor of its piece.
+    #[inline(always)]
+    fn place_in<S: Simd>(&self, piece: S::I, value: S::F) -> Place<S> {
         Place { piece, y: value - self.column::<S>(Column::Anchor, 0, piece) }
     }
 }
@@ -129,33 +134,49 @@ pub struct Channels<S: Simd> {
     pub slope: S::F,
 }
 
-/// All channels at a place.
+/// The quadratics of all channels in a piece.
+#[derive(Clone, Copy)]
+pub struct Quadratics<S: Simd> {
+    start: [S::F; CHANNELS],
+    value: [S::F; CHANNELS],
+    half_slope: [S::F; CHANNELS],
+    third_bend: [S::F; CHANNELS],
+}
+
+/// Looks them up.
 #[inline(always)]
-pub fn channels<S: Simd, L: PieceLookup>(table: &L, place: Place<S>) -> Channels<S> {
-    let zero = S::splat(0.0);
-    let mut out = Channels {
-        start: [zero; CHANNELS],
-        rest: [zero; CHANNELS],
-        value: [zero; CHANNELS],
-        third_bend: [zero; CHANNELS],
-        slope: zero,
-    };
-    let (y, y3) = (place.y, S::splat(3.0) * place.y);
-    let mut slopes = [zero; CHANNELS];
-    for (c, slope) in slopes.iter_mut().enumerate() {
-        let value = table.column::<S>(Column::Value, c, place.piece);
-        let half_slope = table.column::<S>(Column::HalfSlope, c, place.piece);
-        let third_bend = table.column::<S>(Column::ThirdBend, c, place.piece);
-        out.start[c] = table.column::<S>(Column::Start, c, place.piece);
-        out.rest[c] = y * S::mul_add(y, S::mul_add(y, third_bend, half_slope), value);
-        out.third_bend[c] = third_bend;
-        let half_there = S::mul_add(y3, third_bend, half_slope);
-        *slope = half_there + half_there;
-        out.value[c] = S::mul_add(y, half_slope + half_there, value);
+pub fn quadratics<S: Simd, L: PieceLookup>(table: &L, piece: S::I) -> Quadratics<S> {
+    let zero = [S::splat(0.0); CHANNELS];
+    let mut found = Quadratics { start: zero, value: zero, half_slope: zero, third_bend: zero };
+    for c in 0..CHANNELS {
+        found.start[c] = table.column::<S>(Column::Start, c, piece);
+        found.value[c] = table.column::<S>(Column::Value, c, piece);
+        found.half_slope[c] = table.column::<S>(Column::HalfSlope, c, piece);
+        found.third_bend[c] = table.column::<S>(Column::ThirdBend, c, piece);
     }
-    out.slope = S::abs(slopes[0]);
-    for emission in &slopes[1..] {
-        out.slope = S::max(out.slope, S::max(S::abs(*emission), S::abs(slopes[0] - *emission)));
+    found
+}
+
+impl<S: Simd> Quadratics<S> {
+    /// All channels at a distance from the piece's anchor.
+    #[inline(always)]
+    pub fn at(&self, y: S::F) -> Channels<S> {
+        let zero = [S::splat(0.0); CHANNELS];
+        let Self { start, third_bend, .. } = *self;
+        let mut out = Channels { start, rest: zero, value: zero, third_bend, slope: zero[0] };
+        let y3 = S::splat(3.0) * y;
+        let mut slopes = zero;
+        for (c, slope) in slopes.iter_mut().enumerate() {
+            let (value, half_slope, third_bend) = (self.value[c], self.half_slope[c], third_bend[c]);
+            out.rest[c] = y * S::mul_add(y, S::mul_add(y, third_bend, half_slope), value);
+            let half_there = S::mul_add(y3, third_bend, half_slope);
+            *slope = half_there + half_there;
+            out.value[c] = S::mul_add(y, half_slope + half_there, value);
+        }
+        out.slope = S::abs(slopes[0]);
+        for emission in &slopes[1..] {
+            out.slope = S::max(out.slope, S::max(S::abs(*emission), S::abs(slopes[0] - *emission)));
+        }
+        out
     }
-    out
 }

@@ -19,7 +19,7 @@ use super::blocks::OVERSHOOT;
 use super::budget::{Allowed, Budget};
 use super::chord::{Chord, Line};
 use super::fetch::{LaneCell, Raw, Rows};
-use super::integrate::{Part, integrate_at};
+use super::integrate::{Part, Passed, Wanted, integrate_at};
 use super::lookup::PieceLookup;
 use super::pending::{DEPTH, ERROR, Light, Pending, RoundParts};
 use super::queue::QueuedCell;
@@ -29,7 +29,7 @@ use super::shaded_cells::{AlongRay, CellShader, SHADE_NUMBERS, ShadeCells, Shade
 use super::simd::{LANES_LIMIT, Places, Simd, for_three};
 use super::uneven::{Located, locate};
 use super::walk::{CellStep, Packet, PacketBrick, PerLane, ROUND, Walker, places_along};
-use crate::engines::rules::{POSITION_ERROR, VALUE_ERROR};
+use crate::engines::rules::{ORDER_SHARE, POSITION_ERROR, RESERVE_SHARE, VALUE_ERROR};
 use crate::stream::counters::RayCounters;
 
 /// Least share of visible lanes, in parts of [`DENSE_OF`], to shade a round's cells in place: packing has a cost, too.
@@ -355,22 +355,37 @@ impl<S: Simd, L: PieceLookup> Round<'_, S, L> {
     fn integrate_cells(&self, steps: &[CellStep<S>; ROUND], in_plane: S::M, later: LaterStages<'_, S>) {
         let LaterStages { stages: Stages { chords, located, .. }, budget, parts, queues, work } = later;
         let seen = self.locate_cells(steps, chords, located);
+        let mut found = [Passed { transmittance: S::splat(1.0), error: S::splat(0.0) }; ROUND];
+        // Apart from what depends on the cells in front, so that the processor overlaps several cells.
         for i in 0..ROUND {
             if S::bits(seen[i]) != 0 {
-                let part = self.integrate_cell(&steps[i], (&chords[i], &located[i]), seen[i], work);
+                let wanted = Wanted { lanes: seen[i], order: self.order(1), lit: false };
+                let part = self.integrate_cell(&steps[i], (&chords[i], &located[i]), &wanted, work);
                 self.write(i, &chords[i], &part, parts);
-                let allowed = budget.allowed(&part, 1);
+                found[i] = part.passed();
+            }
+        }
+        for i in 0..ROUND {
+            if S::bits(seen[i]) != 0 {
+                let part = found[i];
+                let allowed = budget.allowed(part, 1);
                 let (spent, most) = (part.error * budget.weight, allowed.sum());
                 let is_unsettled = is_unsettled(&steps[i], (&chords[i], in_plane), (spent, most));
                 if S::bits(is_unsettled) != 0 {
-                    let cell = queued(i, &steps[i], &chords[i], &part, budget.weight / most);
+                    let cell = queued(i, &steps[i], &chords[i], part.error, budget.weight / most);
                     queues.pending.cells.push::<S, 0>(is_unsettled, &cell, []);
                 }
                 let spent = S::select(S::le(spent, most), spent, S::select(is_unsettled, most, S::splat(0.0)));
                 budget.spend(spent, &allowed);
-                budget.pass(&part);
+                budget.pass(part);
             }
         }
+    }
+
+    /// Error of order of some cells together that is not worth a closer look.
+    #[inline(always)]
+    fn order(&self, cells: usize) -> S::F {
+        S::splat(self.precision.reserve * RESERVE_SHARE * ORDER_SHARE * cells as f32)
     }
 
     /// Looks up the visible cells of a round in the table; returns their lanes.
@@ -385,24 +400,25 @@ impl<S: Simd, L: PieceLookup> Round<'_, S, L> {
         for i in 0..ROUND {
             seen[i] = self.shows(chords[i].range(), steps[i].crosses());
             if S::bits(seen[i]) != 0 {
-                located[i] = locate::<S, L>(self.classifier.table, &chords[i].line());
+                located[i] = locate::<S, L>(self.classifier.table, &chords[i].line(), seen[i]);
             }
         }
         seen
     }
 
-    /// Integrates a cell once. What is not `seen` has no error: leaps leave some of it out.
+    /// Integrates a cell once. Only what is wanted has an error: leaps leave some of the rest out.
     #[inline(always)]
     fn integrate_cell(
         &self,
         step: &CellStep<S>,
         (chord, located): (&Chord<S>, &Located<S>),
-        seen: S::M,
+        wanted: &Wanted<S>,
         work: &mut RayCounters,
     ) -> Part<S> {
         work.samples += u64::from(2 * S::bits(step.crosses()).count_ones());
-        let part = integrate_at::<S, L>(self.classifier.table, self.classifier.limits, &chord.line(), located);
-        Part { error: S::select(seen, part.error, S::splat(0.0)), ..part }
+        let &PacketTransfer { table, limits, .. } = self.classifier;
+        let part = integrate_at::<S, L>(table, limits, (&chord.line(), located), wanted);
+        Part { error: S::select(wanted.lanes, part.error, S::splat(0.0)), ..part }
     }
 
     /// Integrates each cell once, and shades visible cells: in place if most lanes of the round are visible, else
@@ -422,13 +438,15 @@ impl<S: Simd, L: PieceLookup> Round<'_, S, L> {
         let (mut packets, mut cells) = (0, 0);
         for i in 0..ROUND {
             if S::bits(seen[i]) != 0 {
-                let part = self.integrate_cell(&steps[i], (&stages.chords[i], &stages.located[i]), seen[i], work);
+                let wanted = Wanted { lanes: seen[i], order: self.order(1), lit: true };
+                let located = (&stages.chords[i], &stages.located[i]);
+                let part = self.integrate_cell(&steps[i], located, &wanted, work);
                 self.write(i, &stages.chords[i], &part, parts);
                 let opacity = S::splat(1.0) - part.transmittance;
                 // Also holes. Cells without any effect do not count: leaps leave some of them out.
                 let spends = !S::le(opacity + part.error, S::splat(0.0)) & seen[i];
                 budget.left = budget.left + late.take(spends);
-                let (weight, allowed) = (budget.weight, budget.allowed(&part, 1));
+                let (weight, allowed) = (budget.weight, budget.allowed(part.passed(), 1));
                 let chord = (&stages.chords[i], walker.in_plane);
                 let most = allowed.sum();
                 let is_unsettled = is_unsettled(&steps[i], chord, (part.error * weight, most));
@@ -438,7 +456,7 @@ impl<S: Simd, L: PieceLookup> Round<'_, S, L> {
                 // All of it, until the light is known.
                 let charge = S::select(spends, allowed.of_reserve(most), S::splat(0.0));
                 budget.left = budget.left - charge;
-                budget.pass(&part);
+                budget.pass(part.passed());
                 stages.charged[i] = Charged { spends, weight, charge, allowed };
                 (stages.parts[i], stages.per_error[i]) = (part, weight / most);
                 let count = S::bits(shows[i]).count_ones() as usize;
@@ -464,7 +482,7 @@ impl<S: Simd, L: PieceLookup> Round<'_, S, L> {
                 let ([x, y, z], [r, g, b]) = (steps[i].fraction, part.color);
                 let [of_opacity, red, green, blue] = part.moments;
                 let more = [x, y, z, r, g, b, of_opacity, red, green, blue, part.tau, part.misplaced, part.colors];
-                let cell = queued(i, &steps[i], &stages.chords[i], part, stages.per_error[i]);
+                let cell = queued(i, &steps[i], &stages.chords[i], part.error, stages.per_error[i]);
                 queues.to_shade.push::<S, SHADE_NUMBERS>(shows[i], &cell, more);
             }
         }
@@ -483,9 +501,10 @@ impl<S: Simd, L: PieceLookup> Round<'_, S, L> {
         let mut shows = [false; ROUND];
         for first in (0..ROUND).step_by(SPAN) {
             let line = Line::over(&chords[first..first + SPAN]);
-            shows[first] = S::bits(self.shows(line.range(), line.crosses())) != 0;
+            let seen = self.shows(line.range(), line.crosses());
+            shows[first] = S::bits(seen) != 0;
             if shows[first] {
-                located[first] = locate::<S, L>(table, &line);
+                located[first] = locate::<S, L>(table, &line, seen);
             }
         }
         for first in (0..ROUND).step_by(SPAN) {
@@ -493,8 +512,9 @@ impl<S: Simd, L: PieceLookup> Round<'_, S, L> {
                 let line = Line::over(&chords[first..first + SPAN]);
                 let crosses = line.crosses();
                 work.samples += u64::from(2 * S::bits(crosses).count_ones());
-                let part = integrate_at::<S, L>(table, limits, &line, &located[first]);
-                let allowed = budget.allowed(&part, SPAN);
+                let wanted = Wanted { lanes: crosses, order: self.order(SPAN), lit: false };
+                let part = integrate_at::<S, L>(table, limits, (&line, &located[first]), &wanted);
+                let allowed = budget.allowed(part.passed(), SPAN);
                 let most = allowed.sum();
                 let place = (first, budget.weight / most);
                 let settled =
@@ -502,7 +522,7 @@ impl<S: Simd, L: PieceLookup> Round<'_, S, L> {
                 let zero = S::splat(0.0);
                 let spent = S::select(settled, part.error * budget.weight, S::select(crosses, most, zero));
                 budget.spend(spent, &allowed);
-                budget.pass(&part);
+                budget.pass(part.passed());
             }
         }
     }
@@ -651,9 +671,9 @@ pub fn queued<S: Simd>(
     number: usize,
     step: &CellStep<S>,
     chord: &Chord<S>,
-    part: &Part<S>,
+    error: S::F,
     per_error: S::F,
 ) -> QueuedCell<S> {
     let slot = S::load_int(&LANE_NUMBERS) + S::splat_int(narrow::<i32>(number * LANES_LIMIT));
-    QueuedCell { slot, base: step.base, chord: *chord, error: part.error, per_error }
+    QueuedCell { slot, base: step.base, chord: *chord, error, per_error }
 }

@@ -11,7 +11,7 @@
 use supervol_format::cast::narrow;
 
 use super::chord::{Chord, cubic_at, cubic_through};
-use super::integrate::{Part, integrate};
+use super::integrate::{Part, Wanted, integrate};
 use super::lookup::PieceLookup;
 use super::packet::{Host, Lanes, PacketTransfer};
 use super::pending::{PART_NUMBERS, PENDING_LIMIT, Pending};
@@ -274,7 +274,8 @@ impl<L: PieceLookup> Refine<'_, L> {
         if let Some(lighting) = self.lighting {
             [along[1], along[2]] = cuts.light_behind(&trial, lighting);
         }
-        let mut part = integrate::<S, L>(table, limits, &trial.chord);
+        let wanted = Wanted { lanes: cuts.going(), order: S::splat(0.0), lit: self.lighting.is_some() };
+        let mut part = integrate::<S, L>(table, limits, &trial.chord, &wanted);
         if let Some(lighting) = self.lighting {
             let cube = trial.size * trial.size * trial.size;
             let cubic = for_three!(a => cuts.gradients[a][3] * cube);

@@ -8,7 +8,7 @@ use super::fetch::Rows;
 use super::integrate::Part;
 use super::packet::{Lanes, Stages, queued};
 use super::pending::{RefineQueue, RoundParts};
-use super::queue::{Queue, QueuedCell};
+use super::queue::Queue;
 use super::shade::{PacketLighting, Shaded, transform};
 use super::simd::{LANES_LIMIT, Simd, Task, TaskOf, exp_minus, for_three};
 use super::turning::{SettleLight, TurningCells};
@@ -167,7 +167,7 @@ impl<S: Simd> TaskOf<S> for ShadeRound<'_, S> {
             // Also NaN.
             let is_unsettled = !S::le(error * per_error, S::splat(1.0)) & shows[i];
             if S::bits(is_unsettled) != 0 {
-                let cell = QueuedCell { error, ..queued(i, step, &stages.chords[i], part, per_error) };
+                let cell = queued(i, step, &stages.chords[i], error, per_error);
                 unsettled.push::<S, 12>(is_unsettled, &cell, along.numbers());
             }
         }

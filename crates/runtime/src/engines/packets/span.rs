@@ -14,7 +14,7 @@ use supervol_format::cast::single;
 
 use super::budget::Budget;
 use super::chord::{Chord, Line};
-use super::integrate::integrate_at;
+use super::integrate::{Wanted, integrate_at};
 use super::lookup::PieceLookup;
 use super::packet::{ClassifyTask, PacketTransfer, Precision, Round};
 use super::simd::{LANES_LIMIT, Simd};
@@ -88,12 +88,13 @@ impl ChooseSpan<'_> {
             for cells in chords.chunks_exact(*span) {
                 let line = Line::over(cells);
                 let shows = round.shows(line.range(), line.crosses());
-                let located = locate(classifier.table, &line);
-                let part = integrate_at::<S, L>(classifier.table, classifier.limits, &line, &located);
+                let located = locate(classifier.table, &line, shows);
+                let wanted = Wanted { lanes: shows, order: S::splat(0.0), lit: false };
+                let part = integrate_at::<S, L>(classifier.table, classifier.limits, (&line, &located), &wanted);
                 // Typical rays have spent half of their reserve.
                 let half = S::splat(0.5 * self.precision.reserve);
                 let budget = Budget::<S>::new(half, S::splat(1.0), [self.precision.by_opacity, 0.0]);
-                let allowed = budget.allowed(&part, *span).sum();
+                let allowed = budget.allowed(part.passed(), *span).sum();
                 let is_settled = S::le(part.error, allowed);
                 // Holes say nothing about the field around them.
                 let shows = shows & !S::is_nan(part.error);

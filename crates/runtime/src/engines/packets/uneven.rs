@@ -8,7 +8,8 @@ use super::chord::Line;
 use super::lookup::{Channels, PieceLookup, Place};
 use super::simd::{Simd, for_three};
 use crate::engines::rules::{
-    MOMENT_OF_KINK, OF_ANY_BENDS, OF_BENDS, OF_CURVE, OF_CURVES, OF_KINK, OF_STEP, OF_UNSETTLED_KINK, ORDER_OF_DEPTH,
+    LEAST_TILT, MOMENT_OF_KINK, OF_ANY_BENDS, OF_BENDS, OF_CURVE, OF_CURVES, OF_KINK, OF_STEP, OF_UNSETTLED_KINK,
+    OPAQUE_TILT, ORDER_OF_DEPTH, ORDER_OF_TILT, SERIES_UP_TO, TILT_LIMIT,
 };
 
 /// Positions of a line in a table: all of it that is kept from one stage to the next.
@@ -18,6 +19,8 @@ pub struct Located<S: Simd> {
     ends: [Place<S>; 2],
     /// Bounds of the field.
     range: [Place<S>; 2],
+    /// Whether in any lane that counts the range reaches over a knot.
+    pub(super) has_knots: bool,
 }
 
 impl<S: Simd> Located<S> {
@@ -25,15 +28,25 @@ impl<S: Simd> Located<S> {
     #[inline(always)]
     pub fn nothing() -> Self {
         let place = Place { piece: S::splat_int(0), y: S::splat(0.0) };
-        Self { ends: [place; 2], range: [place; 2] }
+        Self { ends: [place; 2], range: [place; 2], has_knots: false }
     }
 }
 
-/// Looks up the positions of a line.
+/// Looks up the positions of a line. Only the lanes in `counts` count.
 #[inline(always)]
-pub fn locate<S: Simd, L: PieceLookup>(table: &L, line: &Line<S>) -> Located<S> {
+pub fn locate<S: Simd, L: PieceLookup>(table: &L, line: &Line<S>, counts: S::M) -> Located<S> {
     let ([a, b], [low, high]) = (line.ends, line.range);
-    Located { ends: [table.place::<S>(a), table.place::<S>(b)], range: [table.place::<S>(low), table.place::<S>(high)] }
+    let first = table.piece_of::<S>(low);
+    // Behind the last row of a table comes the first again: then, too, there are knots.
+    let next = table.column::<S>(Column::Knot, 0, first + S::splat_int(1));
+    let has_knots = S::bits(S::le(next, high) & counts) != 0;
+    if has_knots {
+        let range = [table.place_in::<S>(first, low), table.place::<S>(high)];
+        return Located { ends: [table.place::<S>(a), table.place::<S>(b)], range, has_knots };
+    }
+    // The line's ends lie in the range.
+    let ends = [table.place_in::<S>(first, a), table.place_in::<S>(first, b)];
+    Located { ends, range: [table.place_in::<S>(first, low), table.place_in::<S>(first, high)], has_knots }
 }
 
 /// A line and its positions.
@@ -74,7 +87,7 @@ impl<S: Simd> LineInTable<S> {
 
     /// A line at the positions that were looked up for it.
     #[inline(always)]
-    pub fn new(line: &Line<S>, &Located { ends, range }: &Located<S>) -> Self {
+    pub fn new(line: &Line<S>, &Located { ends, range, .. }: &Located<S>) -> Self {
         let (one, width) = (S::splat(1.0), line.ends[1] - line.ends[0]);
         let rise = S::abs(width);
         let least = S::splat(1e-30);
@@ -127,6 +140,19 @@ pub struct Kinks<S: Simd> {
 }
 
 impl<S: Simd> Kinks<S> {
+    /// None.
+    #[inline(always)]
+    pub fn none() -> Self {
+        let zero = S::splat(0.0);
+        Self { moments: [zero; CHANNELS], settled: zero, slopes: [[zero; CHANNELS]; 2], error: zero }
+    }
+
+    /// Rise of the line that has a channel's moment, where `rise` is that between its ends.
+    #[inline(always)]
+    pub fn rise<const KNOTS: bool>(&self, channel: usize, rise: S::F) -> S::F {
+        if KNOTS { S::mul_add(S::splat(12.0), self.moments[channel], rise) } else { rise }
+    }
+
     /// Finds them, and adds to the means what the field's distance from the line does at them.
     ///
     /// Let a slope change by Q at u = p, and let the field be monotone, with `|r'| <= turn < |b - a|`. This changes the mean of a
@@ -136,7 +162,7 @@ impl<S: Simd> Kinks<S> {
     #[inline(always)]
     pub fn inside<L: PieceLookup>(table: &L, at: &LineInTable<S>, means: &mut [S::F; CHANNELS]) -> Self {
         let (zero, one, half) = (S::splat(0.0), S::splat(1.0), S::splat(0.5));
-        let mut found = Self { moments: [zero; CHANNELS], settled: zero, slopes: [[zero; CHANNELS]; 2], error: zero };
+        let mut found = Self::none();
         let [a, b] = [at.ends[0].piece, at.ends[1].piece];
         let ascends = S::lt(zero, at.width);
         let (lower, upper) = (S::select_int(ascends, a, b), S::select_int(ascends, b, a));
@@ -193,9 +219,15 @@ pub struct Stretch<S: Simd> {
 }
 
 impl<S: Simd> Stretch<S> {
+    /// The stretch of a range; `KNOTS`: see [`Around`].
     #[inline(always)]
-    pub fn of<L: PieceLookup>(table: &L, limits: Limits, at: &LineInTable<S>) -> Self {
+    pub fn of<L: PieceLookup, const KNOTS: bool>(table: &L, limits: Limits, at: &LineInTable<S>) -> Self {
         let ([low, high], [a, b]) = (at.range, at.ends);
+        if !KNOTS {
+            let zero = S::splat(0.0);
+            let bend = per_value(table, Column::BendOfStretch, low);
+            return Self { is_one: S::le(zero, zero), bend, curvature: zero };
+        }
         let between = |column| table.column::<S>(column, 0, high.piece) - table.column::<S>(column, 0, low.piece);
         let numbers = between(Column::Stretch);
         let of_stretch = Column::BendOfStretch;
@@ -210,7 +242,10 @@ impl<S: Simd> Stretch<S> {
 }
 
 /// The transfer function over the range of a part: sums of what is uneven in it.
-pub struct Around<S: Simd> {
+///
+/// `KNOTS`: false if no range reaches over a knot, so that each lies in one piece. Bounds of such a part have the same bits either way,
+/// for which other parts are integrated with it depends on the packing of lanes.
+pub struct Around<S: Simd, const KNOTS: bool> {
     /// Heights of steps.
     steps: S::F,
     /// Changes of slope in all, those at knots whose effect is not computed, and those whose effect is.
@@ -228,7 +263,7 @@ pub struct Around<S: Simd> {
     pub colors: S::F,
 }
 
-impl<S: Simd> Around<S> {
+impl<S: Simd, const KNOTS: bool> Around<S, KNOTS> {
     #[inline(always)]
     pub fn of<L: PieceLookup>(
         table: &L,
@@ -238,28 +273,40 @@ impl<S: Simd> Around<S> {
     ) -> Self {
         let zero = S::splat(0.0);
         let ([low, high], [a, b]) = (at.range, at.ends);
-        let between = |column| table.column::<S>(column, 0, high.piece) - table.column::<S>(column, 0, low.piece);
-        let [bend_low, bend_high] =
-            [per_value(table, Column::BendsPerValue, low), per_value(table, Column::BendsPerValue, high)];
-        let bends = sum_up_to(table, Column::Bends, bend_high, high) - sum_up_to(table, Column::Bends, bend_low, low);
-        let per_color = Column::ColorVariationPerValue;
-        let [slope_low, slope_high] = [per_value(table, per_color, low), per_value(table, per_color, high)];
-        let color = Column::ColorVariation;
-        let between_ends = |column| S::abs(per_value(table, column, b) - per_value(table, column, a));
-        let (kinks, inside) = (between(Column::Kinks), between_ends(Column::Kinks));
-        let is_one_piece = S::eq_int(low.piece, high.piece);
-        let rounded = limits.rounded.map(|rounded| S::select(is_one_piece, zero, S::splat(rounded)));
-        Self {
-            steps: between(Column::Steps),
-            bends: bends + rounded[0],
-            kinks: S::max(inside - settled.settled, zero) + rounded[1],
-            settled: settled.settled,
-            beyond: kinks - inside,
-            left: settled.error,
+        let wide = high.y - low.y;
+        let (bend, slope) =
+            (per_value(table, Column::BendsPerValue, low), per_value(table, Column::ColorVariationPerValue, low));
+        let mut around = Self {
+            steps: zero,
+            bends: wide * bend,
+            kinks: zero,
+            settled: zero,
+            beyond: zero,
+            left: zero,
             bend: stretch.bend,
             curvature: stretch.curvature,
-            colors: sum_up_to(table, color, slope_high, high) - sum_up_to(table, color, slope_low, low),
+            colors: wide * slope,
+        };
+        if !KNOTS {
+            return around;
         }
+        let is_one_piece = S::eq_int(low.piece, high.piece);
+        let rounded = limits.rounded.map(|rounded| S::select(is_one_piece, zero, S::splat(rounded)));
+        let between = |column| table.column::<S>(column, 0, high.piece) - table.column::<S>(column, 0, low.piece);
+        let between_ends = |column| S::abs(per_value(table, column, b) - per_value(table, column, a));
+        let bend_high = per_value(table, Column::BendsPerValue, high);
+        let bends = sum_up_to(table, Column::Bends, bend_high, high) - sum_up_to(table, Column::Bends, bend, low);
+        let slope_high = per_value(table, Column::ColorVariationPerValue, high);
+        let color = Column::ColorVariation;
+        let colors = sum_up_to(table, color, slope_high, high) - sum_up_to(table, color, slope, low);
+        let (kinks, inside) = (between(Column::Kinks), between_ends(Column::Kinks));
+        around.steps = between(Column::Steps);
+        around.bends = S::select(is_one_piece, around.bends, bends + rounded[0]);
+        around.colors = S::select(is_one_piece, around.colors, colors);
+        around.kinks = S::max(inside - settled.settled, zero) + rounded[1];
+        around.beyond = kinks - inside;
+        (around.settled, around.left) = (settled.settled, settled.error);
+        around
     }
 
     /// Bound on what the mean of a channel is off by.
@@ -269,10 +316,16 @@ impl<S: Simd> Around<S> {
         let (zero, one, half) = (S::splat(0.0), S::splat(1.0), S::splat(0.5));
         let Line { most, average, square, swing, .. } = at.line;
         let rise = S::abs(at.width);
+        if !KNOTS && !at.line.is_span {
+            return zero;
+        }
         // A narrow interval has the mean of its ends, wherever a step or a kink lies in between.
         let of_steps = self.steps * S::min((most + most + narrow) * at.per_rise, one);
         let curvature = if at.line.is_span { self.bend } else { self.curvature };
         let smooth = curvature * finite::<S>(S::mul_add(half, square, rise * swing[1]));
+        if !KNOTS {
+            return smooth;
+        }
         // A kink that a monotone field crosses: what r does to first order, and where the field is on its other side than the line.
         // Any other moves it by at most half of the mean distance: as often the field is above its line as it is below.
         let (beside, any) = (at.beside(), half * average);
@@ -293,6 +346,9 @@ impl<S: Simd> Around<S> {
     /// Bound on the error of a mean by steps that rounding misplaces.
     #[inline(always)]
     pub fn error_of_rounded_steps(&self, at: &LineInTable<S>, limits: Limits) -> S::F {
+        if !KNOTS {
+            return S::splat(0.0);
+        }
         let noise = at.line.noise + at.line.noise + S::splat(limits.narrow);
         self.steps * S::min(noise * at.per_rise, S::splat(1.0))
     }
@@ -305,36 +361,48 @@ impl<S: Simd> Around<S> {
         a: &Channels<S>,
         [tau, per_kappa, opacity, kappa_rise, turn, twist]: [S::F; 6],
     ) -> S::F {
-        let one = S::splat(1.0);
+        let (zero, one) = (S::splat(0.0), S::splat(1.0));
         let Line { most, average, square, swing, length, .. } = at.line;
         let rise = S::abs(at.width);
         let (slope, curve) = (a.slope + self.bends, self.bend * finite::<S>(rise * rise));
-        let (kink, misplaced) = (self.kinks * rise, S::min((most + most) * at.per_rise, one));
+        let kink = self.kinks * rise;
         let tilt = S::abs(kappa_rise) * per_kappa;
         // How far extinction, relative to its mean, is from a line; and how far light comes from elsewhere than evenly.
-        let shape = S::mul_add(curve, S::splat(0.0322), S::mul_add(self.settled, rise, kink) * S::splat(1.0 / 16.0));
+        let of_kinks = if KNOTS { S::mul_add(self.settled, rise, kink) * S::splat(1.0 / 16.0) } else { zero };
+        let shape = S::mul_add(curve, S::splat(0.0322), of_kinks);
         let shape = S::min(shape, self.bends * rise * S::splat(1.0 / 16.0));
-        let rest = S::min((shape + slope * average + self.steps) * per_kappa, S::splat(2.0));
+        let of_line = shape + slope * average;
+        let rest = S::min(if KNOTS { of_line + self.steps } else { of_line } * per_kappa, S::splat(2.0));
         let from = S::mul_add(tilt, S::splat(0.25), rest) * S::mul_add(tau, S::splat(0.6), one);
         // Nowhere more light comes from than there is.
         let from = S::min(S::mul_add(tau, S::splat(0.6), from), one);
         let from = S::select(S::le(tau, one), from, one);
         // The integral of what emission and extinction, each, are from lines: where the field is one, and where it is not.
-        let of_kinks =
-            kink * S::min(S::mul_add(from, S::splat(OF_BENDS), S::splat(MOMENT_OF_KINK)), S::splat(OF_BENDS));
-        let on = S::mul_add(self.curvature * finite::<S>(rise * rise), S::splat(OF_CURVE), of_kinks);
         let bow = S::mul_add(slope, from, self.bends) * swing[0];
-        let off = S::mul_add(S::splat(0.5) * self.bend, square, bow + slope * at.moment());
-        let near = S::mul_add(self.kinks + self.beyond + self.settled, at.beside(), on + off);
+        let mut near = S::mul_add(S::splat(0.5) * self.bend, square, bow + slope * at.moment());
+        if KNOTS {
+            let of_kinks =
+                kink * S::min(S::mul_add(from, S::splat(OF_BENDS), S::splat(MOMENT_OF_KINK)), S::splat(OF_BENDS));
+            let on = S::mul_add(self.curvature * finite::<S>(rise * rise), S::splat(OF_CURVE), of_kinks);
+            near = S::mul_add(self.kinks + self.beyond + self.settled, at.beside(), on + near);
+        }
         let any = S::mul_add(self.bends * rise, S::splat(OF_ANY_BENDS), slope * average);
-        let of_steps = self.steps * S::mul_add(S::splat(0.25), one, misplaced);
-        let uneven = S::min(S::mul_add(twist, from, near), any) + of_steps;
+        let mut uneven = S::min(S::mul_add(twist, from, near), any);
+        if KNOTS {
+            let misplaced = S::min((most + most) * at.per_rise, one);
+            uneven = S::mul_add(self.steps, S::mul_add(S::splat(0.25), one, misplaced), uneven);
+        }
         let shape = opacity * length * uneven;
         // Error of what the line counts of order.
-        let moved = tau * S::mul_add(tilt, S::splat(0.125), rest * S::splat(0.5));
-        let of_tilt = opacity * tau * S::mul_add(tau * tau, S::splat(ORDER_OF_DEPTH), tilt * S::splat(1.0 / 240.0));
-        let of_rest = S::splat(0.125) * S::mul_add(moved, moved, tau * rest);
-        S::mul_add(turn * per_kappa * length, of_tilt + of_rest, shape)
+        let is_deep = S::lt(S::splat(SERIES_UP_TO), tau);
+        let of_depth = S::select(is_deep, zero, tau * tau * tau * S::splat(ORDER_OF_DEPTH));
+        let is_opaque = S::lt(S::splat(OPAQUE_TILT), tau);
+        let of_tilt = tilt * S::max(tilt, S::splat(LEAST_TILT)) * S::splat(ORDER_OF_TILT);
+        let of_line = S::mul_add(S::min(tau, S::splat(OPAQUE_TILT)), of_tilt, of_depth) * (opacity * tau);
+        let of_rest = S::splat(0.125) * tau * rest * S::mul_add(tau, S::splat(0.25), one);
+        let limit = S::select(is_opaque, S::splat(2.0), S::splat(TILT_LIMIT));
+        let most = S::select(S::lt(tilt, limit), zero, S::splat(f32::INFINITY));
+        S::mul_add(turn * per_kappa * length, of_line + of_rest, shape) + most
     }
 
     /// See [`Part::misplaced`].
@@ -348,18 +416,25 @@ impl<S: Simd> Around<S> {
         let rise = S::abs(at.width);
         let slope = a.slope + self.bends;
         // The transfer function along the line, and what the field's distance from it does.
-        let curve = S::mul_add(self.curvature, S::splat(OF_CURVES - OF_CURVE), self.bend * S::splat(OF_CURVE))
-            * finite::<S>(rise * rise);
-        let kinks = rise * S::mul_add(self.kinks, S::splat(OF_UNSETTLED_KINK), self.settled * S::splat(OF_KINK));
+        let square_of_rise = finite::<S>(rise * rise);
+        let mut curve = self.bend * S::splat(OF_CURVE) * square_of_rise;
         let bow = S::mul_add(S::splat(3.0), self.bends, slope) * swing[0];
-        let off = S::mul_add(S::splat(0.5) * self.bend, square, bow + slope * at.moment());
-        let off = S::mul_add(self.kinks + self.beyond + self.settled, at.beside(), off);
+        let mut off = S::mul_add(S::splat(0.5) * self.bend, square, bow + slope * at.moment());
+        if KNOTS {
+            let kinks = rise * S::mul_add(self.kinks, S::splat(OF_UNSETTLED_KINK), self.settled * S::splat(OF_KINK));
+            curve = S::mul_add(self.curvature * square_of_rise, S::splat(OF_CURVES - OF_CURVE), curve) + kinks;
+            off = S::mul_add(self.kinks + self.beyond + self.settled, at.beside(), off);
+        }
         let any = S::mul_add(self.bends * rise, S::splat(1.0 / 8.0), (slope + slope) * average);
-        let moved = S::min((most + most + narrow) * at.per_rise, one);
-        let of_field = S::min(curve + kinks + off, any) + self.steps * (S::splat(OF_STEP) + moved);
+        let mut of_field = S::min(curve + off, any);
+        if KNOTS {
+            let moved = S::min((most + most + narrow) * at.per_rise, one);
+            of_field = of_field + self.steps * (S::splat(OF_STEP) + moved);
+        }
         let of_field = of_field * length;
         // Light from behind is dimmed: the density bends, although emission may not.
-        let changed = length * slope * S::mul_add(S::splat(2.0), most, rise) + length * self.steps;
+        let of_slope = length * slope * S::mul_add(S::splat(2.0), most, rise);
+        let changed = if KNOTS { of_slope + length * self.steps } else { of_slope };
         let tau = kappa * length;
         let deepest = tau + changed;
         let of_depth = S::splat(OF_CURVE) * deepest * S::mul_add(deepest, deepest, S::splat(3.0) * changed);
