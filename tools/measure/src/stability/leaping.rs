@@ -22,8 +22,8 @@ use supervol_sources::input::spool::SpoolFolder;
 use supervol_sources::synthetic::Synthetic;
 
 use super::parallel::worst;
+use super::regime::{CurvePoint, Gate, Outcome, Regime};
 use super::views::{BLUE, GOLD, fractions};
-use super::{CurvePoint, Gate, Outcome, Regime};
 use crate::context::{ChartError, Context};
 use crate::resident::ResidentBricks;
 use crate::scenes::CARP;

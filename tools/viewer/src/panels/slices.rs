@@ -3,8 +3,8 @@
 use eframe::egui::{Button, ComboBox, DragValue, Slider, SliderClamping, Ui};
 use supervol_scene::facts::VolumeFacts;
 use supervol_scene::preset::colormap;
+use supervol_scene::preset::slices::middle_slices;
 use supervol_scene::scene::Mode;
-use supervol_scene::scene::section::middle_slices;
 use supervol_scene::slices::filter::{FilterKind, FilterSpec};
 use supervol_scene::slices::{Interpolation, SLICE_LIMIT, SliceSpec};
 
