@@ -1,6 +1,7 @@
 //! One regime of the stability suite, at its smallest size.
 
-use supervol_measure::stability::{Gate, GateKind, Outcome, regimes};
+use supervol_measure::stability::regime::{Gate, GateKind, Outcome};
+use supervol_measure::stability::regimes;
 use supervol_measure::{ChartError, Context, Scale};
 use supervol_runtime::render::error::RenderError;
 

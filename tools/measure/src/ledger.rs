@@ -16,7 +16,8 @@ use supervol_preprocess::Existing;
 
 use crate::context::ChartError;
 use crate::paths::Ride;
-use crate::peers::{Comparison, Levels, environment, report};
+use crate::peers::results::{Comparison, Levels};
+use crate::peers::{environment, report};
 use crate::report::machine;
 
 /// The columns of a record. `fastest`, `slowest` and `p95` (95th percentile of a path's frames) have the median's unit.
@@ -74,7 +75,7 @@ pub struct Entry {
 #[must_use]
 pub fn of_comparison(comparison: &Comparison) -> Vec<Entry> {
     let [width, height] = comparison.image_size;
-    let entry = |row: &crate::peers::Row| Entry {
+    let entry = |row: &crate::peers::results::Row| Entry {
         case: case(&row.scene, row.dims, row.shading, [width, height]),
         program: format!("{}, {}", row.program, row.sampling),
         unit: "CPU-ms",

@@ -9,7 +9,7 @@ use std::time::Instant;
 use serde::{Deserialize, Serialize};
 
 use crate::context::{ChartError, Context};
-use crate::stability::{Gate, Outcome, Regime, Side};
+use crate::stability::regime::{Gate, Outcome, Regime, Side};
 
 /// One point of a curve.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -79,7 +79,7 @@ impl RegimeRecord {
         };
         let gates: Vec<RecordedGate> = outcome.gates.iter().map(recorded).collect();
         let quoted = gates.iter().find(|g| !g.pass).or(gates.first());
-        let point = |p: &crate::stability::CurvePoint| RecordedPoint {
+        let point = |p: &crate::stability::regime::CurvePoint| RecordedPoint {
             x: finite(p.x),
             measured: finite(p.measured),
             expected: p.expected.and_then(finite),
@@ -144,7 +144,7 @@ pub fn to_json(records: &[RegimeRecord]) -> String {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use crate::stability::CurvePoint;
+    use crate::stability::regime::CurvePoint;
 
     pub(crate) const REGIME: Regime = Regime {
         id: "S99",

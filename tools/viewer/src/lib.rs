@@ -1,6 +1,6 @@
 //! The desktop application behind `supervol view`: views, cuts, colours and exports a volume interactively.
 //!
-//! The viewer contains no rendering algorithm. It edits a [`Scene`], which the runtime's
+//! The viewer contains no rendering algorithm. It edits a [`Scene`](supervol_scene::scene::Scene), which the runtime's
 //! [`Renderer`](supervol_runtime::render::renderer::Renderer) draws. Everything it can do is also possible with a scene
 //! file and `supervol render`.
 //!
@@ -8,17 +8,19 @@
 //! mouse, keys, panels --> scene --> worker: Renderer --> picture, statistics --> window
 //! ```
 //!
-//! - [`viewer`]: one frame of the user interface: messages of the worker, keys, panels, the picture. Independent of a
+//! - [`viewer`]: the application's state, and its changes by messages of the worker and by keys. Independent of a
 //!   window.
-//! - `panels/`: the panels around the picture.
+//! - `frame`: one frame of the user interface. `panels/`: the panels around the picture, and dialogs.
+//! - `state/`: state of panels and dialogs that is not part of the scene.
 //! - `navigate`, `edit`, `planes`, `cutting`: effects of mouse, keys and panels on the scene.
 //! - `sections`: content of the panels beside the picture.
 //! - `cine`: slices one after the other.
-//! - `history`: undo. `command`: the list of keys. `preview`: from a preview to the volume.
+//! - `history`: undo. `command`: the list of keys. `command_line`: the command that draws the picture.
+//! - `preview`: from a preview to the volume.
 //! - [`worker`]: the thread that opens, builds, draws and exports.
 //! - `background_task`: short tasks on a thread of their own (listing folders, small files).
 //! - `folders`, `saved_settings`: cache folder and settings that persist between sessions.
-//! - this file: the window.
+//! - [`launch`]: options at the start. This file: the window.
 
 #![cfg_attr(
     test,
@@ -33,50 +35,33 @@
 mod background_task;
 pub mod cine;
 pub mod command;
+mod command_line;
 pub mod cutting;
 pub mod edit;
 pub mod folders;
+mod frame;
 pub mod history;
+pub mod launch;
 pub mod navigate;
 mod panels;
 pub mod planes;
 mod preview;
 pub mod saved_settings;
 pub mod sections;
+mod state;
 pub mod viewer;
 pub mod worker;
 
-use std::path::PathBuf;
-
-use eframe::egui;
-use eframe::egui_wgpu::{WgpuConfiguration, WgpuSetup, WgpuSetupCreateNew};
-use supervol_preprocess::kept::Reading;
-use supervol_scene::scene::Scene;
-
-use crate::folders::Folders;
+use crate::launch::Launch;
 use crate::saved_settings::SavedSettings;
 use crate::viewer::Viewer;
-use crate::worker::Settings;
+use eframe::egui;
+use eframe::egui_wgpu::{WgpuConfiguration, WgpuSetup, WgpuSetupCreateNew};
 
 /// Initial size of the window, in points.
 const WINDOW: [f32; 2] = [1280.0, 800.0];
 /// Least size of the window at which all panels are usable, in points.
 const LEAST_WINDOW: [f32; 2] = [800.0, 500.0];
-
-/// Options with which the viewer starts.
-#[derive(Debug, Clone, Default)]
-pub struct Launch {
-    /// Container or source file; `None`: the window asks for one.
-    pub file: Option<PathBuf>,
-    /// Options for a source file that does not describe itself, for example its dimensions.
-    pub reading: Reading,
-    /// Scene; missing keys get defaults that suit the data.
-    pub scene: Scene,
-    /// Render settings.
-    pub settings: Settings,
-    /// Folders for the cache and for settings.
-    pub folders: Folders,
-}
 
 /// Reason why there is no window.
 #[derive(Debug, thiserror::Error)]

@@ -15,9 +15,10 @@ use supervol_arguments::view::{Arguments, BackendName};
 use supervol_preprocess::BuildOptions;
 use supervol_preprocess::kept::is_container;
 use supervol_runtime::render::options::Backend;
+use supervol_viewer::ViewerError;
 use supervol_viewer::folders::Folders;
+use supervol_viewer::launch::Launch;
 use supervol_viewer::worker::Settings;
-use supervol_viewer::{Launch, ViewerError};
 
 #[derive(Debug, Subcommand)]
 enum Command {

@@ -1,5 +1,4 @@
-//! One frame of the user interface: messages of the worker, keys, panels, the picture. At its end, changes go to the
-//! worker.
+//! The application's state, and its changes by messages of the worker and by keys.
 //!
 //! Nothing here waits, opens a volume or casts a ray. No window is needed: tests run the same frames.
 
@@ -14,22 +13,23 @@ use supervol_preprocess::kept::Reading;
 use supervol_runtime::render::stats::FrameStats;
 use supervol_scene::scene::{Mode, Scene};
 
-use crate::cine::{self, Cine};
-use crate::command::{self, Command};
+use crate::cine::Cine;
+use crate::command::Command;
 use crate::folders::Folders;
 use crate::history::History;
-use crate::panels::animate::KeyFrames;
-use crate::panels::file_options::FileOptions;
-use crate::panels::status::StatusHeight;
-use crate::panels::transfer::{self, Transfer};
-use crate::panels::{self, Dialogs, PanelState};
+use crate::launch::Launch;
 use crate::saved_settings::{SavedSettings, Theme};
 use crate::sections::{Layout, Sections, Shown};
+use crate::state::animation::KeyFrames;
+use crate::state::dialogs::Dialogs;
+use crate::state::file_options::FileOptions;
+use crate::state::panels::{PanelState, StatusHeight};
+use crate::state::transfer::Transfer;
 use crate::worker::{
     Busy, Export, Frame, LookedAhead, Mark, Message, Open, OpenVolume, PANELS, ProbeAnswer, Settings, SidePanels, View,
     Worker, preview_refusal,
 };
-use crate::{Launch, edit, navigate, planes, preview};
+use crate::{command_line, edit, navigate, planes, preview};
 
 /// Step sizes of keys. `TURN`: degrees. `MOVE`: share of the picture's height. `NEARER`: factor of the distance to the
 /// target. `FLY`: share of that distance.
@@ -237,39 +237,16 @@ impl Viewer {
         is_sent && self.picture.as_ref().is_some_and(|picture| picture.number == self.requests)
     }
 
-    /// Runs one frame.
-    pub fn ui(&mut self, ui: &mut egui::Ui) {
-        let ctx = ui.ctx().clone();
-        self.start(&ctx);
-        self.receive(&ctx);
-        transfer::receive(self);
-        for path in panels::dropped_files(&ctx) {
-            self.open(&path);
-        }
-        for command in command::pressed(&ctx) {
-            self.run(&ctx, command);
-        }
-        cine::advance(self, &ctx);
-        panels::status::show(self, ui);
-        if !self.saved.panels_hidden {
-            panels::tools::show(self, ui);
-            panels::properties::show(self, ui);
-        }
-        panels::picture::show(self, ui);
-        panels::dialogs::show(self, &ctx);
-        self.record_window_size(&ctx);
-        self.send(&ctx);
-    }
-
     /// Stores the window's size in the persistent settings.
-    fn record_window_size(&mut self, ctx: &egui::Context) {
+    pub(crate) fn record_window_size(&mut self, ctx: &egui::Context) {
         let (rect, is_full) = ctx.input(|i| (i.viewport().inner_rect, i.viewport().fullscreen.unwrap_or(false)));
         if let Some(rect) = rect.filter(|rect| !is_full && rect.is_finite()) {
             self.saved.window = Some(rect.size().into());
         }
     }
 
-    fn start(&mut self, ctx: &egui::Context) {
+    /// Starts the worker in the first frame.
+    pub(crate) fn start(&mut self, ctx: &egui::Context) {
         let Some(launch) = self.launch.take() else { return };
         set_theme(ctx, self.saved.theme);
         let waker = ctx.clone();
@@ -321,7 +298,8 @@ impl Viewer {
         self.open_with(&opened.source, reading, Scene { camera: self.scene.camera.clone(), ..Scene::default() });
     }
 
-    fn receive(&mut self, ctx: &egui::Context) {
+    /// Receives the messages of the worker.
+    pub(crate) fn receive(&mut self, ctx: &egui::Context) {
         let Some(worker) = &self.worker else { return };
         let is_dead = worker.is_dead();
         let messages = worker.messages();
@@ -498,7 +476,7 @@ impl Viewer {
             }),
             Command::SaveScene => self.dialogs.begin_save(self.opened.as_deref()),
             Command::Export => self.dialogs.begin_export(self.opened.as_deref(), &self.scene),
-            Command::Animate => panels::dialogs::begin_animation(self),
+            Command::Animate => self.dialogs.begin_animation(self.opened.as_deref(), &self.scene),
             Command::CopyCommand => self.copy_command(ctx),
             Command::Undo => {
                 let before = self.history.undo(&self.scene, ctx.input(|input| input.time));
@@ -551,7 +529,7 @@ impl Viewer {
 
     fn copy_command(&mut self, ctx: &egui::Context) {
         let Some(opened) = &self.opened else { return };
-        self.message = Some(match panels::dialogs::command_line(opened, &self.scene, &self.settings, &self.folders) {
+        self.message = Some(match command_line::command_line(opened, &self.scene, &self.settings, &self.folders) {
             Ok(line) => {
                 let message = Message::Done(format!("copied: {line}"));
                 ctx.copy_text(line);
@@ -614,7 +592,7 @@ impl Viewer {
     }
 
     /// Sends the changes of this frame to the worker.
-    fn send(&mut self, ctx: &egui::Context) {
+    pub(crate) fn send(&mut self, ctx: &egui::Context) {
         let Some(worker) = &self.worker else { return };
         // A drag is one edit: it ends when the button is released. So is a cine.
         if !ctx.input(|input| input.pointer.any_down()) && !self.cine.is_running {

@@ -1,6 +1,6 @@
 //! The voxels without compression: little endian, packed, x fastest.
 
-use super::CodecError;
+use super::payload::CodecError;
 
 /// Copies the payload into `out`.
 ///

@@ -11,7 +11,7 @@
 //! Runs cross rows. Voxels are compared by their bits, so that -0.0 and the payloads of NaNs survive. Voxels without
 //! any run cost one token of at most 5 bytes: an expansion below 1 % for bricks of any useful size.
 
-use super::{BrickShape, CodecError};
+use super::payload::{BrickShape, CodecError};
 
 /// Shortest run that is coded as one: it must save more than the two tokens that it may add around it.
 fn shortest_run(voxel_bytes: usize) -> usize {

@@ -9,8 +9,9 @@
 //!
 //! The wavelet codec ([`super::wavelet`]) leaves out repeated layers itself.
 
+use super::payload::{BrickShape, Codec, CodecError};
 use super::repeats::{Places, Repeats};
-use super::{BrickShape, Codec, CodecError, raw, rle, zstd};
+use super::{raw, rle, zstd};
 
 /// Bytes before the payload of the other codec.
 pub(super) const HEAD_BYTES: usize = 2;

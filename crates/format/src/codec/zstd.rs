@@ -13,7 +13,7 @@
 use std::borrow::Cow;
 
 use super::compressor::{Frames, append_frame, read_frame};
-use super::{BrickShape, CodecError};
+use super::payload::{BrickShape, CodecError};
 use crate::vectors::{Vectorized, vectorized};
 
 /// Prediction of a voxel.

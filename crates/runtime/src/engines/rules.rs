@@ -77,12 +77,21 @@ pub fn rounding_error(core: usize) -> f64 {
     ROUNDINGS * cells_per_brick as f64 * HALF_EPSILON
 }
 
+/// Knowledge about the errors of a ray's cells and surfaces.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ErrorKnowledge {
+    /// All are bounded, and summed up elsewhere.
+    Bounded,
+    /// Some only aim at the requested error.
+    Aimed,
+}
+
 /// Error of a ray of this opacity that belongs to no single cell: in mode `dvr` of the fit and of rounding, in mode `iso` the
-/// error that is aimed at. There, and where something else `only_aims` at E, no more is known than that; `core`: see
+/// error that is aimed at. There, and where something else only aims at E, no more is known than that; `core`: see
 /// [`rounding_error`].
 #[must_use]
-pub fn own_error(mode: Mode, opacity: f64, (max_error, only_aims): (f64, bool), core: usize) -> f64 {
-    let aimed_at = if only_aims || mode == Mode::Iso { max_error } else { 0.0 };
+pub fn own_error(mode: Mode, opacity: f64, (max_error, known): (f64, ErrorKnowledge), core: usize) -> f64 {
+    let aimed_at = if known == ErrorKnowledge::Aimed || mode == Mode::Iso { max_error } else { 0.0 };
     match mode {
         Mode::Dvr if opacity > 0.0 => fit_error(max_error) * opacity + rounding_error(core) + aimed_at,
         Mode::Iso if opacity > 0.0 => aimed_at,

@@ -128,6 +128,13 @@ impl Deviation {
     pub fn of_nothing(&self, length: f64) -> f64 {
         -(-self.kappa_max * length).exp_m1()
     }
+
+    /// Largest distance of an exact extreme beyond the drawn one, `drawn`; `to_limit`: distance from there to the
+    /// extreme exact value.
+    fn beyond(&self, drawn: f64, to_limit: f64) -> f64 {
+        // Exact values lie beyond the drawn one at most as far as their own range does.
+        if drawn.is_nan() { self.value } else { to_limit.clamp(0.0, self.value) }
+    }
 }
 
 /// A finished ray.
@@ -187,16 +194,19 @@ impl RayDeviation {
         (self.sum + behind).min(self.bound)
     }
 
-    /// `mip`, `minip`: adds a brick that changed the greatest or least value of the ray; NaN if there is none.
-    pub fn note_extreme(&mut self, [before, after]: [f64; 2], is_greatest: bool, deviation: &Deviation) {
-        let beyond = if is_greatest { deviation.beneath.max - after } else { after - deviation.beneath.min };
-        // Exact values lie beyond the drawn one at most as far as their own range does.
-        let beyond = if after.is_nan() { deviation.value } else { beyond.clamp(0.0, deviation.value) };
-        let Self { below, above, .. } = self;
-        let (inward, outward) = if is_greatest { (below, above) } else { (above, below) };
-        *outward = outward.max(beyond);
+    /// `mip`: adds a brick that the ray met with this greatest value and left with that; NaN if there is none.
+    pub fn note_greatest(&mut self, [before, after]: [f64; 2], deviation: &Deviation) {
+        self.above = self.above.max(deviation.beyond(after, deviation.beneath.max - after));
         if before.is_nan() || before != after {
-            *inward = deviation.value;
+            self.below = deviation.value;
+        }
+    }
+
+    /// `minip`: adds a brick that the ray met with this least value and left with that; NaN if there is none.
+    pub fn note_least(&mut self, [before, after]: [f64; 2], deviation: &Deviation) {
+        self.below = self.below.max(deviation.beyond(after, after - deviation.beneath.min));
+        if before.is_nan() || before != after {
+            self.above = deviation.value;
         }
     }
 
@@ -590,17 +600,17 @@ mod tests {
             deviations.of(coarse(), &entry(own, beneath, error), holes)
         };
         let mut ray = RayDeviation::NONE;
-        ray.note_extreme([f64::NAN, 40.0], true, &brick([10.0, 40.0], [5.0, 44.0], 6.0, Holes::None));
+        ray.note_greatest([f64::NAN, 40.0], &brick([10.0, 40.0], [5.0, 44.0], 6.0, Holes::None));
         assert_eq!(ray.reach(), [6.0, 4.0]);
-        ray.note_extreme([40.0, 60.0], true, &brick([10.0, 60.0], [5.0, 90.0], 3.0, Holes::None));
+        ray.note_greatest([40.0, 60.0], &brick([10.0, 60.0], [5.0, 90.0], 3.0, Holes::None));
         assert_eq!(ray.reach(), [3.0, 4.0]);
-        ray.note_extreme([60.0, 60.0], true, &brick([10.0, 50.0], [5.0, 90.0], 50.0, Holes::Possible));
+        ray.note_greatest([60.0, 60.0], &brick([10.0, 50.0], [5.0, 90.0], 50.0, Holes::Possible));
         assert_eq!(ray.reach(), [3.0, 30.0]);
         // Opacity follows the value: 0.57 to 0.9 is possible where 0.6 is drawn.
         let off = deviations.of_value(60.0, ray.reach(), [0.36, 0.3, 0.15, 0.6]);
         assert!((off - 0.45).abs() < 2e-3, "red is 0.9 * 0.9: {off}");
         let mut least = RayDeviation::NONE;
-        least.note_extreme([f64::NAN, 40.0], false, &brick([40.0, 80.0], [38.0, 90.0], 6.0, Holes::None));
+        least.note_least([f64::NAN, 40.0], &brick([40.0, 80.0], [38.0, 90.0], 6.0, Holes::None));
         assert_eq!(least.reach(), [2.0, 6.0]);
         let mut mean = RayDeviation::NONE;
         mean.note_mean(3.0, &brick([0.0, 1.0], [0.0, 1.0], 2.0, Holes::None));

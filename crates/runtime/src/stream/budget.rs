@@ -122,6 +122,24 @@ impl EngineBytes {
     pub const STATED_BY_DEVICE: Self = Self { of_pixel: 2 * PIXEL_BYTES, ..Self::NONE };
 }
 
+/// Reserve of memory for deadlines. With it, the coarsest brick stays in the cache, beside the brick that makes
+/// progress. A coarser picture, of pixels at least twice as large, is kept while the next one is cast.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum DeadlineReserve {
+    /// Pictures have no deadline.
+    None,
+    /// A picture may have a deadline.
+    Kept,
+}
+
+impl DeadlineReserve {
+    /// Reserve for one picture, with or without a deadline.
+    #[must_use]
+    pub fn of<T>(deadline: Option<T>) -> Self {
+        deadline.map_or(Self::None, |_| Self::Kept)
+    }
+}
+
 /// The memory needs of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Demand {
@@ -133,9 +151,8 @@ pub struct Demand {
     pub engine: EngineBytes,
     /// Sizes of bricks.
     pub brick: BrickBytes,
-    /// Whether there is a deadline. Then the coarsest brick stays in the cache, beside the brick that makes progress. A
-    /// coarser picture, of pixels at least twice as large, is kept while the next one is cast.
-    pub has_deadline: bool,
+    /// Memory for deadlines.
+    pub reserve: DeadlineReserve,
     /// Threads that cast and decode.
     pub threads: u64,
     /// TOC pages of the container.
@@ -196,9 +213,11 @@ impl HostPlan {
     pub fn new(budget_bytes: u64, demand: &Demand) -> Result<Self, BudgetError> {
         let [width, height] = demand.image_size.map(u64::from);
         let image = width * height * PIXEL_BYTES;
-        let image = if demand.has_deadline { image + image.div_ceil(4) } else { image };
-        let image = image + width * height * demand.engine.of_pixel;
-        let least_bricks = if demand.has_deadline { 2 } else { 1 };
+        let (coarser_image, least_bricks) = match demand.reserve {
+            DeadlineReserve::None => (0, 1),
+            DeadlineReserve::Kept => (image.div_ceil(4), 2),
+        };
+        let image = image + coarser_image + width * height * demand.engine.of_pixel;
         let casting = demand.threads * demand.engine.thread;
         let toc = demand.toc_pages.min(CACHED_TOC_PAGES as u64) * toc::PAGE_BYTES as u64;
         let scratch = demand.threads * demand.brick.decoding;
@@ -269,7 +288,7 @@ mod tests {
             subgrid: 1,
             engine: IN_GROUPS,
             brick: BrickBytes { decoded: 1_300_000, decoding: 1_250_000, record: 1_280_000 },
-            has_deadline: false,
+            reserve: DeadlineReserve::None,
             threads: 2,
             toc_pages: 3,
             process_bytes: 0,

@@ -129,8 +129,8 @@ fn expected(case: &Case, deviations: &[Deviation]) -> [RayDeviation; 4] {
         let length = f64::from(case.lengths[i]);
         let is_drawn = case.bricks[3] >> i & 1 == 1;
         rays[0].note_brick(before, is_drawn.then_some(after), length, deviation);
-        rays[1].note_extreme([value(i), value(i + 1)], true, deviation);
-        rays[2].note_extreme([value(i), value(i + 1)], false, deviation);
+        rays[1].note_greatest([value(i), value(i + 1)], deviation);
+        rays[2].note_least([value(i), value(i + 1)], deviation);
         rays[3].note_mean(length, deviation);
     }
     rays

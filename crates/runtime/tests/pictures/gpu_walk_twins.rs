@@ -15,9 +15,10 @@ use supervol_runtime::engines::gpu::rays::RayGrid;
 use supervol_runtime::engines::gpu::scene_tables::{Exactness, FeedbackPlaces, slot_edge};
 use supervol_runtime::engines::gpu::texels::VoxelStorage;
 use supervol_runtime::engines::gpu::twins::{
-    PartVerdict, all_surfaces, bins_of, bytes_of_square, cell_at, corners_of_stored, first_change, gradient_at,
-    halves_of_pair, is_absent, light_cell, light_ray, macro_cell_at, macro_place, meets_surfaces, next_size, normal_at,
-    range_of_corners, rebase, segment_end, shaded_pairs, sides_at, sides_of, value_at, world_direction,
+    PartVerdict, ValueSide, all_surfaces, bins_of, bytes_of_square, cell_at, corners_of_stored, first_change,
+    gradient_at, halves_of_pair, is_absent, light_cell, light_ray, macro_cell_at, macro_place, meets_surfaces,
+    next_size, normal_at, range_of_corners, rebase, segment_end, shaded_pairs, sides_at, sides_of, value_at,
+    world_direction,
 };
 use supervol_runtime::engines::gpu::{scene_tables, shaders};
 use supervol_runtime::stream::classify::Skipping;
@@ -165,7 +166,8 @@ fn expected(case: &Case, setting: &Setting) -> Found {
     let next = next_size(case.low[0], 20.0 * case.low[1] * case.low[1], verdict);
     let (cubic, range) = field_of(case);
     let intervals = monotone_intervals(&cubic);
-    let change = first_change(&cubic, intervals.as_slice(), f64::from(value), case.present != 0).unwrap_or(2.0);
+    let before = if case.present == 0 { ValueSide::Below } else { ValueSide::AtOrAbove };
+    let change = first_change(&cubic, intervals.as_slice(), f64::from(value), before).unwrap_or(2.0);
     let gradient = gradient_of(case, lighting, u);
     let [near, far] = [0, 8].map(|shift| case.texel.map(|word| word >> shift & 0xff));
     let a = [case.a_value[0], case.a_value[1], case.a_value[2]];

@@ -2,10 +2,10 @@
 
 use super::extents::{extents, unit_distance};
 use super::overview::Overview;
+use super::slices::middle_slices;
 use super::{colormap, ramps};
 use crate::facts::histogram::Histogram;
 use crate::facts::{DataKind, VolumeFacts};
-use crate::scene::section::middle_slices;
 use crate::slices::{Interpolation, SliceSpec};
 use crate::spec::{IsoSpec, Mode, PointsSpec, ShadingSpec};
 use crate::transfer_function::{ControlPoint, TransferFunction};

@@ -9,6 +9,7 @@
 //!
 //! - `looks`: mode, transfer function and shading of each kind of data
 //! - `ramps`: the transfer functions
+//! - `slices`: slices across the axes of the grid
 //! - `view`: camera positions
 //! - `placing`: position and proportions of the volume
 //! - `overview`: a coarse level, from which the visible region is estimated
@@ -24,6 +25,7 @@ pub mod looks;
 pub mod overview;
 pub mod placing;
 pub mod ramps;
+pub mod slices;
 pub mod transfer_file;
 pub mod view;
 pub mod windows;

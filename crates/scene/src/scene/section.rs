@@ -8,7 +8,7 @@ use crate::camera::unit_vector;
 use crate::facts::VolumeFacts;
 use crate::preset::domain;
 use crate::preset::view::{Framed, View};
-use crate::slices::{Interpolation, SliceSpec};
+use crate::slices::SliceSpec;
 use crate::spec::{Mode, PointsSpec, TransferFunctionSpec};
 use crate::transfer_function::ControlPoint;
 
@@ -84,28 +84,6 @@ impl Slice {
         scene.camera = Some(view.camera(&scene.framed(facts, None), [scene.image.width, scene.image.height]));
         Some(scene)
     }
-}
-
-/// Opaque slices across the grid's axes through the voxels in the middle of the volume.
-#[must_use]
-pub fn middle_slices(facts: &VolumeFacts) -> Vec<SliceSpec> {
-    let slice = |axis: usize| {
-        let (normal, offset) = plane_across(facts, axis, (facts.dims.0[axis] / 2) as f64);
-        let interpolation = Interpolation::default();
-        SliceSpec { normal, offset, opacity: 1.0, interpolation, filter: None, colors: Vec::new(), labels: false }
-    };
-    (0..3).map(slice).collect()
-}
-
-/// The plane across an axis of the grid at an index coordinate: unit normal and offset in world space.
-#[must_use]
-pub fn plane_across(facts: &VolumeFacts, axis: usize, at: f64) -> ([f64; 3], f64) {
-    // Index coordinate `axis` of a world point is the product of a row of the inverse matrix with that point.
-    let across = facts.geometry.linear().inverse().transpose().col(axis);
-    let normal = unit_vector(across).unwrap_or(DVec3::Z);
-    let mut index = DVec3::ZERO;
-    index[axis] = at;
-    (normal.to_array(), normal.dot(facts.geometry.world_from_index().transform_point3(index)))
 }
 
 /// The scene with only one plane, inside its clip box, face on, magnified by `zoom` relative to a plane that just fits.

@@ -13,7 +13,7 @@ use supervol_files::unfinished::UnfinishedFolder;
 use supervol_measure::record::RegimeRecord;
 use supervol_measure::report::{Circumstances, Extent, Report, chart_page, stability_page};
 use supervol_measure::scenes::SceneSpec;
-use supervol_measure::stability::Regime;
+use supervol_measure::stability::regime::Regime;
 use supervol_measure::{
     Context, Scale, chart, convergence, leaping, points, reading, record, scenes, stability, storage,
 };

@@ -7,7 +7,7 @@
 use supervol_format::cast::{narrow, single, whole};
 use supervol_runtime::engines::blocks::BLOCK;
 use supervol_runtime::engines::packets::leap::ProximityCloud;
-use supervol_runtime::engines::packets::trace::{LocalRay, ROUND, Stretch};
+use supervol_runtime::engines::packets::trace::{LocalRay, ROUND, RayInterval};
 
 /// An empty box of cells: lower and upper plane along each axis.
 pub type Box3 = [[i64; 2]; 3];
@@ -68,12 +68,12 @@ fn planes(first_block: i64, end_block: i64) -> [i64; 2] {
     [first_block, end_block].map(|block| block * narrow::<i64>(BLOCK))
 }
 
-/// The stretches of each ray, in order. `box_around` gives the empty box around a block.
-pub fn stretches(
+/// The intervals of each ray, in order. `box_around` gives the empty box around a block.
+pub fn intervals(
     rays: &[LocalRay],
     core: [usize; 3],
     box_around: impl Fn([usize; 3]) -> Option<Box3>,
-) -> Vec<Vec<Stretch>> {
+) -> Vec<Vec<RayInterval>> {
     let of_ray = |ray: &LocalRay| {
         let (mut way, mut found) = (Way::new(ray, core), Vec::new());
         while way.t < way.end {
@@ -83,7 +83,7 @@ pub fn stretches(
                 Some(empty) => way.leave(empty),
                 None => (0..ROUND).for_each(|_| way.leave(way.cell.map(|cell| [cell, cell + 1]))),
             }
-            found.push(Stretch { t: [single(before), single(way.t)], is_leap: leapt.is_some() });
+            found.push(RayInterval { t: [single(before), single(way.t)], is_leap: leapt.is_some() });
         }
         found
     };

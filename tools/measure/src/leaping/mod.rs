@@ -22,7 +22,7 @@ use supervol_runtime::engines::blocks::BLOCK;
 use supervol_runtime::engines::packets::blocks::cloud_of_blocks;
 use supervol_runtime::engines::packets::leap::{AxisDirection, ProximityCloud};
 use supervol_runtime::engines::packets::simd::InstructionSet;
-use supervol_runtime::engines::packets::trace::{LocalRay, Stretch, stretches};
+use supervol_runtime::engines::packets::trace::{LocalRay, RayInterval, intervals};
 use supervol_runtime::render::process;
 use supervol_runtime::stream::residency::{BrickView, DecodedBrick, Resident};
 use supervol_scene::transfer_function::render::RenderTransferFunction;
@@ -197,12 +197,12 @@ fn ways(bricks: &[Met<'_>], map: &ValueMap, transfer_function: &RenderTransferFu
     };
     let nearest_ahead = |met: &Met<'_>| nearest(met, ahead_of(&met.rays));
     let set = InstructionSet::best();
-    let packets = |met: &Met<'_>, cloud: &ProximityCloud<BLOCK>| stretches(set, cloud, met.core, &met.rays);
+    let packets = |met: &Met<'_>, cloud: &ProximityCloud<BLOCK>| intervals(set, cloud, met.core, &met.rays);
     let rays = |met: &Met<'_>, cloud: &ProximityCloud<BLOCK>| {
-        by_rays::stretches(&met.rays, met.core, |block| by_rays::around(cloud, block))
+        by_rays::intervals(&met.rays, met.core, |block| by_rays::around(cloud, block))
     };
     let rays_in_octree =
-        |met: &Met<'_>, octree: &Octree| by_rays::stretches(&met.rays, met.core, |block| octree.around(block));
+        |met: &Met<'_>, octree: &Octree| by_rays::intervals(&met.rays, met.core, |block| octree.around(block));
     vec![
         ways_by("none", bricks, none, identity, packets),
         ways_by("blocks of macro cells, one by one", bricks, one_by_one, identity, packets),
@@ -220,7 +220,7 @@ fn ways_by<T: Send>(
     bricks: &[Met<'_>],
     cloud_of: impl Fn(&Met<'_>) -> ProximityCloud<BLOCK> + Send + Sync,
     made_of: impl Fn(ProximityCloud<BLOCK>) -> T + Send + Sync,
-    walk: impl Fn(&Met<'_>, &T) -> Vec<Vec<Stretch>>,
+    walk: impl Fn(&Met<'_>, &T) -> Vec<Vec<RayInterval>>,
 ) -> Ways {
     let make = |met| Some(cloud_of(met)).filter(|cloud| !cloud.is_empty()).map(&made_of);
     let made: Vec<Option<T>> = bricks.par_iter().map(make).collect();
@@ -228,9 +228,9 @@ fn ways_by<T: Send>(
     let cpu_ms = cpu_ms(|| pairs().map(|(met, made)| walk(met, made).len()).sum::<usize>());
     let (mut leaps, mut walked) = (0, 0.0);
     for (met, made) in pairs() {
-        for stretch in walk(met, made).iter().flatten() {
-            leaps += u64::from(stretch.is_leap);
-            walked += if stretch.is_leap { 0.0 } else { f64::from(stretch.t[1] - stretch.t[0]) };
+        for interval in walk(met, made).iter().flatten() {
+            leaps += u64::from(interval.is_leap);
+            walked += if interval.is_leap { 0.0 } else { f64::from(interval.t[1] - interval.t[0]) };
         }
     }
     let whole: f64 = bricks.iter().flat_map(|met| &met.rays).map(|ray| f64::from(ray.length)).sum();

@@ -12,7 +12,7 @@ use std::process::{Command, ExitStatus, Stdio};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use super::PeerOptions;
+use super::options::PeerOptions;
 
 /// Time limit of a program that should answer at once.
 const ANSWER_LIMIT: Duration = Duration::from_secs(60);

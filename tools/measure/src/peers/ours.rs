@@ -11,9 +11,12 @@ use supervol_runtime::render::volume::PlacedVolume;
 use supervol_scene::image::Image;
 
 use super::cases::Case;
-use super::{Cost, Drawn, Run, Sizes, Spread, vtk};
+use super::options::{Run, Sizes};
+use super::results::{Cost, Drawn, sampling_name};
+use super::vtk;
 use crate::comparison::{Rule, Sampling};
 use crate::context::{ChartError, Context, Pace};
+use crate::measure::Spread;
 use crate::methods::Integrated;
 use crate::volume::finest;
 
@@ -48,7 +51,7 @@ impl Sampler {
     fn name(self) -> String {
         match self.step_voxels {
             None => "default (cell by cell)".into(),
-            Some(step) => super::sampling_name(step),
+            Some(step) => sampling_name(step),
         }
     }
 }

@@ -11,8 +11,8 @@ use supervol_scene::clip::{IndexRay, clip_ray};
 use supervol_scene::image::Image;
 use supervol_scene::scene::ResolvedScene;
 
-use super::Levels;
 use super::cases::Case;
+use super::results::Levels;
 use crate::context::{ChartError, Pace};
 use crate::measure::{GREY_LEVELS, distance_of};
 

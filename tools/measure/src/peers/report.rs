@@ -4,7 +4,7 @@ use std::fmt::Write;
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use super::{Comparison, Levels, PeerReport, Row};
+use super::results::{Comparison, Levels, PeerReport, Row};
 use crate::context::ChartError;
 
 /// Seconds per day.

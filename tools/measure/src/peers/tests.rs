@@ -3,6 +3,7 @@
 use std::path::Path;
 use std::time::Duration;
 
+use super::options::Sizes;
 use super::*;
 use crate::context::Scale;
 

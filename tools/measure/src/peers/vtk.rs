@@ -14,7 +14,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 use serde_json::{Value, json};
 use supervol_scene::camera::Projection;
 use supervol_scene::image::Image;
@@ -23,8 +23,10 @@ use supervol_scene::transfer_function::ControlPoint;
 
 use super::cases::Case;
 use super::environment::{self, Package};
-use super::{Cost, Drawn, PeerOptions, PeerReport, Run, Spread};
+use super::options::{PeerOptions, Run};
+use super::results::{Cost, Drawn, PeerReport, Versions, sampling_name};
 use crate::context::{ChartError, Context, Pace};
+use crate::measure::Spread;
 
 /// Program name of the peer's rows.
 pub const NAME: &str = "VTK";
@@ -40,19 +42,6 @@ const SCRIPT: &str = include_str!("vtk_render.py");
 const CASE_LIMIT: Duration = Duration::from_secs(600);
 /// Largest answer that is read, bytes.
 const ANSWER_LIMIT_BYTES: u64 = 1 << 20;
-
-/// Versions of the programs and libraries behind the pictures.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Versions {
-    /// VTK.
-    pub vtk: String,
-    /// Python.
-    pub python: String,
-    /// NumPy.
-    pub numpy: String,
-    /// Class of VTK's render window.
-    pub window: String,
-}
 
 /// The peer while it works. After its first failure the comparison continues without it.
 #[derive(Debug)]
@@ -200,7 +189,7 @@ impl<'a> Job<'a> {
     fn drawn(&self, (step_voxels, picture): &(f64, PathBuf), step: &Step) -> Result<Drawn, String> {
         Ok(Drawn {
             program: NAME,
-            sampling: super::sampling_name(*step_voxels),
+            sampling: sampling_name(*step_voxels),
             step_voxels: Some(*step_voxels),
             cost: step.cost(),
             picture: read_picture(picture, self.run.sizes.image)?,

@@ -16,8 +16,8 @@ use supervol_scene::image::Image;
 use supervol_scene::scene::ResolvedScene;
 use supervol_sources::VolumeSource;
 
+use super::regime::{CurvePoint, Gate, Outcome, Regime};
 use super::views::{BLUE, GOLD, HALF_A_LEVEL, SHADED, automatic, fractions, grey_levels, smooth};
-use super::{CurvePoint, Gate, Outcome, Regime};
 use crate::context::{ChartError, Context};
 use crate::fixtures::{self, Thin};
 use crate::resident::{Classified, ResidentBricks, at_level, cast};

@@ -9,7 +9,7 @@ use supervol_sources::computed::Computed;
 use super::parallel::{
     GREY_LEVELS, HALF_A_LEVEL, NEVER, by_samples, default_unterminated, fixed_pairs, looking_along, pixel, worst,
 };
-use super::{CurvePoint, Gate, Outcome, Regime};
+use super::regime::{CurvePoint, Gate, Outcome, Regime};
 use crate::comparison::{Classification, Rule, Sampling};
 use crate::context::{ChartError, Context};
 use crate::fixtures;

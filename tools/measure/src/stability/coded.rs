@@ -13,7 +13,7 @@ use supervol_format::{BrickKey, Container, Lod, ValueRange, VoxelType};
 use supervol_preprocess::{BuildOptions, MaxError};
 use supervol_sources::computed::Computed;
 
-use super::{CurvePoint, Gate, Outcome, Regime};
+use super::regime::{CurvePoint, Gate, Outcome, Regime};
 use crate::context::{ChartError, Context};
 use crate::volume::{Volume, build_options};
 

@@ -14,7 +14,7 @@ use supervol_sources::computed::Computed;
 use super::parallel::{
     GREY_LEVELS, HALF_A_LEVEL, NEVER, by_cells, by_samples, default_unterminated, looking_along, pixel, worst,
 };
-use super::{CurvePoint, Gate, Outcome, Regime};
+use super::regime::{CurvePoint, Gate, Outcome, Regime};
 use crate::comparison::{Accumulation, Rule, Sampling};
 use crate::context::{ChartError, Context};
 use crate::fixtures;

@@ -8,8 +8,8 @@ use supervol_runtime::render::options::Backend;
 use supervol_scene::image::Image;
 use supervol_sources::computed::Computed;
 
+use super::regime::{CurvePoint, Gate, Outcome, Regime};
 use super::views::{GOLD, HALF_A_LEVEL, SHADED, fractions, grey_levels, smooth};
-use super::{CurvePoint, Gate, Outcome, Regime};
 use crate::context::{ChartError, Context};
 use crate::fixtures;
 use crate::volume::{Volume, build_options, image_size, transfer_function};

@@ -13,8 +13,8 @@ use supervol_sources::VolumeSource;
 use supervol_sources::computed::Computed;
 
 use super::borders::waves;
+use super::regime::{CurvePoint, Gate, Outcome, Regime};
 use super::views::{BLUE, GOLD, HALF_A_LEVEL, SHADED, fractions, grey_levels, orthographic, perspective, smooth};
-use super::{CurvePoint, Gate, Outcome, Regime};
 use crate::context::{ChartError, Context};
 use crate::fixtures;
 use crate::volume::{Volume, build_options, image_size, transfer_function};

@@ -6,8 +6,8 @@ use supervol_runtime::render::options::{Backend, LevelChoice, RenderOptions};
 use supervol_scene::image::Image;
 use supervol_scene::scene::ResolvedScene;
 
+use super::regime::{CurvePoint, Gate, Outcome, Regime};
 use super::views::{BLUE, GOLD, GREY_LEVEL, HALF_A_LEVEL, fractions, smooth};
-use super::{CurvePoint, Gate, Outcome, Regime};
 use crate::comparison::{Offset, Sampling};
 use crate::context::{ChartError, Context};
 use crate::fixtures;

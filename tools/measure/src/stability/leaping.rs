@@ -9,7 +9,7 @@ use supervol_runtime::engines::blocks::BLOCK;
 use supervol_runtime::engines::packets::blocks::cloud_of_blocks;
 use supervol_runtime::engines::packets::leap::{AxisDirection, ProximityCloud};
 use supervol_runtime::engines::packets::simd::InstructionSet;
-use supervol_runtime::engines::packets::trace::{LocalRay, Stretch, stretches};
+use supervol_runtime::engines::packets::trace::{LocalRay, RayInterval, intervals};
 use supervol_runtime::stream::residency::{BrickView, DecodedBrick, Resident, Voxels};
 use supervol_scene::clip::{IndexRay, clip_ray};
 use supervol_scene::scene::ResolvedScene;
@@ -22,8 +22,8 @@ use supervol_sources::input::spool::SpoolFolder;
 use supervol_sources::synthetic::Synthetic;
 
 use super::parallel::worst;
+use super::regime::{CurvePoint, Gate, Outcome, Regime};
 use super::views::{BLUE, GOLD, fractions};
-use super::{CurvePoint, Gate, Outcome, Regime};
 use crate::context::{ChartError, Context};
 use crate::resident::ResidentBricks;
 use crate::scenes::CARP;
@@ -67,7 +67,7 @@ struct Findings {
     skipped: f64,
     /// Visible cells that were leapt over.
     jumped_over: f64,
-    /// Rays whose stretches have gaps, overlap, or do not end at the end of the ray.
+    /// Rays whose intervals have gaps, overlap, or do not end at the end of the ray.
     untiled: f64,
     /// Greatest distance of a leap's end from the nearest block face or end of the ray, cells.
     beside_faces: f64,
@@ -91,7 +91,7 @@ impl Findings {
     /// occur.
     fn of_ray(
         ray: &LocalRay,
-        ways: &[Stretch],
+        ways: &[RayInterval],
         core: [usize; 3],
         side: usize,
         shows: impl Fn([i64; 3]) -> bool,
@@ -124,8 +124,8 @@ fn position(ray: &LocalRay, t: f64) -> [f64; 3] {
     std::array::from_fn(|a| f64::from(ray.origin[a]) + t * f64::from(ray.direction[a]))
 }
 
-/// Whether the stretches cover the ray from 0 to its end without gaps.
-fn is_tiled(ray: &LocalRay, ways: &[Stretch]) -> bool {
+/// Whether the intervals cover the ray from 0 to its end without gaps.
+fn is_tiled(ray: &LocalRay, ways: &[RayInterval]) -> bool {
     let begins_and_ends = ways.first().is_none_or(|s| s.t[0] == 0.0)
         && ways.last().is_none_or(|s| s.t[1] == ray.length)
         && !ways.is_empty();
@@ -226,8 +226,8 @@ fn random_bricks(occupancy: f64, bricks: usize, counts: Counts) -> Findings {
             x + cells[0] * (y + cells[1] * z)
         };
         let sets: Vec<InstructionSet> = InstructionSet::available().collect();
-        let ways = stretches(sets[brick / 2 % sets.len()], &cloud, core, &rays);
-        let of_ray = |(ray, ways): (&LocalRay, &Vec<Stretch>)| {
+        let ways = intervals(sets[brick / 2 % sets.len()], &cloud, core, &rays);
+        let of_ray = |(ray, ways): (&LocalRay, &Vec<RayInterval>)| {
             Findings::of_ray(ray, ways, core, BLOCK, |cell| shown[place(cell)])
         };
         rays.iter().zip(&ways).map(of_ray).fold(Findings::default(), Findings::add)
@@ -339,11 +339,11 @@ fn through_brick(
     let shows_cell = |cell: [i64; 3]| shows(range_of(brick, cell, map));
     let ways = if cloud.is_empty() {
         // Empty bricks are not entered.
-        local.iter().map(|ray| vec![Stretch { t: [0.0, ray.length], is_leap: true }]).collect()
+        local.iter().map(|ray| vec![RayInterval { t: [0.0, ray.length], is_leap: true }]).collect()
     } else {
-        stretches(InstructionSet::best(), &cloud, core, &local)
+        intervals(InstructionSet::best(), &cloud, core, &local)
     };
-    let of_ray = |(ray, ways): (&LocalRay, &Vec<Stretch>)| Findings::of_ray(ray, ways, core, 1, shows_cell);
+    let of_ray = |(ray, ways): (&LocalRay, &Vec<RayInterval>)| Findings::of_ray(ray, ways, core, 1, shows_cell);
     local.iter().zip(&ways).map(of_ray).fold(Findings::default(), Findings::add)
 }
 

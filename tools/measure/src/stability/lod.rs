@@ -17,11 +17,11 @@ use supervol_scene::image::{Image, greatest};
 use supervol_scene::scene::ResolvedScene;
 use supervol_sources::{Axis, Survey, VolumeSource};
 
+use super::regime::{CurvePoint, Gate, Outcome, Regime};
 use super::views::{
     BLUE, GOLD, GREY_LEVEL, HALF_A_LEVEL, SHADED, WHITE, automatic, fractions, grey_levels, mean_opacity, orthographic,
     smooth,
 };
-use super::{CurvePoint, Gate, Outcome, Regime};
 use crate::context::{ChartError, Context};
 use crate::fixtures::{self, Thin};
 use crate::measure::distance;

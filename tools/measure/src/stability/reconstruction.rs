@@ -12,7 +12,7 @@ use supervol_runtime::engines::cells::cell::trilinear;
 use supervol_runtime::render::options::Backend;
 
 use super::parallel::{GREY_LEVELS, HALF_A_LEVEL, NEVER, by_samples, worst};
-use super::{CurvePoint, Gate, Outcome, Regime};
+use super::regime::{CurvePoint, Gate, Outcome, Regime};
 use crate::comparison::gradient::gradient_at_voxel;
 use crate::comparison::reconstruction::{bspline_coefficients, bspline_weights, catmull_rom_weights, tricubic};
 use crate::comparison::{GradientOperator, Reconstruction, Sampling};

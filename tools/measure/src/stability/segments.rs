@@ -11,7 +11,7 @@ use supervol_scene::image::Image;
 use supervol_sources::computed::Computed;
 
 use super::parallel::{GREY_LEVELS, HALF_A_LEVEL, NEVER, by_samples, worst};
-use super::{CurvePoint, Gate, Outcome, Regime};
+use super::regime::{CurvePoint, Gate, Outcome, Regime};
 use crate::comparison::{Offset, Rule, Sampling};
 use crate::context::{ChartError, Context};
 use crate::fixtures;

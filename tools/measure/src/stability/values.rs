@@ -12,8 +12,8 @@ use supervol_runtime::render::options::Backend;
 use supervol_scene::image::Image;
 use supervol_sources::computed::Computed;
 
+use super::regime::{CurvePoint, Gate, Outcome, Regime};
 use super::views::{BLUE, GOLD, GREY_LEVEL, HALF_A_LEVEL, SHADED, WHITE, grey_levels, orthographic};
-use super::{CurvePoint, Gate, Outcome, Regime};
 use crate::context::{ChartError, Context};
 use crate::fixtures;
 use crate::ricker::Ricker;

@@ -26,7 +26,7 @@ use supervol_scene::transfer_function::times_extinction;
 
 use self::parse::{CameraRequest, ClipShape, ColorMapRequest, SurfaceRequest, WindowRequest};
 use self::places::{Crop, Cut};
-use self::slices::SliceArguments;
+use self::slices::{PanelColors, SliceArguments};
 use crate::grid::{Grid, PANEL_LIMIT};
 
 /// Volume, camera and appearance.
@@ -249,7 +249,8 @@ impl LookArguments {
         }
         match &self.slices.cuts[..] {
             [cut] if self.shows_panels() => {
-                let look = (self.zoom.unwrap_or(1.0), self.paints());
+                let colors = if self.paints() { PanelColors::Painted } else { PanelColors::OfKind };
+                let look = (self.zoom.unwrap_or(1.0), colors);
                 scene = self.slices.panel(&scene, cut, (container, facts), look)?;
             }
             _ => self.slices.add_to(&mut scene, container, facts)?,

@@ -6,9 +6,10 @@ use supervol_arguments::failure::Failure;
 use supervol_arguments::scene::ModeName;
 use supervol_format::Container;
 use supervol_scene::facts::{DataKind, VolumeFacts};
+use supervol_scene::preset::slices::{middle_slices, plane_across};
 use supervol_scene::preset::windows::Paint;
 use supervol_scene::preset::{Look, ramps};
-use supervol_scene::scene::section::{Slab, SlabMode, Slice, face_on, middle_slices, plane_across};
+use supervol_scene::scene::section::{Slab, SlabMode, Slice, face_on};
 use supervol_scene::scene::{Mode, PointSpec, Scene, TransferFunctionSpec};
 use supervol_scene::slices::filter::{FilterKind, FilterSpec};
 use supervol_scene::slices::{ColorSpec, Interpolation, SliceSpec};
@@ -53,6 +54,15 @@ pub struct SliceArguments {
     /// is the radius of its window.
     #[arg(long, value_name = "NAME[:SIZE]", value_parser = filter, requires = "cuts")]
     filter: Option<FilterSpec>,
+}
+
+/// Colours of a slice that is shown face on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PanelColors {
+    /// The colours that suit the kind of data.
+    OfKind,
+    /// Labels as grey numbers; options change the colours.
+    Painted,
 }
 
 /// Place of the slices.
@@ -132,7 +142,7 @@ impl SliceArguments {
         scene: &Scene,
         cut: &Cut,
         (container, facts): (&Container, &VolumeFacts),
-        (zoom, is_painted): (f64, bool),
+        (zoom, colors): (f64, PanelColors),
     ) -> Result<Scene, Failure> {
         let nothing = || Failure::Command(format!("--slice {cut} lies outside the volume, or outside --crop"));
         let is_plain = self.interpolation == InterpolationName::Linear && self.filter.is_none();
@@ -150,10 +160,13 @@ impl SliceArguments {
         }
         // Labels are drawn by their nearest voxel, unless their numbers are to be painted as values.
         let is_of_labels = facts.kind == DataKind::Labels && scene.transfer_function.is_none() && self.slab.is_none();
-        let shows_labels = is_of_labels && !is_painted && self.shows_labels();
+        let shows_labels = is_of_labels && colors == PanelColors::OfKind && self.shows_labels();
         if let (Cut::Across(place), true) = (cut, is_plain && !shows_labels) {
             let (axis, at) = place.on_grid(container, facts)?;
-            let colors = if is_painted { ramps::plain_slice(facts) } else { ramps::of_slice(facts) };
+            let colors = match colors {
+                PanelColors::OfKind => ramps::of_slice(facts),
+                PanelColors::Painted => ramps::plain_slice(facts),
+            };
             let slab = self.slab.map(|thickness| Slab { thickness, mode: self.slab_mode.into() });
             return Slice { axis, at, slab, zoom }.of(scene, facts, &colors).ok_or_else(nothing);
         }

@@ -4,19 +4,14 @@ use std::path::PathBuf;
 
 use eframe::egui::{self, Button, DragValue, Ui};
 use supervol_preprocess::Existing;
-use supervol_scene::camera_path::{CameraPath, FRAME_LIMIT, KeyFrame};
+use supervol_scene::camera_path::FRAME_LIMIT;
 use supervol_scene::image::ImageFormat;
-use supervol_scene::scene::{CameraSpec, RAY_LIMIT};
+use supervol_scene::scene::RAY_LIMIT;
 
-use super::dialogs::{SIDE_LIMIT, path_beside, path_field, window};
+use super::widgets::{SIDE_LIMIT, path_field, window};
+use crate::state::animation::{AnimationDialog, Kind};
 use crate::viewer::Viewer;
 use crate::worker::{Animation, Motion};
-
-/// Default number of pictures of a turntable (four seconds), and between two key frames (two seconds).
-const TURN_FRAMES: u32 = 100;
-const STEP_FRAMES: u32 = 50;
-/// Most key frames.
-const KEY_LIMIT: usize = 200;
 
 /// File formats of the pictures, with names and descriptions.
 const FORMATS: [(ImageFormat, &str, &str); 3] = [
@@ -28,68 +23,6 @@ const FORMATS: [(ImageFormat, &str, &str); 3] = [
     ),
     (ImageFormat::Npy, "NumPy", "Arrays of 32-bit floats, premultiplied, without background (--frame-format npy)"),
 ];
-
-/// Kind of the requested animation.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Kind {
-    Turntable,
-    Path,
-}
-
-/// State of the dialog.
-pub(crate) struct AnimationDialog {
-    kind: Kind,
-    frames: u32,
-    folder: String,
-    format: ImageFormat,
-    replace: bool,
-    size: [u32; 2],
-}
-
-/// Key frames taken by the user. They persist while the dialog is closed.
-#[derive(Default)]
-pub(crate) struct KeyFrames(Vec<KeyFrame>);
-
-impl KeyFrames {
-    fn add(&mut self, camera: &CameraSpec) {
-        let frame = self.0.last().map_or(0, |last| last.frame + STEP_FRAMES);
-        if self.0.len() < KEY_LIMIT && frame < FRAME_LIMIT {
-            self.0.push(KeyFrame { frame, camera: camera.clone() });
-        }
-    }
-
-    /// Removes a key frame; the first remaining one becomes frame 0.
-    fn remove(&mut self, i: usize) {
-        self.0.remove(i);
-        let first = self.0.first().map_or(0, |key| key.frame);
-        self.0.iter_mut().for_each(|key| key.frame -= first);
-    }
-
-    /// The camera path, or the reason why there is none.
-    fn path(&self) -> Result<CameraPath, String> {
-        if self.0.len() < 2 {
-            return Err("Take at least two views: turn the volume, then press `Take this view`.".into());
-        }
-        let path = CameraPath { keys: self.0.clone() };
-        let text = serde_json::to_string(&path).map_err(|e| e.to_string())?;
-        CameraPath::from_json(&text).map_err(|e| e.to_string())
-    }
-}
-
-impl AnimationDialog {
-    pub(super) fn new(viewer: &Viewer) -> Self {
-        let image = &viewer.scene.image;
-        let folder = path_beside(viewer.opened.as_deref(), "frames");
-        Self {
-            kind: Kind::Turntable,
-            frames: TURN_FRAMES,
-            folder,
-            format: ImageFormat::Png,
-            replace: false,
-            size: [image.width, image.height],
-        }
-    }
-}
 
 /// Shows the dialog if it is open.
 pub(super) fn show(viewer: &mut Viewer, ctx: &egui::Context) {
@@ -193,32 +126,4 @@ fn keys(viewer: &mut Viewer, ui: &mut Ui) {
         viewer.keys.remove(i);
     }
     viewer.scene.camera = shown.or(viewer.scene.camera.take());
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn views_are_key_frames_that_begin_at_0() {
-        let camera = |x: f64| CameraSpec {
-            eye: [x, -5.0, 0.0],
-            target: [0.0; 3],
-            up: [0.0, 0.0, 1.0],
-            fov_y: Some(30.0),
-            height: None,
-        };
-        let mut keys = KeyFrames::default();
-        keys.add(&camera(0.0));
-        assert!(keys.path().unwrap_err().contains("two views"));
-        (1..4).for_each(|x| keys.add(&camera(f64::from(x))));
-        assert_eq!(keys.path().unwrap().cameras().len() as u32, 3 * STEP_FRAMES + 1);
-        keys.remove(0);
-        let frames: Vec<u32> = keys.path().unwrap().keys.iter().map(|key| key.frame).collect();
-        assert_eq!(frames, [0, STEP_FRAMES, 2 * STEP_FRAMES]);
-        keys.0[1].frame = 500;
-        assert!(keys.path().unwrap_err().contains("ascend"));
-        (0..2 * KEY_LIMIT).for_each(|_| keys.add(&camera(1.0)));
-        assert_eq!(keys.0.len(), KEY_LIMIT);
-    }
 }

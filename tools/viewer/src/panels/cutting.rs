@@ -4,10 +4,10 @@ use eframe::egui::{DragValue, Ui};
 use supervol_scene::clip::solids::Keep;
 use supervol_scene::scene::{PlaneSpec, SolidSpec};
 
-use super::browse::{Browser, FileKind};
-use super::heading;
+use super::widgets::heading;
 use crate::cutting::{self, NewSolid};
 use crate::edit;
+use crate::state::browser::{Browser, FileKind};
 use crate::viewer::Viewer;
 use crate::worker::Message;
 

@@ -2,12 +2,13 @@
 
 use eframe::egui::{Color32, Pos2, Rect, Response, Sense, Stroke, Ui, Vec2};
 use glam::DVec3;
-use supervol_scene::scene::{CameraSpec, Scene};
+use supervol_scene::scene::CameraSpec;
 
 use super::sections::{PLANE_COLORS, point};
 use crate::cutting::{self, Handle, HandleKind};
 use crate::navigate;
 use crate::planes::axis_name;
+use crate::state::panels::DraggedHandle;
 use crate::viewer::Viewer;
 use crate::worker::OpenVolume;
 
@@ -19,15 +20,6 @@ const SLICE_COLOR: Color32 = Color32::from_rgb(200, 120, 240);
 /// Edges of a box: pairs of corners whose indices differ in one bit.
 pub(super) const EDGES: [(usize, usize); 12] =
     [(0, 1), (2, 3), (4, 5), (6, 7), (0, 2), (1, 3), (4, 6), (5, 7), (0, 4), (1, 5), (2, 6), (3, 7)];
-
-/// A handle that is dragged.
-pub(crate) struct DraggedHandle {
-    handle: Handle,
-    /// The scene at the start of the drag.
-    before: Scene,
-    /// Way of the mouse since the start of the drag, in points.
-    way: Vec2,
-}
 
 /// Draws the handles if they are switched on, and moves the dragged one.
 pub(super) fn show(viewer: &mut Viewer, ui: &Ui, picture: &Response) {

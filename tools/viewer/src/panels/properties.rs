@@ -11,9 +11,11 @@ use supervol_scene::image::GREY_LEVELS;
 use supervol_scene::preset::{colormap, looks};
 use supervol_scene::scene::{INNER_SURFACE_LIMIT, ISO_LIMIT, IsoSpec, LightSpec, Mode, ShadingSpec};
 
-use super::{editor, heading, transfer};
+use super::widgets::{heading, scrolled};
+use super::{editor, transfer};
 use crate::edit;
 use crate::sections::short;
+use crate::state::panels::PanelState;
 use crate::viewer::Viewer;
 use crate::worker::{Inspect, OpenVolume};
 
@@ -62,7 +64,7 @@ const SAMPLES: [u32; 4] = [1, 4, 9, 16];
 /// Draws the panel.
 pub(crate) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     egui::Panel::right("properties").default_size(WIDTH).size_range(220.0..=600.0).show(ui, |ui| {
-        super::scrolled(ui, |ui| {
+        scrolled(ui, |ui| {
             let Some(opened) = viewer.opened.clone() else {
                 ui.weak("No volume is open.");
                 return;
@@ -190,7 +192,7 @@ fn look(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
             .accessible_name("Preset");
         if let Some(kind) = box_.inner.flatten() {
             viewer.scene = edit::with_kind(&viewer.scene, opened, kind);
-            viewer.panel_state = super::PanelState::of(&viewer.scene);
+            viewer.panel_state = PanelState::of(&viewer.scene);
         }
     });
     ui.horizontal_wrapped(|ui| {

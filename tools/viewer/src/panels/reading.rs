@@ -4,7 +4,7 @@ use eframe::egui::{Button, ComboBox, DragValue, Slider, SliderClamping, Ui};
 use supervol_scene::preset::windows::{self, NamedWindow};
 use supervol_scene::scene::section::{Slab, SlabMode};
 
-use super::wide_slider;
+use super::widgets::wide_slider;
 use crate::cine;
 use crate::planes::axis_name;
 use crate::viewer::Viewer;

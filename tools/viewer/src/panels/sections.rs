@@ -6,7 +6,8 @@ use supervol_format::cast::{single, whole};
 use supervol_scene::scene::{CameraSpec, ImageSpec, RAY_LIMIT, Scene};
 
 use super::picture::{color, pixels_of, place, wheel_steps};
-use super::{coordinate, extent_in_words, heading, reading, slices, voxel_slider, wide_slider};
+use super::widgets::{coordinate, extent_in_words, heading, voxel_slider, wide_slider};
+use super::{reading, slices};
 use crate::planes::{self, axis_name};
 use crate::sections::{Layout, describe_point, short};
 use crate::viewer::Viewer;

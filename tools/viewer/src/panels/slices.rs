@@ -1,14 +1,11 @@
 //! Controls of slices in the volume: adding, moving, turning, filtering, removing.
 
 use eframe::egui::{Button, ComboBox, DragValue, Slider, SliderClamping, Ui};
-use supervol_scene::facts::VolumeFacts;
 use supervol_scene::preset::colormap;
-use supervol_scene::scene::Mode;
-use supervol_scene::scene::section::middle_slices;
 use supervol_scene::slices::filter::{FilterKind, FilterSpec};
 use supervol_scene::slices::{Interpolation, SLICE_LIMIT, SliceSpec};
 
-use super::{extent_in_words, heading, voxel_slider, wide_slider};
+use super::widgets::{extent_in_words, heading, voxel_slider, wide_slider};
 use crate::planes::{self, Place};
 use crate::viewer::Viewer;
 use crate::worker::{Message, OpenVolume};
@@ -180,23 +177,5 @@ fn colors(slice: &mut SliceSpec, opened: &OpenVolume, what: &str, ui: &mut Ui) {
         .accessible_name(format!("{what}, colours"));
     if let Some(name) = box_.inner.flatten() {
         planes::paint(slice, &opened.facts, name);
-    }
-}
-
-/// Keeps the slices while a mode without depth is shown, and returns those of the new mode. Mode `slice` without slices
-/// gets those through the middle.
-pub(super) fn with_mode(
-    kept: &mut Vec<SliceSpec>,
-    facts: &VolumeFacts,
-    (before, slices): (Mode, &[SliceSpec]),
-    after: Mode,
-) -> Vec<SliceSpec> {
-    if planes::has_depth(before) {
-        *kept = slices.to_vec();
-    }
-    match after {
-        Mode::Slice if kept.is_empty() => middle_slices(facts),
-        _ if planes::has_depth(after) => std::mem::take(kept),
-        _ => Vec::new(),
     }
 }

@@ -5,6 +5,7 @@ use supervol_runtime::render::fidelity::{Outlook, grey_levels, missing_in_words}
 use supervol_runtime::render::stats::FrameStats;
 use supervol_scene::image::GREY_LEVELS;
 
+use crate::state::panels::StatusHeight;
 use crate::viewer::{Picture, Viewer};
 use crate::worker::{Busy, Message};
 
@@ -16,15 +17,6 @@ const ACCURACY: &str = "Difference from the picture of all data in full detail, 
                         (white). Asked: the largest allowed difference; half a level is invisible. Stated: the largest \
                         possible difference of the worst pixel; most pixels differ far less. It is known when the picture is \
                         finished";
-
-/// Height that the status line has taken in a window of this width. It never decreases. The text of a converged picture
-/// is longer than that of an unfinished one. If it took another line, the picture would shrink, start again, and so on
-/// without end.
-#[derive(Default)]
-pub(crate) struct StatusHeight {
-    width: f32,
-    height: f32,
-}
 
 /// Draws the line.
 pub(crate) fn show(viewer: &mut Viewer, ui: &mut Ui) {

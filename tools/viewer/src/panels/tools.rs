@@ -3,12 +3,12 @@
 use eframe::egui::{self, Button, Slider, SliderClamping, Ui};
 use supervol_scene::preset::view::Direction;
 
-use super::file_options::FileOptions;
-use super::{extent_in_words, heading, voxel_slider, wide_slider};
+use super::widgets::{extent_in_words, heading, scrolled, voxel_slider, wide_slider};
 use crate::command::{Command, keys_of};
 use crate::edit;
 use crate::planes::axis_name;
 use crate::saved_settings::Theme;
+use crate::state::file_options::FileOptions;
 use crate::viewer::{Viewer, set_theme};
 use crate::worker::Decorations;
 
@@ -20,7 +20,7 @@ const EXAGGERATIONS: std::ops::RangeInclusive<f64> = 0.1..=50.0;
 /// Draws the panel.
 pub(crate) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     egui::Panel::left("tools").default_size(WIDTH).size_range(150.0..=400.0).show(ui, |ui| {
-        super::scrolled(ui, |ui| {
+        scrolled(ui, |ui| {
             files(viewer, ui);
             let is_open = viewer.opened.is_some();
             ui.add_enabled_ui(is_open, |ui| {

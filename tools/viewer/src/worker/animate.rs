@@ -1,7 +1,7 @@
 //! Animations written to a folder, one picture after the other, by the renderer that also draws for the screen. Same
 //! result as `render --turntable` and `render --path`.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 use serde_json::{Value, json};
@@ -9,37 +9,12 @@ use supervol_decorations::frames::{Frames, Others};
 use supervol_files::{OutputFile, check_distinct};
 use supervol_preprocess::Existing;
 use supervol_scene::camera_path;
-use supervol_scene::camera_path::CameraPath;
-use supervol_scene::image::ImageFormat;
 use supervol_scene::preset::view::upright;
 use supervol_scene::scene::{CameraSpec, Scene};
 
 use super::drawing::{DrawingState, options};
-use super::{Busy, Decorations, Message, Settings, Shared, lock};
-
-/// Motion of the camera.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Motion {
-    /// A full turn around the target, in this number of pictures.
-    Turntable(u32),
-    /// Interpolation between key frames.
-    Path(CameraPath),
-}
-
-/// An animation to write.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Animation {
-    /// The scene, with the size of the pictures. Its camera is the first one of a turntable.
-    pub scene: Scene,
-    /// Motion of the camera.
-    pub motion: Motion,
-    /// Folder for the pictures.
-    pub folder: PathBuf,
-    /// File format of the pictures.
-    pub format: ImageFormat,
-    /// Whether pictures of another animation are replaced.
-    pub existing: Existing,
-}
+use super::messages::{Animation, Busy, Decorations, Message, Motion, Settings};
+use super::shared::{Shared, lock};
 
 impl Motion {
     /// The request as it is written to `sequence.json`.

@@ -15,11 +15,12 @@ use supervol_scene::image::Image;
 use supervol_scene::scene::{Mode, ResolvedScene, Scene, SceneError};
 
 use super::marks::marks;
-use super::sections::{Sections, needed, shares};
-use super::{
-    Busy, Decorations, Frame, Inspect, LookedAhead, OpenVolume, Probe, ProbeAnswer, Settings, Shared, SidePanels, View,
-    frame_of, lock,
+use super::messages::{
+    Busy, Decorations, Frame, Inspect, LookedAhead, OpenVolume, Probe, ProbeAnswer, Settings, SidePanels, View,
+    frame_of, picked,
 };
+use super::sections::{Sections, needed, shares};
+use super::shared::{Shared, lock};
 
 /// Least interval between two updates of an unfinished picture on the screen.
 const REFINEMENT: Duration = Duration::from_millis(150);
@@ -215,7 +216,7 @@ impl DrawingState {
             }
             (None, _) if self.view.as_ref().is_some_and(|view| view.number == probe.picture) => {
                 lock(&shared.requests).interrupt = Some(self.renderer.canceller());
-                super::picked(self.renderer.pick(probe.pixel))
+                picked(self.renderer.pick(probe.pixel))
             }
             _ => return,
         };

@@ -1,27 +1,14 @@
 //! Pictures exported to files, drawn by the renderer that also draws for the screen, so that both share bricks and
 //! memory budget.
 
-use std::path::PathBuf;
 use std::sync::Arc;
 
 use supervol_files::{OutputFile, check_distinct};
-use supervol_preprocess::Existing;
 use supervol_scene::image::ImageFormat;
-use supervol_scene::scene::Scene;
 
 use super::drawing::DrawingState;
-use super::{Busy, Message, Settings, Shared, lock};
-
-/// A picture to export.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Export {
-    /// The scene, with the size of the picture.
-    pub scene: Scene,
-    /// Path; its extension gives the format: PNG, EXR or npy.
-    pub path: PathBuf,
-    /// Whether an existing picture may be replaced.
-    pub existing: Existing,
-}
+use super::messages::{Busy, Export, Message, Settings};
+use super::shared::{Shared, lock};
 
 impl DrawingState {
     /// Draws the picture until it has converged or the user cancels, and writes it.

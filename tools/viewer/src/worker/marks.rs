@@ -5,24 +5,13 @@ use supervol_runtime::render::renderer::Renderer;
 use supervol_runtime::stream::field::Field;
 use supervol_runtime::stream::state::StateKind;
 
-use super::Inspect;
+use super::messages::{Inspect, Mark};
 
 /// Most bricks that are outlined, and most bricks of a level that are checked for failures.
 pub const MARK_LIMIT: usize = 1000;
 const CHECK_LIMIT: usize = 1 << 18;
 /// The drawn field; only its bricks are outlined.
 const FIELD: Field = Field::FIRST;
-
-/// A brick to outline.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Mark {
-    /// Level of detail.
-    pub level: u8,
-    /// Least and greatest corner, index coordinates of level 0.
-    pub corners: [[f64; 3]; 2],
-    /// Whether the brick could not be read.
-    pub is_failed: bool,
-}
 
 /// Bricks to outline: failed ones, and all in memory if `inspect` asks for them.
 pub(super) fn marks(renderer: &Renderer, inspect: Inspect) -> Vec<Mark> {

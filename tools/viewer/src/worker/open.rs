@@ -18,7 +18,8 @@ use supervol_scene::scene::Scene;
 use supervol_sources::open::split_array;
 use supervol_sources::{SourceError, Survey};
 
-use super::{Busy, Message, Open, OpenVolume, Refused, Settings, Shared, lock};
+use super::messages::{Busy, Message, Open, OpenVolume, Refused, Settings};
+use super::shared::{Shared, lock};
 
 /// Interval between two progress reports.
 const PROGRESS_INTERVAL: Duration = Duration::from_millis(100);

@@ -13,7 +13,8 @@ use supervol_runtime::stop::Canceller;
 use supervol_scene::scene::ResolvedScene;
 
 use super::drawing::next_interval;
-use super::{OpenVolume, PANELS, Shared, View, frame_of};
+use super::messages::{OpenVolume, PANELS, View, frame_of, picked};
+use super::shared::Shared;
 
 /// Least time for which an unfinished section is drawn before the next check for requests.
 const REFINEMENT: Duration = Duration::from_millis(100);
@@ -130,7 +131,7 @@ impl Sections {
     pub(super) fn pick(&mut self, number: usize, pixel: [u32; 2]) -> Option<Result<Option<Picked>, String>> {
         let panel = self.panels[number].as_ref()?;
         self.renderer.set_scene(panel.scene.clone());
-        super::picked(self.renderer.pick(pixel))
+        picked(self.renderer.pick(pixel))
     }
 }
 

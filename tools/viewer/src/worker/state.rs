@@ -22,7 +22,9 @@ use supervol_preprocess::preview::Preview;
 use supervol_runtime::stop::Canceller;
 
 use super::drawing::DrawingState;
-use super::{Busy, Message, Open, OpenVolume, Settings, Shared, Work, lock, open};
+use super::messages::{Busy, Message, Open, OpenVolume, Settings};
+use super::open;
+use super::shared::{Shared, Work, lock};
 
 /// Longest time that a closing window waits for a build, and interval of its checks.
 const CLOSING_TIMEOUT: Duration = Duration::from_millis(800);

@@ -8,8 +8,9 @@ use supervol_runtime::engines::maps::work_in_colors;
 use supervol_runtime::render::accuracy::stated::in_colors;
 use supervol_runtime::render::options::{Backend, RenderOptions};
 use supervol_runtime::render::renderer::{render_with_errors, render_with_maps};
+use supervol_scene::preset::slices::plane_across;
 use supervol_scene::scene::Scene;
-use supervol_scene::scene::section::{face_on, plane_across};
+use supervol_scene::scene::section::face_on;
 use supervol_scene::slices::{Interpolation, SliceSpec};
 use supervol_viewer::worker::{Export, Message, Settings};
 

@@ -34,9 +34,9 @@ use tokens::{BITS_PADDING, Decoding, Encoding, Tokens};
 use transform::{Band, Sample, bands};
 
 use super::compressor::{Frames, append_frame, read_frame};
+use super::payload::{BrickShape, CodecError};
 use super::quantize::{Quantizer, common_step};
 use super::repeats::{Places, Repeats};
-use super::{BrickShape, CodecError};
 use crate::vectors::{Vectorized, vectorized};
 use crate::voxel_type::{Absence, Voxel};
 use crate::with_voxel;

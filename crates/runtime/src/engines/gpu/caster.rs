@@ -312,9 +312,9 @@ impl GpuRenderer {
         self.first_pass = self.slots.coming_pass();
         self.caster.begin(rows);
         if let Some(parts) = &self.picture.parts {
-            let turn = parts.first(self.caster.grid(), first_row);
-            self.caster.begin_parts(&turn.parts);
-            self.parts = PartsInProgress { first_row, rays: turn.parts.len() as u64, number: 0, more: turn.more };
+            let current = parts.first(self.caster.grid(), first_row);
+            self.caster.begin_parts(&current.parts);
+            self.parts = PartsInProgress { first_row, rays: current.parts.len() as u64, number: 0, more: current.more };
         }
     }
 
@@ -323,9 +323,9 @@ impl GpuRenderer {
         let places = std::mem::take(&mut self.parts.more);
         let Some(parts) = self.picture.parts.as_ref().filter(|_| !places.is_empty()) else { return false };
         self.parts.number += 1;
-        let turn = parts.turn(self.caster.grid(), self.parts.first_row, &places, self.parts.number);
-        self.caster.begin_parts(&turn.parts);
-        self.parts.more = turn.more;
+        let current = parts.current(self.caster.grid(), self.parts.first_row, &places, self.parts.number);
+        self.caster.begin_parts(&current.parts);
+        self.parts.more = current.more;
         true
     }
 

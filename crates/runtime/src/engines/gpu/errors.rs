@@ -11,7 +11,7 @@ use crate::engines::gpu::deviations;
 use crate::engines::gpu::error::GpuError;
 use crate::engines::gpu::layout::RayErrors;
 use crate::engines::gpu::picture::{PIXELS_TOGETHER, Picture, over_rays, pixel};
-use crate::engines::rules::{END_SHARE, LEAST_AIMED, fit_error, own_error, rounding_error};
+use crate::engines::rules::{END_SHARE, ErrorKnowledge, LEAST_AIMED, fit_error, own_error, rounding_error};
 use crate::engines::totals::ErrorsByReason;
 use crate::lod::deviation::{Deviations, FinishedRay};
 
@@ -99,7 +99,8 @@ impl Picture {
         let max_error = self.exactness.max_error;
         let [first, length, _, transmittance] = gathered.map(f64::from);
         // Roots and Gauss pairs, like surfaces, aim at the requested error; their errors are not summed up.
-        let only_aims = self.has_surfaces || !self.light.is_resolved;
+        let is_bounded = !self.has_surfaces && self.light.is_resolved;
+        let known = if is_bounded { ErrorKnowledge::Bounded } else { ErrorKnowledge::Aimed };
         let aimed = if self.light.is_resolved { max_error } else { max_error.max(LEAST_AIMED) };
         let value = match self.mode {
             Mode::Mip | Mode::Minip | Mode::Mean if length <= 0.0 => f64::NAN,
@@ -111,7 +112,7 @@ impl Picture {
             behind: if self.has_ended(gathered) { transmittance } else { 0.0 },
             value: value + self.shift,
             length,
-            own: cells + own_error(self.mode, 1.0 - transmittance, (aimed, only_aims), core),
+            own: cells + own_error(self.mode, 1.0 - transmittance, (aimed, known), core),
             pixel,
         };
         let [off, levels] = deviations.of_finished(&deviations::of_ray(self.mode, errors), &finished);

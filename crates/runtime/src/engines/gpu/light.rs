@@ -29,7 +29,7 @@ const TINY: f32 = 1e-30;
 
 /// The channels at a value: red, green, blue (times extinction), extinction.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Channels {
+pub struct LightChannels {
     /// Antiderivatives where the bin begins, in [`LightTable::unit`].
     pub start: [u32; 4],
     /// Antiderivatives from there on.
@@ -95,7 +95,7 @@ fn texel(table: &LightTable, i: usize, bin: f32) -> [u32; 4] {
 
 /// The channels at a value.
 #[must_use]
-pub fn light_at(table: &LightTable, value: f32) -> Channels {
+pub fn light_at(table: &LightTable, value: f32) -> LightChannels {
     let bin = light_bin(value);
     let y = value - bin.max(0.0);
     let ends = texel(table, 1, bin);
@@ -106,7 +106,7 @@ pub fn light_at(table: &LightTable, value: f32) -> Channels {
     };
     let [left, right] = [0, 1].map(|end| std::array::from_fn::<f32, 4, _>(|c| channel(end, c)));
     let rise = |c: usize| right[c] - left[c];
-    Channels {
+    LightChannels {
         start: texel(table, 0, bin),
         rest: std::array::from_fn(|c| y * (left[c] + 0.5 * y * rise(c))),
         value: std::array::from_fn(|c| left[c] + y * rise(c)),

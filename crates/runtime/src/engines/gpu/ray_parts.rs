@@ -25,9 +25,9 @@ pub struct RayParts {
     lines: ViewLines,
 }
 
-/// One turn: the current part of each ray, and the rays that have another part behind it.
+/// The current part of each ray, and the rays that have another part behind it.
 #[derive(Debug, Default)]
-pub struct Turn {
+pub struct CurrentParts {
     /// In the order of their places.
     pub parts: Vec<RayPart>,
     /// Their places.
@@ -50,18 +50,18 @@ impl RayParts {
 
     /// The first parts of all rays of a band that begins in this row.
     #[must_use]
-    pub fn first(&self, grid: RayGrid, first_row: u32) -> Turn {
+    pub fn first(&self, grid: RayGrid, first_row: u32) -> CurrentParts {
         let places: Vec<u32> = (0..narrow::<u32>(grid.places())).collect();
-        self.turn(grid, first_row, &places, 0)
+        self.current(grid, first_row, &places, 0)
     }
 
     /// Part number `number` of the rays at these places.
     #[must_use]
-    pub fn turn(&self, grid: RayGrid, first_row: u32, places: &[u32], number: usize) -> Turn {
+    pub fn current(&self, grid: RayGrid, first_row: u32, places: &[u32], number: usize) -> CurrentParts {
         let found: Vec<(RayPart, bool)> =
             places.par_iter().filter_map(|&place| self.part(grid, first_row, place, number)).collect();
         let more = found.iter().filter(|(_, has_more)| *has_more).map(|(part, _)| part.place).collect();
-        Turn { parts: found.into_iter().map(|(part, _)| part).collect(), more }
+        CurrentParts { parts: found.into_iter().map(|(part, _)| part).collect(), more }
     }
 
     /// A part of the ray at a place, and whether there is another behind it.

@@ -135,10 +135,20 @@ pub fn value_at(cubic: &[f64; 4], range: [f32; 2], u: f64) -> f64 {
     cubic_at(cubic, u).clamp(f64::from(range[0]), f64::from(range[1]))
 }
 
+/// Side of a value.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ValueSide {
+    /// Less than the value.
+    Below,
+    /// The value, or more.
+    AtOrAbove,
+}
+
 /// Position at which the field first lies on the other side of a value than `before`.
 #[must_use]
-pub fn first_change(cubic: &[f64; 4], intervals: &[f64], value: f64, before: bool) -> Option<f64> {
-    if (cubic_at(cubic, 0.0) >= value) != before {
+pub fn first_change(cubic: &[f64; 4], intervals: &[f64], value: f64, before: ValueSide) -> Option<f64> {
+    let at_begin = if cubic_at(cubic, 0.0) >= value { ValueSide::AtOrAbove } else { ValueSide::Below };
+    if at_begin != before {
         return Some(0.0);
     }
     intervals.windows(2).find_map(|piece| monotone_root(cubic, piece[0], piece[1], value))

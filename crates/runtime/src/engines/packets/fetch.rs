@@ -214,8 +214,8 @@ impl<'a> BrickVoxels<'a> {
 
     /// The voxels around cells whose first corners lie at `base`; `absent`: stored number of holes.
     #[inline(always)]
-    pub fn around<S: Simd>(&self, base: S::I, absent: Option<u16>) -> Around<'a, S> {
-        Around { voxels: *self, base, absent }
+    pub fn around<S: Simd>(&self, base: S::I, absent: Option<u16>) -> VoxelNeighbourhood<'a, S> {
+        VoxelNeighbourhood { voxels: *self, base, absent }
     }
 }
 
@@ -228,7 +228,7 @@ pub fn strides_of(core: [usize; 3]) -> [i32; 2] {
 
 /// The voxels around cells whose first corners lie at `base`.
 #[derive(Clone, Copy)]
-pub struct Around<'a, S: Simd> {
+pub struct VoxelNeighbourhood<'a, S: Simd> {
     voxels: BrickVoxels<'a>,
     /// In voxels from the brick's first.
     base: S::I,
@@ -236,7 +236,7 @@ pub struct Around<'a, S: Simd> {
     absent: Option<u16>,
 }
 
-impl<S: Simd> Around<'_, S> {
+impl<S: Simd> VoxelNeighbourhood<'_, S> {
     /// Differences of stored numbers over two voxels along each axis, at the eight corners of the cells; NaN where one is
     /// absent. `rows` are those of the cells, if they are known.
     ///

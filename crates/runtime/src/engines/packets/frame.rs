@@ -11,7 +11,7 @@ use super::rule::PacketRule;
 use super::simd::InstructionSet;
 use super::tables::PacketTables;
 use crate::engines::ray_scene::{BrickChoice, DrawnVolume, RayScene};
-use crate::engines::rules::{NEVER, TERMINATION_OPACITY, own_error};
+use crate::engines::rules::{ErrorKnowledge, NEVER, TERMINATION_OPACITY, own_error};
 use crate::engines::totals::{EngineErrors, ErrorsByReason};
 use crate::lod::deviation::Deviations;
 use crate::stop::Stop;
@@ -128,7 +128,7 @@ impl PacketFrame {
     /// See [`own_error`].
     pub(super) fn own_error(&self, opacity: f64) -> f64 {
         // Surfaces only aim at this error, as in mode `iso`.
-        let aims = (self.tables.max_error, self.inner.is_some());
-        own_error(self.scene.mode, opacity, aims, self.scene.pyramid.layout().core())
+        let known = if self.inner.is_some() { ErrorKnowledge::Aimed } else { ErrorKnowledge::Bounded };
+        own_error(self.scene.mode, opacity, (self.tables.max_error, known), self.scene.pyramid.layout().core())
     }
 }

@@ -68,8 +68,8 @@ impl CastTile<'_> {
             let (ray, deviation) = (&mut levels.rays[place], &crossing.deviation);
             let values = [before, gathered.value[place]].map(|value| value + shift);
             match self.frame.scene.mode {
-                Mode::Mip => ray.note_extreme(values, true, deviation),
-                Mode::Minip => ray.note_extreme(values, false, deviation),
+                Mode::Mip => ray.note_greatest(values, deviation),
+                Mode::Minip => ray.note_least(values, deviation),
                 Mode::Mean => ray.note_mean(length, deviation),
                 Mode::Dvr | Mode::Iso | Mode::Slice => {
                     let after = crossing.is_drawn.then_some(gathered.transmittance[place]);

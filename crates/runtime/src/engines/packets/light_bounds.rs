@@ -173,7 +173,7 @@ impl Case {
     fn errors(&self) -> [[f64; 2]; 2] {
         let (truth, lighting) = (self.truth(), self.lighting());
         let lighting = PacketLighting::new(&lighting, &supervol_format::Geometry::IDENTITY, [1; 3], 1.0);
-        let found = dispatch(InstructionSet::default(), Light { case: self, truth: &truth, lighting: &lighting });
+        let found = dispatch(InstructionSet::default(), LightTask { case: self, truth: &truth, lighting: &lighting });
         found.map(|[r, g, b, stated]| {
             let color = [r, g, b].map(f64::from);
             let off = (0..3).map(|c| (color[c] - truth.lit[c]).abs()).fold(0.0, f64::max);
@@ -191,13 +191,13 @@ struct Truth {
 }
 
 /// Colour and stated error by three places, and by sixteen.
-struct Light<'a> {
+struct LightTask<'a> {
     case: &'a Case,
     truth: &'a Truth,
     lighting: &'a PacketLighting<'a>,
 }
 
-impl Task for Light<'_> {
+impl Task for LightTask<'_> {
     type Output = [[f32; 4]; 2];
 
     #[inline(always)]

@@ -172,6 +172,7 @@ unsafe fn cast_packet<S: Simd, L: PieceLookup>(
     // SAFETY: the caller's promise.
     let mut walker = unsafe { Walker::<S>::new(packet, &brick.walked) };
     let mut light = Light::<S>::new(front);
+    light.sums_errors = precision.sums_errors;
     let round = Round { brick, classifier, precision, lanes: PhantomData };
     let mut budget =
         Budget::<S>::new(S::load(&packet.left), front, [precision.by_opacity, precision.last_transmittance]);
@@ -185,7 +186,7 @@ unsafe fn cast_packet<S: Simd, L: PieceLookup>(
         if queues.pending.cells.len() > 0 && (is_done || queues.pending.is_enough()) {
             let (lighting, lanes, pending) = (brick.lighting.as_ref(), &lanes, &mut queues.pending);
             work.add(&S::apart(Refine { classifier, lanes, lighting, pending: &mut *pending, host }));
-            light.settle(pending, last, precision.sums_errors);
+            light.settle(pending, last);
             walker.finish(light.ended(last));
         }
         if S::bits(walker.active()) == 0 {
@@ -205,7 +206,7 @@ unsafe fn cast_packet<S: Simd, L: PieceLookup>(
         if brick.lighting.is_some() {
             stages.refund(&parts, &left, &mut budget);
         }
-        light.composite(&parts, &left, pending, last, precision.sums_errors);
+        light.composite(&parts, &left, pending, last);
     }
     let (color, transmittance) = light.sum();
     for c in 0..3 {

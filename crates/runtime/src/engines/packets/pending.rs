@@ -179,16 +179,28 @@ pub struct Light<S: Simd> {
     error: S::F,
     /// Rays that have ended in a cell that waited.
     ended: S::M,
+    /// Whether errors are summed.
+    pub(super) sums_errors: bool,
 }
 
 impl<S: Simd> Light<S> {
-    /// No light, behind this transmittance.
+    /// No light, behind this transmittance; errors are not summed.
     #[inline(always)]
     pub fn new(front: S::F) -> Self {
         let (zero, one) = (S::splat(0.0), S::splat(1.0));
         let (color, behind) = ([zero; 3], [zero; 3]);
         let ended = S::lt(one, zero);
-        Self { front, color, transmittance: one, depth: zero, behind, hidden: zero, error: zero, ended }
+        Self {
+            front,
+            color,
+            transmittance: one,
+            depth: zero,
+            behind,
+            hidden: zero,
+            error: zero,
+            ended,
+            sums_errors: false,
+        }
     }
 
     /// Rays whose known transmittance is at most `last`.
@@ -216,14 +228,7 @@ impl<S: Simd> Light<S> {
     ///
     /// A ray ends in the cell that makes it end, not with the round: rounds begin elsewhere if rays leap.
     #[inline(always)]
-    pub fn composite(
-        &mut self,
-        parts: &RoundParts,
-        left: &[u32; ROUND],
-        pending: &mut Pending,
-        last: S::F,
-        sums_errors: bool,
-    ) {
+    pub fn composite(&mut self, parts: &RoundParts, left: &[u32; ROUND], pending: &mut Pending, last: S::F) {
         let zero = S::splat(0.0);
         if !parts.shows.contains(&true) {
             return;
@@ -265,7 +270,7 @@ impl<S: Simd> Light<S> {
             for c in 0..3 {
                 self.color[c] = S::mul_add(transmittances[i], S::load(&parts.numbers[i][c]), self.color[c]);
             }
-            if sums_errors {
+            if self.sums_errors {
                 self.error = S::mul_add(transmittances[i], S::load(&parts.numbers[i][ERROR]), self.error);
             }
         }
@@ -273,7 +278,7 @@ impl<S: Simd> Light<S> {
 
     /// Adds all waiting cells, each behind its light.
     #[inline(always)]
-    pub fn settle(&mut self, pending: &mut Pending, last: S::F, sums_errors: bool) {
+    pub fn settle(&mut self, pending: &mut Pending, last: S::F) {
         let zero = S::splat(0.0);
         let mut counts = [0; LANES_LIMIT];
         for (into, count) in counts.iter_mut().zip(&pending.counts) {
@@ -292,7 +297,7 @@ impl<S: Simd> Light<S> {
                 let in_front = S::mul_add(dimmed, S::load(&light[c]), self.behind[c]);
                 self.behind[c] = S::mul_add(transmittance, S::load(&part[c]), in_front);
             }
-            if sums_errors {
+            if self.sums_errors {
                 self.error = S::mul_add(transmittance, S::load(&part[ERROR]), self.error);
             }
             let known = S::load(&pending.least_depths[number]);
@@ -392,7 +397,7 @@ mod tests {
                 }
                 let steps: Vec<_> = pending.cells.slots_from(0).iter().map(|slot| slot.to_bits() as usize).collect();
                 let left = pending.take_over(0, &mut parts);
-                light.composite(&parts, &left, &mut pending, S::splat(self.last), false);
+                light.composite(&parts, &left, &mut pending, S::splat(self.last));
                 let slots: Vec<_> = pending.cells.slots_from(0).iter().map(|slot| slot.to_bits() as usize).collect();
                 for (from, to) in steps.into_iter().zip(slots) {
                     let [color, tau] = truth[from / LANES_LIMIT][from % LANES_LIMIT];
@@ -401,10 +406,10 @@ mod tests {
                 }
                 pending.cells.clear();
                 if pending.is_enough() || random() < 0.3 {
-                    light.settle(&mut pending, S::splat(self.last), false);
+                    light.settle(&mut pending, S::splat(self.last));
                 }
             }
-            light.settle(&mut pending, S::splat(self.last), false);
+            light.settle(&mut pending, S::splat(self.last));
             let (color, transmittance) = light.sum();
             let (mut found, mut through) = ([0.0; LANES_LIMIT], [0.0; LANES_LIMIT]);
             S::store(color[0], &mut found);

@@ -12,9 +12,10 @@
 
 use supervol_format::brick::MACRO_CELL;
 
-use super::fetch::Corners;
+use super::fetch::{Corners, Stored};
 use super::leap::{MacroRanges, ProximityCloud};
 use super::simd::{LANES_LIMIT, Simd, lanes};
+use super::summaries::Numbers;
 use super::values::{Gather, ValueChord, ValuePacket, ValueRays, greatest, holes, least};
 use super::walk::CellStep;
 use crate::engines::rules::{POSITION_ERROR, VALUE_ERROR};
@@ -36,13 +37,11 @@ pub struct Surfaces<'a, S: Simd> {
 impl<'a, S: Simd> Surfaces<'a, S> {
     /// See the fields.
     #[inline(always)]
-    pub fn new(
-        is_turned: bool,
-        may_have_holes: bool,
-        offset_size: f32,
-        quiet: Option<(&'a ProximityCloud<MACRO_CELL>, &'a MacroRanges)>,
-    ) -> Self {
+    pub(super) fn new(numbers: &Numbers, quiet: Option<(&'a ProximityCloud<MACRO_CELL>, &'a MacroRanges)>) -> Self {
+        let &Numbers { stored, map, centre, is_turned } = numbers;
         let zero = S::splat(0.0);
+        let may_have_holes = stored == Stored::F32 || map.absent.is_some();
+        let offset_size = if stored == Stored::F32 { 0.0 } else { centre.abs() + (map.offset / map.scale).abs() };
         Self { low: zero, high: zero, is_turned, may_have_holes, offset_size, quiet }
     }
 

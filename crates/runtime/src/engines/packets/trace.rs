@@ -20,9 +20,9 @@ pub struct LocalRay {
     pub length: f32,
 }
 
-/// A part of a ray.
+/// An interval of a ray.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Stretch {
+pub struct RayInterval {
     /// World length from the entry to its beginning and its end.
     pub t: [f32; 2],
     /// Whether it was leapt over; else its cells were walked.
@@ -30,17 +30,17 @@ pub struct Stretch {
 }
 
 /// The path of each ray through a brick with `core` core voxels along each axis, with this instruction set: its
-/// stretches, in order.
+/// intervals, in order.
 ///
 /// # Panics
 /// If the cloud is not that of a brick of this size, or a ray leaves it.
 #[must_use]
-pub fn stretches(
+pub fn intervals(
     set: InstructionSet,
     cloud: &ProximityCloud<BLOCK>,
     core: [usize; 3],
     rays: &[LocalRay],
-) -> Vec<Vec<Stretch>> {
+) -> Vec<Vec<RayInterval>> {
     for ray in rays {
         for a in 0..3 {
             let ends = [ray.origin[a], ray.origin[a] + ray.length * ray.direction[a]];
@@ -58,10 +58,10 @@ struct Trace<'a> {
 }
 
 impl Task for Trace<'_> {
-    type Output = Vec<Vec<Stretch>>;
+    type Output = Vec<Vec<RayInterval>>;
 
     #[inline(always)]
-    fn run<S: Simd>(self) -> Vec<Vec<Stretch>> {
+    fn run<S: Simd>(self) -> Vec<Vec<RayInterval>> {
         self.rays.chunks(S::LANES).flat_map(|rays| self.packet::<S>(rays)).collect()
     }
 }
@@ -69,8 +69,8 @@ impl Task for Trace<'_> {
 impl Trace<'_> {
     /// Walks like [`super::packet`]: leaps until no ray can leap, then a round of cells.
     #[inline(always)]
-    fn packet<S: Simd>(&self, rays: &[LocalRay]) -> Vec<Vec<Stretch>> {
-        // SAFETY: `stretches` has looked at the ends of all rays.
+    fn packet<S: Simd>(&self, rays: &[LocalRay]) -> Vec<Vec<RayInterval>> {
+        // SAFETY: `intervals` has looked at the ends of all rays.
         let mut walker = unsafe { Walker::<S>::new(&packet_of(rays), &self.brick) };
         let mut found = vec![Vec::new(); rays.len()];
         let mut note = |lanes: u32, is_leap: bool, [before, after]: [S::F; 2]| {
@@ -78,7 +78,7 @@ impl Trace<'_> {
             S::store(before, &mut t[0]);
             S::store(after, &mut t[1]);
             for lane in (0..rays.len()).filter(|&lane| lanes >> lane & 1 == 1) {
-                found[lane].push(Stretch { t: [t[0][lane], t[1][lane]], is_leap });
+                found[lane].push(RayInterval { t: [t[0][lane], t[1][lane]], is_leap });
             }
         };
         loop {

@@ -207,7 +207,7 @@ fn light<S: Simd>(lighting: &PacketLighting<'_>, cells: &TurningCells, lane: usi
             let color = S::mul_add(emission[c], lit.diffuse, density * lit.specular);
             sums[c] = sums[c] + S::min(color, density);
         }
-        let stretch = Stretch { around: &around, lit: &lit, density, emission, steepest, variation };
+        let stretch = LightStretch { around: &around, lit: &lit, density, emission, steepest, variation };
         let of_stretch = stretch.missed(lighting);
         missed = missed + of_stretch.error;
         change_of_light = change_of_light + of_stretch.change;
@@ -216,8 +216,8 @@ fn light<S: Simd>(lighting: &PacketLighting<'_>, cells: &TurningCells, lane: usi
     (for_three!(c => S::sum(sums[c]) * STRETCH), S::sum(missed) * STRETCH + misplaced)
 }
 
-/// A stretch around each place.
-struct Stretch<'a, S: Simd> {
+/// Light in a stretch around each place.
+struct LightStretch<'a, S: Simd> {
     around: &'a AtPlaces<S>,
     lit: &'a LightAt<S>,
     /// Density of opacity, and of the colours; and the greatest change of any of them over the cell.
@@ -235,7 +235,7 @@ struct Missed<S: Simd> {
     change: S::F,
 }
 
-impl<S: Simd> Stretch<'_, S> {
+impl<S: Simd> LightStretch<'_, S> {
     /// Bound on what is missed of any channel.
     #[inline(always)]
     fn missed(&self, lighting: &PacketLighting<'_>) -> Missed<S> {

@@ -111,11 +111,10 @@ impl Task for GatherBrick<'_> {
     fn run<S: Simd>(mut self) -> RayCounters {
         let (brick, summary) = (&self.packet_brick, self.host.summary);
         let leaps = self.host.frame.scene.skipping == Skipping::On;
-        let is_turned = summary.numbers.is_turned;
         let cloud = summary.cloud.as_ref();
         match self.host.frame.scene.mode {
             Mode::Mip | Mode::Minip => {
-                let mut extreme = Extreme::<S>::new(is_turned, leaps.then_some(&summary.ranges));
+                let mut extreme = Extreme::<S>::new(&summary.numbers, leaps.then_some(&summary.ranges));
                 // SAFETY: as in `visit`; the summary is the brick's.
                 unsafe { cast::<S, _>(brick, &mut extreme, &mut self.host) }
             }
@@ -125,12 +124,8 @@ impl Task for GatherBrick<'_> {
                 unsafe { cast::<S, _>(brick, &mut mean, &mut self.host) }
             }
             Mode::Iso => {
-                let Numbers { stored, map, centre, .. } = summary.numbers;
-                let may_have_holes = stored == Stored::F32 || map.absent.is_some();
-                let offset_size =
-                    if stored == Stored::F32 { 0.0 } else { centre.abs() + (map.offset / map.scale).abs() };
                 let quiet = cloud.map(|cloud| (cloud, &summary.ranges));
-                let mut surfaces = Surfaces::<S>::new(is_turned, may_have_holes, offset_size, quiet);
+                let mut surfaces = Surfaces::<S>::new(&summary.numbers, quiet);
                 // SAFETY: as in `visit`; the summary is the brick's.
                 unsafe { cast::<S, _>(brick, &mut surfaces, &mut self.host) }
             }

@@ -15,6 +15,7 @@ use supervol_format::brick::MACRO_CELL;
 use super::fetch::{Corners, LaneCell};
 use super::leap::{MacroRanges, ProximityCloud};
 use super::simd::{LANES_LIMIT, Simd, lanes};
+use super::summaries::Numbers;
 use super::walk::{CellStep, Packet, PacketBrick, PerLane, ROUND, Walker};
 use crate::engines::rules::POSITION_ERROR;
 use crate::stream::counters::RayCounters;
@@ -299,8 +300,8 @@ pub struct Extreme<'a, S: Simd> {
 impl<'a, S: Simd> Extreme<'a, S> {
     /// See the fields.
     #[inline(always)]
-    pub fn new(is_turned: bool, ranges: Option<&'a MacroRanges>) -> Self {
-        Self { best: S::splat(f32::NEG_INFINITY), is_turned, ranges }
+    pub(super) fn new(numbers: &Numbers, ranges: Option<&'a MacroRanges>) -> Self {
+        Self { best: S::splat(f32::NEG_INFINITY), is_turned: numbers.is_turned, ranges }
     }
 }
 

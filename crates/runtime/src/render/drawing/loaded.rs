@@ -15,7 +15,7 @@ use crate::render::error::RenderError;
 use crate::render::frame::{classifier_for, plan_host_for, streamer_for};
 use crate::render::options::{LevelChoice, RenderOptions};
 use crate::stop::Stop;
-use crate::stream::budget::{EngineBytes, HostPlan};
+use crate::stream::budget::{DeadlineReserve, EngineBytes, HostPlan};
 use crate::stream::field::Field;
 use crate::stream::priority::BrickOrder;
 use crate::stream::residency::{BrickView, Resident as Brick};
@@ -65,9 +65,9 @@ impl LoadedVolume {
         scene: &ResolvedScene,
         options: &RenderOptions,
         engine: EngineBytes,
-        has_deadline: bool,
+        reserve: DeadlineReserve,
     ) -> Result<Self, RenderError> {
-        let plan = plan_host_for(engine, container, scene, options, has_deadline)?;
+        let plan = plan_host_for(engine, container, scene, options, reserve)?;
         let streamer = streamer_for(container, scene, options, plan);
         Ok(Self { streamer, plan, aimed: Aim::new(scene, options), spread: None, is_spread_read: false, plans: None })
     }
@@ -81,14 +81,14 @@ impl LoadedVolume {
         container: &Arc<Container>,
         (scene, options): (&ResolvedScene, &RenderOptions),
         engine: EngineBytes,
-        has_deadline: bool,
+        reserve: DeadlineReserve,
     ) -> Result<&'a mut Self, RenderError> {
         match resident {
             Some(resident) => {
-                resident.fit(scene, options, engine, has_deadline)?;
+                resident.fit(scene, options, engine, reserve)?;
                 Ok(resident)
             }
-            None => Ok(resident.insert(Self::new(container, scene, options, engine, has_deadline)?)),
+            None => Ok(resident.insert(Self::new(container, scene, options, engine, reserve)?)),
         }
     }
 
@@ -98,9 +98,9 @@ impl LoadedVolume {
         scene: &ResolvedScene,
         options: &RenderOptions,
         engine: EngineBytes,
-        has_deadline: bool,
+        reserve: DeadlineReserve,
     ) -> Result<(), RenderError> {
-        let plan = plan_host_for(engine, self.streamer.container(), scene, options, has_deadline)?;
+        let plan = plan_host_for(engine, self.streamer.container(), scene, options, reserve)?;
         if plan != self.plan {
             self.streamer.set_plan(plan);
             self.plan = plan;

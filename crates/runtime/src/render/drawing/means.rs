@@ -10,7 +10,7 @@ use super::loaded::LoadedVolume;
 use crate::render::error::RenderError;
 use crate::render::frame::on_device::device_bytes;
 use crate::render::options::RenderOptions;
-use crate::stream::budget::EngineBytes;
+use crate::stream::budget::{DeadlineReserve, EngineBytes};
 
 /// The parts of a renderer that outlive its pictures.
 pub(crate) struct Means<'a> {
@@ -22,8 +22,8 @@ pub(crate) struct Means<'a> {
     pub(crate) device: Option<&'a mut Device>,
     /// Loaded data; `None` before the first picture.
     pub(crate) resident: &'a mut Option<LoadedVolume>,
-    /// Whether memory for deadlines is reserved.
-    pub(crate) has_deadline: bool,
+    /// Memory for deadlines.
+    pub(crate) reserve: DeadlineReserve,
 }
 
 /// The same, with memory divided for one picture.
@@ -55,8 +55,8 @@ impl<'a> Means<'a> {
     /// # Errors
     /// If the host budget is too small.
     pub(crate) fn for_picture(self, scene: &ResolvedScene, bytes: EngineBytes) -> Result<Tools<'a>, RenderError> {
-        let Self { container, options, device, resident, has_deadline } = self;
-        let resident = LoadedVolume::fitting(resident, container, (scene, options), bytes, has_deadline)?;
+        let Self { container, options, device, resident, reserve } = self;
+        let resident = LoadedVolume::fitting(resident, container, (scene, options), bytes, reserve)?;
         Ok(Tools { options, device, resident })
     }
 

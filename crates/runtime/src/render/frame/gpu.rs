@@ -31,6 +31,7 @@ use crate::render::error::RenderError;
 use crate::render::options::RenderOptions;
 use crate::render::stats::FrameStats;
 use crate::stop::{Stop, WhenDue};
+use crate::stream::budget::DeadlineReserve;
 use crate::stream::classify::holes_in;
 use crate::stream::counters::DeviceCounters;
 use crate::stream::field::FieldBrick;
@@ -260,7 +261,8 @@ pub fn render_gpu_surviving(
     scene: &ResolvedScene,
     options: &RenderOptions,
 ) -> Result<(Image, FrameStats), RenderError> {
-    let plan = plan_host_for(device_bytes(options), container, scene, options, options.time_budget_ms.is_some())?;
+    let plan =
+        plan_host_for(device_bytes(options), container, scene, options, DeadlineReserve::of(options.time_budget_ms))?;
     let stop = Stop::at(options.time_budget_ms.map(|ms| Instant::now() + Duration::from_millis(ms)));
     let mut streamer = streamer_for(container, scene, options, plan);
     let before = FrameStats::default();

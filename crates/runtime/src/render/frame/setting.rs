@@ -11,7 +11,7 @@ use supervol_scene::value_map::value_map;
 use crate::lod::LodRule;
 use crate::lod::by_error::{DataScale, LevelsByError};
 use crate::render::options::{LevelChoice, RenderOptions};
-use crate::stream::budget::{BrickBytes, BudgetError, Demand, EngineBytes, HostPlan};
+use crate::stream::budget::{BrickBytes, BudgetError, DeadlineReserve, Demand, EngineBytes, HostPlan};
 use crate::stream::classify::Classifier;
 use crate::stream::priority::BrickOrder;
 use crate::stream::streamer::Streamer;
@@ -26,23 +26,23 @@ pub fn plan_host(
     options: &RenderOptions,
 ) -> Result<HostPlan, BudgetError> {
     let engine = options.ray_caster().bytes(container.pyramid().layout().core());
-    plan_host_for(engine, container, scene, options, options.time_budget_ms.is_some())
+    plan_host_for(engine, container, scene, options, DeadlineReserve::of(options.time_budget_ms))
 }
 
-/// Divides the host budget for a frame with an engine of this memory, with or without a deadline.
+/// Divides the host budget for a frame with an engine of this memory.
 pub(crate) fn plan_host_for(
     engine: EngineBytes,
     container: &Container,
     scene: &ResolvedScene,
     options: &RenderOptions,
-    has_deadline: bool,
+    reserve: DeadlineReserve,
 ) -> Result<HostPlan, BudgetError> {
     let demand = Demand {
         image_size: scene.image_size,
         subgrid: scene.subgrid,
         engine,
         brick: BrickBytes::of(container),
-        has_deadline,
+        reserve,
         threads: rayon::current_num_threads() as u64,
         toc_pages: toc::pages_for(container.pyramid().brick_count()),
         // Meshes stay in memory as long as the scene.

@@ -46,6 +46,7 @@ use crate::render::process;
 use crate::render::stats::{FrameStats, OUTSIDE_ENGINE, mode_name};
 use crate::render::volume::PlacedVolume;
 use crate::stop::{Canceller, Stop};
+use crate::stream::budget::DeadlineReserve;
 use crate::stream::counters::milliseconds;
 use crate::stream::streamer::Streamer;
 
@@ -57,8 +58,8 @@ pub struct Renderer {
     canceller: Canceller,
     /// `None` until a picture is drawn.
     backend: Option<Chosen>,
-    /// Whether a deadline was ever set: from then on memory for deadlines is reserved.
-    has_deadline: bool,
+    /// Memory for deadlines; kept from the first deadline on.
+    reserve: DeadlineReserve,
     resident: Option<LoadedVolume>,
     scene: Option<ResolvedScene>,
     /// The previous camera, if only the camera has changed.
@@ -118,7 +119,7 @@ impl Renderer {
             pool,
             canceller: Canceller::default(),
             backend: None,
-            has_deadline: false,
+            reserve: DeadlineReserve::None,
             resident: None,
             scene: None,
             came_from: None,
@@ -242,7 +243,7 @@ impl Renderer {
     /// If there is no scene, the picture has no such pixel, the mode has no such point, a budget is too small, or it is
     /// cancelled.
     pub fn pick(&mut self, pixel: [u32; 2]) -> Result<Option<Picked>, RenderError> {
-        let Self { volume, options, pool, resident, scene, has_deadline, .. } = self;
+        let Self { volume, options, pool, resident, scene, reserve, .. } = self;
         let scene = scene.as_ref().ok_or(RenderError::NoScene)?;
         if (0..2).any(|a| pixel[a] >= scene.image_size[a]) {
             return Err(RenderError::NoSuchPixel { pixel, size: scene.image_size });
@@ -253,7 +254,7 @@ impl Renderer {
             let caster = options.ray_caster().bytes(container.pyramid().layout().core());
             let resident = match resident {
                 Some(resident) => resident,
-                None => LoadedVolume::fitting(resident, container, (scene, options), caster, *has_deadline)?,
+                None => LoadedVolume::fitting(resident, container, (scene, options), caster, *reserve)?,
             };
             pick::pick(resident, (scene, &Units::of(volume.facts())), options, pixel, &stop)
         });
@@ -283,7 +284,9 @@ impl Renderer {
     pub fn advance(&mut self, deadline: Option<Instant>) -> Result<Step, RenderError> {
         let (start, cpu_start) = (Instant::now(), process::cpu_time());
         let scene = self.scene.clone().ok_or(RenderError::NoScene)?;
-        self.has_deadline |= deadline.is_some();
+        if deadline.is_some() {
+            self.reserve = DeadlineReserve::Kept;
+        }
         let stop = Stop::at(deadline).or_by(self.canceller.clone());
         let result = self.draw(&scene, &stop);
         let is_cancelled = self.canceller.take();
@@ -325,7 +328,7 @@ impl Renderer {
     }
 
     fn draw_by_backend(&mut self, scene: &ResolvedScene, stop: &Stop) -> Result<(), RenderError> {
-        let Self { volume, options, pool, backend, has_deadline, resident, drawing, .. } = self;
+        let Self { volume, options, pool, backend, reserve, resident, drawing, .. } = self;
         let (container, backend) = (volume.container(), backend.as_mut().expect("a backend is chosen before"));
         pool.install(|| {
             let drawing = match drawing {
@@ -336,7 +339,7 @@ impl Renderer {
                 return Ok(());
             }
             let device = backend.device();
-            let means = Means { container, options, device, resident, has_deadline: *has_deadline };
+            let means = Means { container, options, device, resident, reserve: *reserve };
             drawing.advance(means, stop)
         })
     }

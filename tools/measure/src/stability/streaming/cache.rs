@@ -13,7 +13,7 @@ use supervol_scene::scene::ResolvedScene;
 use super::session::{Frame, Session, Settings, fresh, linf, pixels_lost, scene, translucent};
 use super::sources::Watched;
 use crate::context::{ChartError, Context};
-use crate::stability::{CurvePoint, Gate, Outcome, Regime};
+use crate::stability::regime::{CurvePoint, Gate, Outcome, Regime};
 use crate::virtual_volume::{Field, VirtualVolume};
 use crate::volume::{Volume, image_size};
 

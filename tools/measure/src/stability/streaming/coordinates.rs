@@ -13,7 +13,7 @@ use supervol_scene::scene::ResolvedScene;
 
 use super::session::{linf, scene};
 use crate::context::{ChartError, Context};
-use crate::stability::{CurvePoint, Gate, Outcome, Regime};
+use crate::stability::regime::{CurvePoint, Gate, Outcome, Regime};
 use crate::virtual_volume::{Field, PERIOD, VirtualVolume, value};
 use crate::volume::{Volume, image_size, transfer_function};
 

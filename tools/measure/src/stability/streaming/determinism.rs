@@ -9,7 +9,7 @@ use supervol_scene::scene::ResolvedScene;
 
 use super::session::{Session, Settings, fresh, linf, scene, translucent};
 use crate::context::{ChartError, Context};
-use crate::stability::{CurvePoint, Gate, Outcome, Regime};
+use crate::stability::regime::{CurvePoint, Gate, Outcome, Regime};
 use crate::virtual_volume::{Field, VirtualVolume};
 use crate::volume::{HOST_MEMORY_BYTES, Volume, device, finest, image_size, transfer_function};
 

@@ -15,7 +15,7 @@ use supervol_scene::scene::ResolvedScene;
 
 use super::session::{linf, scene, translucent};
 use crate::context::{ChartError, Context};
-use crate::stability::{CurvePoint, Gate, Outcome, Regime};
+use crate::stability::regime::{CurvePoint, Gate, Outcome, Regime};
 use crate::virtual_volume::{Field, VirtualVolume};
 use crate::volume::{HOST_MEMORY_BYTES, Volume, finest, image_size, transfer_function};
 

@@ -10,7 +10,7 @@ use supervol_scene::scene::ResolvedScene;
 
 use super::session::{Session, Settings, scene};
 use crate::context::{ChartError, Context, Pace};
-use crate::stability::{CurvePoint, Gate, Outcome, Regime};
+use crate::stability::regime::{CurvePoint, Gate, Outcome, Regime};
 use crate::virtual_volume::{Field, VirtualVolume};
 use crate::volume::{Volume, image_size, transfer_function};
 

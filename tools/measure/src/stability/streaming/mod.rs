@@ -13,7 +13,7 @@ mod read_errors;
 pub(crate) mod session;
 mod sources;
 
-use super::Regime;
+use crate::stability::regime::Regime;
 
 /// S32 to S35, S39 to S42, S44, S48.
 pub const REGIMES: &[Regime] = &[

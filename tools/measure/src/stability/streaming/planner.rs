@@ -11,7 +11,7 @@ use supervol_scene::scene::ResolvedScene;
 use super::session::{Session, Settings, fresh, median, pixels_lost, scene, translucent};
 use super::sources::{Rule, Watched, pass};
 use crate::context::{ChartError, Context};
-use crate::stability::{CurvePoint, Gate, Outcome, Regime};
+use crate::stability::regime::{CurvePoint, Gate, Outcome, Regime};
 use crate::virtual_volume::{Field, VirtualVolume};
 use crate::volume::{Volume, image_size};
 

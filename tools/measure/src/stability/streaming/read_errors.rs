@@ -17,7 +17,7 @@ use super::session::{Frame, Session, Settings, pixels_lost, scene, translucent};
 use super::sources::{Rule, Watched, pass};
 use crate::context::{ChartError, Context};
 use crate::fixtures::{marschner_lobb_at, point};
-use crate::stability::{CurvePoint, Gate, Outcome, Regime};
+use crate::stability::regime::{CurvePoint, Gate, Outcome, Regime};
 use crate::volume::{Volume, build_options, image_size};
 
 /// S41.

@@ -45,7 +45,7 @@ pub struct Chunk {
 
 /// Result of one task.
 #[derive(Default)]
-struct Found {
+struct TaskSamples {
     /// Number of a point, and its render value; NaN is absent.
     values: Vec<(usize, f32)>,
     /// Points whose brick is missing.
@@ -112,13 +112,13 @@ impl<'a> Sampler<'a> {
             let (pyramid, map, lod) = (&self.pyramid, &self.map, self.lod);
             let view = self.streamer.view(self.on_missing);
             let look = |task: &[usize]| {
-                let mut found = Found::default();
+                let mut found = TaskSamples::default();
                 for &point in task {
                     look_up(&view, (pyramid, map, lod), (point, points[point]), how, &mut found);
                 }
                 found
             };
-            let found: Vec<Found> = chunk.waiting.par_chunks(TASK_POINTS).map(look).collect();
+            let found: Vec<TaskSamples> = chunk.waiting.par_chunks(TASK_POINTS).map(look).collect();
             chunk.waiting.clear();
             let (mut misses, mut uses) = (BTreeSet::new(), BTreeSet::new());
             for task in found {
@@ -156,7 +156,7 @@ fn look_up(
     (pyramid, map, finest): (&Pyramid, &ValueMap, Lod),
     (number, point): (usize, [f64; 3]),
     how: Interpolation,
-    found: &mut Found,
+    found: &mut TaskSamples,
 ) {
     let core = pyramid.layout().core() as u64;
     for lod in (finest.0..=pyramid.coarsest().0).map(Lod) {
