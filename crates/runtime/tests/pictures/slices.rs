@@ -236,3 +236,22 @@ fn slices_that_cannot_be_drawn_are_refused_by_name() {
     let refused = render(&container, &scene, &gpu);
     assert!(matches!(refused, Err(RenderError::SlicesOnGpu | RenderError::Engine(_))));
 }
+
+/// Three slices make eight regions. A picture of all rays for each of them would take 160 bytes per ray.
+#[test]
+fn memory_does_not_grow_with_the_number_of_regions() {
+    let volume = volume();
+    let container = open(&container_bytes(&volume, 16));
+    let (width, height) = (2000, 1500);
+    let needed = |slices: &str| {
+        let size = format!(r#""width": {width}, "height": {height}"#);
+        let scene = scene(&volume, &wanted(slices, "").replace(r#""width": 60, "height": 44"#, &size));
+        let options = RenderOptions { host_memory_bytes: 1 << 20, ..options(LevelChoice::Auto) };
+        match render(&container, &scene, &options) {
+            Err(RenderError::Budget(error)) => error.needed_bytes as f64 / f64::from(width * height),
+            other => panic!("{:?}", other.map(|(_, stats)| stats)),
+        }
+    };
+    let (one, all) = (needed(&plane([1.0, 0.3, 0.2], 32.0, "")), needed(&three("")));
+    assert!((50.0..90.0).contains(&one) && all < one + 25.0, "{one} and {all} bytes per ray");
+}

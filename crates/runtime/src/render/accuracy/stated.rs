@@ -57,7 +57,8 @@ pub fn complete(mut known: Image, picture: &Image) -> Image {
     known
 }
 
-fn error_of(known: [f32; 4], shown: [f32; 4]) -> f32 {
+/// Error of a pixel: the known one, or the largest that its colour allows if `known` is NaN.
+pub(crate) fn error_of(known: [f32; 4], shown: [f32; 4]) -> f32 {
     if known[0].is_nan() {
         shown.map(|channel| channel.max(1.0 - channel)).into_iter().fold(0.0, f32::max)
     } else {

@@ -16,7 +16,10 @@ use crate::render::options::RenderOptions;
 use crate::stop::{Stop, WhenDue};
 
 /// Casts stages on the device of the [`Tools`]. The device itself keeps the rays of a paused stage.
-pub(super) struct DeviceStages;
+pub(super) struct DeviceStages {
+    /// Whether pictures of large pixels are enlarged between steps.
+    pub(super) enlarges: bool,
+}
 
 impl StageCaster for DeviceStages {
     fn backend(&self) -> &'static str {
@@ -72,7 +75,8 @@ impl StageCaster for DeviceStages {
 
     /// Enlarges the picture, in memory of an older one: new memory would take as long as a picture.
     fn show(&mut self, canvas: &mut Canvas, tools: &mut Tools<'_>) {
-        if canvas.pixel > 1
+        if self.enlarges
+            && canvas.pixel > 1
             && let Some(picture) = canvas.picture.take()
         {
             let large = tools.device().backend.enlarged(picture, canvas.pixel, canvas.scene.image_size);

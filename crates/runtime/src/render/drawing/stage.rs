@@ -18,7 +18,7 @@ use crate::render::stats::FrameStats;
 use crate::stop::Stop;
 
 /// Most rays of a sketch: some milliseconds.
-const SKETCH_RAYS: u64 = 8192;
+pub(super) const SKETCH_RAYS: u64 = 8192;
 /// Time factor for half the pixel size: four times the rays, through twice the cells.
 const TIME_PER_HALVING: f64 = 8.0;
 /// Time factor of the requested picture over one whose levels follow the pixel size alone.

@@ -49,7 +49,13 @@ impl StagedDrawing {
     /// A picture by a device that is not begun.
     #[must_use]
     pub(crate) fn by_device(scene: ResolvedScene) -> Self {
-        Self::new(scene, Box::new(DeviceStages))
+        Self::new(scene, Box::new(DeviceStages { enlarges: true }))
+    }
+
+    /// A part of a picture by a device. It stays small until it is finished, because other parts take memory, too.
+    #[must_use]
+    pub(crate) fn part_by_device(scene: ResolvedScene) -> Self {
+        Self::new(scene, Box::new(DeviceStages { enlarges: false }))
     }
 
     fn new(scene: ResolvedScene, caster: Box<dyn StageCaster>) -> Self {
@@ -60,6 +66,19 @@ impl StagedDrawing {
     #[must_use]
     pub(crate) fn has_picture(&self) -> bool {
         self.canvas.picture.is_some() && self.canvas.behind.is_some()
+    }
+
+    /// The picture so far, the edge of its pixels in pixels of the requested picture, and the size of that picture.
+    #[must_use]
+    pub(crate) fn unenlarged(&self) -> Option<(&Image, u32, [u32; 2])> {
+        let picture = self.canvas.picture.as_ref().filter(|_| self.has_picture())?;
+        Some((picture, self.canvas.pixel, self.canvas.scene.image_size))
+    }
+
+    /// Errors of the finished pixels; NaN elsewhere.
+    #[must_use]
+    pub(crate) fn known_errors(&self) -> Option<&Image> {
+        self.canvas.maps.errors.as_ref()
     }
 
     /// As [`Drawing::advance`], with memory that is divided already.

@@ -1,8 +1,12 @@
 //! Rays, and the slices that cut them into parts.
 
+use std::collections::BTreeSet;
+use std::ops::Range;
+
 use glam::DVec3;
+use rayon::prelude::*;
 use supervol_format::{Container, Dims};
-use supervol_scene::camera::PixelRays;
+use supervol_scene::camera::{PixelRays, Projection};
 use supervol_scene::clip::{ClipPlane, ToIndex, clip_ray};
 use supervol_scene::scene::ResolvedScene;
 use supervol_scene::slices::{SLICE_LIMIT, SlicePlane, crossings};
@@ -73,6 +77,45 @@ impl Cut {
         parts
     }
 
+    /// The regions that rays cross, and the rays that meet each slice.
+    pub(super) fn met(&self) -> (BTreeSet<Sides>, [Spans; SLICE_LIMIT]) {
+        let [width, height] = self.rays_size();
+        let row = |y: u32| {
+            let mut met = BTreeSet::new();
+            let mut ends = [(width, 0, f64::INFINITY); SLICE_LIMIT];
+            for x in 0..width {
+                for part in self.parts(x, y) {
+                    match part {
+                        RayPart::Volume(sides) => drop(met.insert(sides)),
+                        RayPart::Slice(number, t) => {
+                            let (first, end, nearest) = ends[number];
+                            ends[number] = (first.min(x), end.max(x + 1), nearest.min(t));
+                        }
+                    }
+                }
+            }
+            (met, ends)
+        };
+        let rows: Vec<_> = (0..height).into_par_iter().map(row).collect();
+        let spans = std::array::from_fn(|number| Spans::new(rows.iter().map(|(_, ends)| ends[number])));
+        (rows.into_iter().flat_map(|(met, _)| met).collect(), spans)
+    }
+
+    /// These regions in an order in which each ray crosses them. A ray crosses a slice at most once, away from the side
+    /// that it begins on. So a region comes after those that fewer slices separate from the rays' beginnings.
+    pub(super) fn front_to_back(&self, regions: BTreeSet<Sides>) -> Vec<Sides> {
+        let camera = &self.scene.camera;
+        let begins_before = |slice: &SlicePlane| match camera.projection {
+            Projection::Perspective { .. } => slice.is_before(camera.eye),
+            Projection::Orthographic { .. } => slice.normal.dot(camera.forward) < 0.0,
+        };
+        let begin: Sides =
+            self.scene.slices.iter().enumerate().map(|(i, slice)| Sides::from(begins_before(slice)) << i).sum();
+        let mut regions: Vec<Sides> = regions.into_iter().collect();
+        regions.sort_by_key(|sides| (sides ^ begin).count_ones());
+        regions
+    }
+
     /// The scene of one region, with a pixel for each ray.
     pub(super) fn region(&self, sides: Sides) -> ResolvedScene {
         let mut scene =
@@ -98,4 +141,50 @@ impl Cut {
 /// The sides of the slices at a point.
 fn sides_of(slices: &[SlicePlane], p: DVec3) -> Sides {
     slices.iter().enumerate().map(|(i, slice)| Sides::from(slice.is_before(p)) << i).sum()
+}
+
+/// The rays that meet a slice: from the first to the last one of each row.
+#[derive(Debug)]
+pub(super) struct Spans {
+    /// First ray, end, and number of rays in the rows above, for each row.
+    rows: Vec<(u32, u32, usize)>,
+    rays: usize,
+    /// Least distance of the slice.
+    pub(super) nearest: f64,
+}
+
+impl Spans {
+    /// From the first ray, the end and the least distance of each row.
+    fn new(ends: impl Iterator<Item = (u32, u32, f64)>) -> Self {
+        let (mut rows, mut rays, mut nearest) = (Vec::new(), 0, f64::INFINITY);
+        for (first, end, distance) in ends {
+            rows.push((first, end, rays));
+            rays += end.saturating_sub(first) as usize;
+            nearest = nearest.min(distance);
+        }
+        Self { rows, rays, nearest }
+    }
+
+    /// Number of rays.
+    pub(super) fn rays(&self) -> usize {
+        self.rays
+    }
+
+    /// Number of a ray, if it lies within.
+    pub(super) fn at(&self, x: u32, y: u32) -> Option<usize> {
+        let (first, end, above) = self.rows[y as usize];
+        (first..end).contains(&x).then(|| above + (x - first) as usize)
+    }
+
+    /// The rays of a row.
+    pub(super) fn row(&self, y: usize) -> Range<u32> {
+        let (first, end, _) = self.rows[y];
+        first..end
+    }
+
+    /// Numbers of the rays of some rows.
+    pub(super) fn of_rows(&self, rows: Range<usize>) -> Range<usize> {
+        let above = |y: usize| self.rows.get(y).map_or(self.rays, |(_, _, above)| *above);
+        above(rows.start)..above(rows.end)
+    }
 }

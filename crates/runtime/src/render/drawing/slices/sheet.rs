@@ -6,7 +6,7 @@ use supervol_format::cast::{narrow, single};
 use supervol_scene::slices::filter::{FilterSpec, FilteredSlice, TexelGrid};
 use supervol_scene::slices::{SliceColors, SlicePlane};
 
-use super::cut::Cut;
+use super::cut::{Cut, Spans};
 use super::sampling::{Chunk, Sampler};
 use crate::render::error::RenderError;
 
@@ -16,8 +16,8 @@ const CHUNK_POINTS: usize = 1 << 16;
 /// Colours of one slice, see the module.
 #[derive(Default)]
 pub struct Sheet {
-    /// Colour of each ray; NaN where there is no slice.
-    pub colors: Vec<[f32; 3]>,
+    /// Colour of each ray of the slice's spans; NaN where there is no slice. `None` if none is known yet.
+    pub colors: Option<Vec<[f32; 3]>>,
     /// Rows of rays whose colours are final.
     rows: usize,
     /// Final texels of a filtered slice, as far as they are known.
@@ -32,9 +32,9 @@ impl Sheet {
     ///
     /// # Errors
     /// As [`Sampler::advance`].
-    pub fn of_what_is_there(cut: &Cut, number: usize, sampler: &mut Sampler<'_>) -> Result<Self, RenderError> {
+    pub fn of_what_is_there(cut: &Cut, slice: (usize, &Spans), sampler: &mut Sampler<'_>) -> Result<Self, RenderError> {
         let mut sheet = Self::default();
-        sheet.advance(cut, number, sampler)?;
+        sheet.advance(cut, slice, sampler)?;
         Ok(Self { colors: sheet.colors, ..Self::default() })
     }
 
@@ -42,8 +42,13 @@ impl Sheet {
     ///
     /// # Errors
     /// As [`Sampler::advance`].
-    pub fn advance(&mut self, cut: &Cut, number: usize, sampler: &mut Sampler<'_>) -> Result<bool, RenderError> {
-        Ok(self.sample_texels(cut, number, sampler)? && self.sample_rays(cut, number, sampler)?)
+    pub fn advance(
+        &mut self,
+        cut: &Cut,
+        slice: (usize, &Spans),
+        sampler: &mut Sampler<'_>,
+    ) -> Result<bool, RenderError> {
+        Ok(self.sample_texels(cut, slice.0, sampler)? && self.sample_rays(cut, slice, sampler)?)
     }
 
     /// Samples texels of a slice with a filter, until the deadline; returns whether all are done.
@@ -66,22 +71,27 @@ impl Sheet {
     }
 
     /// Samples colours of rays, until the deadline; returns whether all are done.
-    fn sample_rays(&mut self, cut: &Cut, number: usize, sampler: &mut Sampler<'_>) -> Result<bool, RenderError> {
+    fn sample_rays(
+        &mut self,
+        cut: &Cut,
+        (number, spans): (usize, &Spans),
+        sampler: &mut Sampler<'_>,
+    ) -> Result<bool, RenderError> {
         let slice = &cut.scene.slices[number];
         let [width, height] = cut.rays_size().map(|n| n as usize);
-        if self.colors.is_empty() {
-            self.colors = vec![[f32::NAN; 3]; width * height];
-        }
+        let shown = self.colors.get_or_insert_with(|| vec![[f32::NAN; 3]; spans.rays()]);
         let filtered = self.filtered.as_ref().zip(slice.filter);
         let colors = colors_of(slice, filtered);
         while self.rows < height {
             let rows = (CHUNK_POINTS / width).max(1).min(height - self.rows);
-            let first = self.rows * width;
-            let at = |ray: usize| {
-                let (x, y) = (ray % width, ray / width);
-                Some((ray, cut.point_on(number, narrow::<u32>(x), narrow::<u32>(y))?))
+            let rows = self.rows..self.rows + rows;
+            let at = |y: usize| {
+                spans.row(y).filter_map(move |x| {
+                    let y = narrow::<u32>(y);
+                    Some((spans.at(x, y)?, cut.point_on(number, x, y)?))
+                })
             };
-            let points: Vec<(usize, DVec3)> = (first..first + rows * width).into_par_iter().filter_map(at).collect();
+            let points: Vec<(usize, DVec3)> = rows.clone().into_par_iter().flat_map_iter(at).collect();
             let values: Vec<f64> = match filtered {
                 Some((made, _)) => points.par_iter().map(|(_, p)| made.value(*p, slice.interpolation)).collect(),
                 None => {
@@ -93,13 +103,13 @@ impl Sheet {
                     values.into_iter().map(|value| sampler.map().to_data(value)).collect()
                 }
             };
-            self.colors[first..first + rows * width].fill([f32::NAN; 3]);
+            shown[spans.of_rows(rows.clone())].fill([f32::NAN; 3]);
             for ((ray, _), value) in points.iter().zip(values).filter(|(_, value)| !value.is_nan()) {
                 if let Some(color) = colors.color(value) {
-                    self.colors[*ray] = color.map(single);
+                    shown[*ray] = color.map(single);
                 }
             }
-            self.rows += rows;
+            self.rows = rows.end;
         }
         Ok(true)
     }
