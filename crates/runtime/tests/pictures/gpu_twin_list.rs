@@ -82,7 +82,7 @@ const WITHOUT_TWIN: [(&str, &[&str]); 6] = [
 ];
 
 /// Compared functions whose twins have another name in Rust, and the place of the comparison.
-const OTHER_NAMES: [(&str, &[&str]); 3] = [
+const OTHER_NAMES: [(&str, &[&str]); 4] = [
     (
         "gpu_places: rays, bricks and pages from the camera and the pyramid, in `f64`",
         &[
@@ -97,6 +97,7 @@ const OTHER_NAMES: [(&str, &[&str]); 3] = [
         ],
     ),
     ("gpu_places: `scalar::shade::ChordGradient`, from voxels of a picture", &["chord_gradient"]),
+    ("gpu_errors: `RayDeviation::note_greatest` and `note_least`, in one", &["note_extreme"]),
     ("gpu_walk_twins: `cubic_of_cell` and `monotone_intervals`, put together", &["cell_view"]),
 ];
 

@@ -271,8 +271,7 @@ impl SlicedDrawing {
             };
             (band(RaySum::pixel), if has_errors { band(RaySum::error) } else { Vec::new() })
         };
-        let bands: Vec<(Vec<[f32; 4]>, Vec<[f32; 4]>)> = firsts.par_iter().map(band).collect();
-        let (pixels, errors): (Vec<_>, Vec<_>) = bands.into_iter().unzip();
+        let (pixels, errors): (Vec<_>, Vec<_>) = firsts.par_iter().map(band).unzip();
         let image = |pixels: Vec<Vec<[f32; 4]>>| Image { width, height, pixels: pixels.concat() };
         Some((image(pixels), has_errors.then(|| image(errors))))
     }
