@@ -87,6 +87,18 @@ impl Picture {
         self.image.to_rgb8(self.subject.scene.background)
     }
 
+    /// The scene as engines drew it: everything that it left open is filled in, in the units of the picture.
+    #[must_use]
+    pub fn resolved(&self) -> &ResolvedScene {
+        &self.subject.scene
+    }
+
+    /// The volume at the place where it was drawn.
+    #[must_use]
+    pub fn volume(&self) -> &PlacedVolume {
+        &self.subject.volume
+    }
+
     /// Writes the picture. The name's ending chooses the format: `.png` (8 bits, over the background), `.exr` or `.npy` (floats
     /// without the background). An existing file is replaced.
     ///
@@ -198,6 +210,12 @@ impl Picture {
     #[must_use]
     pub fn error_map(&self) -> Option<&Image> {
         self.maps.errors.as_ref()
+    }
+
+    /// The work for each pixel; `None` unless [`Options::count_work`](RenderOptions::count_work) is set.
+    #[must_use]
+    pub fn work_map(&self) -> Option<&Image> {
+        self.maps.work.as_ref()
     }
 
     /// Everything that was counted and measured.

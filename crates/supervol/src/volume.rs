@@ -93,6 +93,13 @@ impl Volume {
         Self::with(self.stored, Some(kind))
     }
 
+    /// The same volume without the overview that completed scenes read: its memory is free again. It is read again when
+    /// a scene asks for it.
+    #[must_use]
+    pub fn without_overview(self) -> Self {
+        Self { natural: self.natural.without_overview(), ..self }
+    }
+
     /// The container as it is stored.
     #[must_use]
     pub fn container(&self) -> &Container {

@@ -3,6 +3,7 @@
 use std::num::NonZero;
 use std::time::Instant;
 
+use supervol::Error;
 use supervol_arguments::failure::Failure;
 use supervol_arguments::quantity::show_bytes;
 use supervol_runtime::engines::error::EngineError;
@@ -12,7 +13,6 @@ use supervol_runtime::render::accuracy::check;
 use supervol_runtime::render::accuracy::stated::in_colors;
 use supervol_runtime::render::error::{ErrorKind, RenderError};
 use supervol_runtime::render::options::RenderOptions;
-use supervol_runtime::render::renderer::render_with_maps;
 use supervol_runtime::render::stats::FrameStats;
 use supervol_scene::facts::VolumeFacts;
 use supervol_scene::scene::ResolvedScene;
@@ -36,33 +36,37 @@ pub fn draw(
     (options, start): (&RenderOptions, Instant),
     check: Option<NonZero<u64>>,
 ) -> Result<FrameStats, Failure> {
-    let Subject { container, facts, scene, .. } = *subject;
-    let resolved = scene.resolve(facts).map_err(Failure::command)?;
+    let Subject { volume, scene, decorate } = *subject;
     if check.is_some() {
-        check::check_fits(container, &resolved, options).map_err(with_render)?;
+        let placed = volume.placed_for(scene).map_err(with_picture)?;
+        let resolved = placed.resolve(scene).map_err(Failure::command)?;
+        check::check_fits(placed.container(), &resolved, options).map_err(with_render)?;
     }
-    let in_time = |ms: u64| ms.saturating_sub(handing_over_ms(resolved.image_size));
+    let in_time = |ms: u64| ms.saturating_sub(handing_over_ms([scene.image.width, scene.image.height]));
     let options = &RenderOptions { time_budget_ms: options.time_budget_ms.map(in_time), ..options.clone() };
-    let (image, maps, mut stats) = render_with_maps(container, &resolved, options).map_err(with_render)?;
+    let picture = volume.draw(scene, options).map_err(with_picture)?;
+    let mut stats = picture.stats().clone();
     check_any_read(&stats)?;
     let PictureOutputs { picture: output, maps: [error_map, work_map], fidelity, record } = outputs;
-    let finished = Finished { subject, resolved: &resolved, options, stats: &stats, image: &image };
+    let finished = Finished { picture: &picture, decorate };
     let format = output.format();
     finished.write(output, record)?;
     if let Some(file) = fidelity {
         finished.write_fidelity(format, file)?;
     }
     stats.handed_over_ms = start.elapsed().as_secs_f64() * 1e3;
-    warn_of_idle_cuts(&resolved, facts)?;
-    if let (Some(file), Some(errors)) = (error_map, maps.errors) {
-        file.write_map(errors, in_colors)?;
+    let (resolved, placed) = (picture.resolved(), picture.volume());
+    warn_of_idle_cuts(resolved, placed.facts())?;
+    if let (Some(file), Some(errors)) = (error_map, picture.error_map()) {
+        file.write_map(errors.clone(), in_colors)?;
     }
-    if let (Some(file), Some(work)) = (work_map, maps.work) {
-        file.write_map(work, work_in_colors)?;
+    if let (Some(file), Some(work)) = (work_map, picture.work_map()) {
+        file.write_map(work.clone(), work_in_colors)?;
     }
     if let Some(rays) = check {
+        let (container, image) = (placed.container(), picture.image());
         let measured =
-            with_ray_bar(|progress| check::measure_error(container, &resolved, options, &image, rays.get(), progress));
+            with_ray_bar(|progress| check::measure_error(container, resolved, options, image, rays.get(), progress));
         stats.error_measured = Some(measured.map_err(|error| match with_render(error) {
             // The picture replaces unreadable bricks by their parents; the reference does not.
             Failure::Data(message) => Failure::Data(format!("--check: {message}")),
@@ -79,6 +83,18 @@ fn warn_of_idle_cuts(resolved: &ResolvedScene, facts: &VolumeFacts) -> Result<()
             "{cut} cuts nothing off this picture; expected numbers in world coordinates, as `info` prints them"
         ))
     })
+}
+
+/// Failure of a picture of the library.
+pub fn with_picture(error: Error) -> Failure {
+    match error {
+        Error::Render(error) => with_render(error),
+        error => match error.kind() {
+            ErrorKind::Request => Failure::command(error),
+            ErrorKind::Data => Failure::Data(error.to_string()),
+            ErrorKind::Machine | ErrorKind::Cancelled => Failure::Machine(error.to_string()),
+        },
+    }
 }
 
 /// Failure of a picture that could not be drawn.

@@ -395,7 +395,6 @@ impl Arguments {
 
     /// Complete scene, and the cameras if there are several pictures.
     ///
-    /// Takes the volume by value, so that the memory of its overview is free before the renderer counts its memory.
     fn shown(&self, scene: Scene, volume: PlacedVolume) -> Result<(Scene, Option<Motion>), Failure> {
         let (container, facts) = (volume.container(), volume.facts());
         let overview = if self.look.asks_overview(&scene) { volume.overview() } else { None };
@@ -452,8 +451,9 @@ pub fn run(arguments: &Arguments, start: Instant) -> Result<(), Failure> {
         Some(file) => read_scene(file)?,
         None => Scene::default(),
     };
-    let volume = arguments.look.placed(container, &scene)?;
-    let (container, facts) = (volume.container().clone(), volume.facts().clone());
+    let volume = arguments.look.volume(container);
+    let placed = arguments.look.placed(&volume, &scene)?;
+    let (container, facts) = (placed.container().clone(), placed.facts().clone());
     check_level(arguments.level, path, &container)?;
     let inputs = [Some(path), Some(&arguments.volume), arguments.scene.as_ref(), arguments.path.as_ref()];
     let inputs: Vec<&Path> = inputs.into_iter().flatten().map(PathBuf::as_path).collect();
@@ -472,7 +472,8 @@ pub fn run(arguments: &Arguments, start: Instant) -> Result<(), Failure> {
         let panels = Panels { container: &container, facts: &facts, panels: &panels, grid, decorate, failed_bricks };
         return panels.run(file, (path, output), &arguments.options(start));
     }
-    let (scene, motion) = arguments.shown(scene, volume)?;
+    let (scene, motion) = arguments.shown(scene, placed)?;
+    let volume = &volume.without_overview();
     let inputs: Vec<&Path> = inputs.into_iter().chain(scene.files()).collect();
     if arguments.print_scene {
         let text = serde_json::to_string_pretty(&scene).map_err(|e| Failure::Machine(e.to_string()))?;
@@ -489,7 +490,7 @@ pub fn run(arguments: &Arguments, start: Instant) -> Result<(), Failure> {
     let Some(output) = &arguments.output else { return Ok(()) };
     let is_one = motion.is_none();
     let decorate = if is_one { arguments.decorates(output) } else { arguments.decorate == Decorate::On };
-    let subject = Subject { container: &container, facts: &facts, scene: &scene, decorate };
+    let subject = Subject { volume, scene: &scene, decorate };
     if let Some(Motion { cameras, asked }) = &motion {
         let (force, failed_bricks) = (arguments.force, arguments.failed_bricks());
         let format = arguments.frame_format.unwrap_or(FrameFormat::Png).into();

@@ -4,10 +4,10 @@
 //! [`frames`]: supervol_decorations::frames
 
 use std::path::Path;
-use std::sync::Arc;
 use std::time::Instant;
 
 use serde_json::Value;
+use supervol::Renderer;
 use supervol_arguments::failure::{Failure, with_output};
 use supervol_arguments::output::{Force, PictureFile};
 use supervol_arguments::progress::Reporter;
@@ -15,13 +15,11 @@ use supervol_decorations::frames::{Frames, FramesError, Others};
 use supervol_files::check_distinct;
 use supervol_format::readable::counted;
 use supervol_runtime::render::options::RenderOptions;
-use supervol_runtime::render::renderer::Renderer;
-use supervol_runtime::render::volume::PlacedVolume;
 use supervol_scene::image::ImageFormat;
 use supervol_scene::scene::CameraSpec;
 
 use crate::failed_bricks::{FailedBricks, check_any_read};
-use crate::picture::with_render;
+use crate::picture::with_picture;
 use crate::written::{Finished, Subject};
 
 /// Pictures of an animation.
@@ -54,8 +52,7 @@ impl Sequence<'_> {
             supervol_arguments::progress::announce(&format!("{}: {there} exist already", self.folder.display()));
         }
         let start = Instant::now();
-        let volume = PlacedVolume::of(Arc::clone(self.subject.container));
-        let mut renderer = Renderer::new(volume, options.clone()).map_err(with_render)?;
+        let mut renderer = self.subject.volume.renderer(options.clone()).map_err(with_picture)?;
         let bar = Reporter::over_pictures();
         bar.set_length(missing.len() as u64);
         let result = missing.iter().try_for_each(|&frame| self.draw(frame, &mut renderer).map(|()| bar.inc(1)));
@@ -65,8 +62,9 @@ impl Sequence<'_> {
     }
 
     fn frames(&self) -> Frames<'_> {
-        let Subject { container, scene, decorate, .. } = self.subject;
+        let Subject { volume, scene, decorate } = self.subject;
         let Self { cameras, motion, folder, format, inputs, .. } = *self;
+        let container = volume.container();
         Frames { container, scene, decorate, cameras, motion, folder, format, inputs }
     }
 
@@ -75,12 +73,11 @@ impl Sequence<'_> {
         check_distinct(&path, self.inputs.iter().copied())?;
         let file = PictureFile::begin(&path, self.force)?;
         let scene = self.frames().scene(frame);
-        let resolved = scene.resolve(self.subject.facts).map_err(Failure::command)?;
-        renderer.set_scene(resolved.clone());
-        renderer.advance(None).map_err(with_render)?;
-        let stats = renderer.stats();
-        check_any_read(&stats)?;
-        let failed = stats.bricks_failed;
+        renderer.set_scene(&scene).map_err(with_picture)?;
+        renderer.advance(None).map_err(with_picture)?;
+        let picture = renderer.picture().expect("nobody cancels: without a deadline there is a whole picture");
+        check_any_read(picture.stats())?;
+        let failed = picture.failed_bricks();
         if failed > 0 && self.failed_bricks == FailedBricks::Refused {
             return Err(Failure::Data(format!(
                 "{} is not written: {} could not be read; --allow-failed draws their coarser parents instead",
@@ -88,10 +85,7 @@ impl Sequence<'_> {
                 counted(failed, "brick")
             )));
         }
-        let picture = renderer.picture().expect("nobody cancels: without a deadline there is a whole picture");
-        let subject = &Subject { scene: &scene, ..self.subject };
-        let options = renderer.options();
-        Finished { subject, resolved: &resolved, options, stats: &stats, image: &picture }.write(file, None)
+        Finished { picture: &picture, decorate: self.subject.decorate }.write(file, None)
     }
 
     fn print(&self, drawn: usize, start: Instant) -> std::io::Result<()> {

@@ -1,16 +1,11 @@
 //! Writes finished pictures: decorations, records and fidelity.
 
 use std::io::Write;
-use std::sync::Arc;
 
+use supervol::{Picture, Volume};
 use supervol_arguments::failure::{Failure, with_output};
 use supervol_arguments::output::{PictureFile, TextFile};
 use supervol_arguments::terminal;
-use supervol_format::Container;
-use supervol_runtime::render::fidelity::{Circumstances, Fidelity, Outlook};
-use supervol_runtime::render::options::RenderOptions;
-use supervol_runtime::render::record::{Drawn, DrawnBy, PictureRecord};
-use supervol_runtime::render::stats::FrameStats;
 use supervol_scene::facts::VolumeFacts;
 use supervol_scene::image::{Image, ImageFormat};
 use supervol_scene::scene::{ResolvedScene, Scene};
@@ -21,9 +16,7 @@ use crate::look::warnings;
 #[derive(Clone, Copy)]
 pub struct Subject<'a> {
     /// The volume.
-    pub container: &'a Arc<Container>,
-    /// Facts of the volume.
-    pub facts: &'a VolumeFacts,
+    pub volume: &'a Volume,
     /// The scene.
     pub scene: &'a Scene,
     /// Whether box, orientation, scale, colour legend and name are drawn beside the volume.
@@ -45,32 +38,27 @@ pub struct PictureOutputs {
 /// A finished picture.
 #[derive(Clone, Copy)]
 pub struct Finished<'a> {
-    /// Volume and scene.
-    pub subject: &'a Subject<'a>,
-    /// The scene as it was drawn.
-    pub resolved: &'a ResolvedScene,
-    /// Options of the frame.
-    pub options: &'a RenderOptions,
-    /// Statistics of the frame.
-    pub stats: &'a FrameStats,
     /// The picture.
-    pub image: &'a Image,
+    pub picture: &'a Picture,
+    /// As in [`Subject::decorate`].
+    pub decorate: bool,
 }
 
 impl Finished<'_> {
     /// Writes the picture with its decorations and its record, and warns if it is empty. `record` is the file for the
     /// record if the picture's format holds none.
     pub fn write(&self, output: PictureFile, record: Option<TextFile>) -> Result<(), Failure> {
-        let Self { subject, resolved, image, .. } = *self;
-        warn_of_nothing(image, resolved, subject.facts)?;
+        let Self { picture, decorate } = *self;
+        let (image, resolved, volume) = (picture.image(), picture.resolved(), picture.volume());
+        warn_of_nothing(image, resolved, volume.facts())?;
         let mut decorated = None;
-        if subject.decorate {
+        if decorate {
             let drawn_over = decorated.insert(image.clone());
-            supervol_decorations::decorate(drawn_over, subject.container, subject.facts, resolved, None);
+            supervol_decorations::decorate(drawn_over, volume.container(), volume.facts(), resolved, None);
         }
         let shown = decorated.as_ref().unwrap_or(image);
         let format = output.format();
-        let of_picture = PictureRecord::of(&self.drawn(&self.complete()));
+        let of_picture = picture.record();
         let text = of_picture.text_in(format, image, shown);
         output.write_with(shown, resolved.background, Some(&text))?;
         let Some(file) = record else { return Ok(()) };
@@ -79,19 +67,9 @@ impl Finished<'_> {
 
     /// Writes the fidelity of the picture in a file of this format.
     pub fn write_fidelity(&self, format: ImageFormat, file: TextFile) -> Result<(), Failure> {
-        let circumstances = Circumstances { format: Some(format), outlook: Outlook::Final, once: &[] };
-        let fidelity = Fidelity::of(&self.drawn(&self.complete()), &circumstances);
+        let fidelity = self.picture.fidelity_as(format);
         let text = serde_json::to_string_pretty(&fidelity).map_err(|e| Failure::Machine(e.to_string()))?;
         file.write(&(text + "\n"))
-    }
-
-    fn complete(&self) -> Scene {
-        self.subject.scene.complete(self.subject.facts, None)
-    }
-
-    fn drawn<'a>(&'a self, scene: &'a Scene) -> Drawn<'a> {
-        let Subject { container, facts, .. } = *self.subject;
-        Drawn { container, facts, scene, options: self.options, stats: self.stats, engine: DrawnBy::Supervol }
     }
 }
 

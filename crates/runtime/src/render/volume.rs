@@ -35,6 +35,12 @@ impl PlacedVolume {
         Self { container, facts: Arc::new(facts), overview: Arc::default() }
     }
 
+    /// The same volume without an overview that was read: its memory is free again once all clones are gone.
+    #[must_use]
+    pub fn without_overview(&self) -> Self {
+        Self { overview: Arc::default(), ..self.clone() }
+    }
+
     /// The container.
     #[must_use]
     pub fn container(&self) -> &Arc<Container> {

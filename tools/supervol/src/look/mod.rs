@@ -133,13 +133,17 @@ const CLEAR_SURFACE: f64 = 0.35;
 const CLEAR_COLORS: [[f64; 3]; 4] = [[0.82, 0.50, 0.38], [0.35, 0.60, 0.85], [0.45, 0.75, 0.40], [0.85, 0.75, 0.35]];
 
 impl LookArguments {
-    /// The volume for drawing: of the given or recognised kind, with the requested vertical exaggeration.
-    pub fn placed(&self, container: Container, scene: &Scene) -> Result<PlacedVolume, Failure> {
+    /// The volume of a container, of the given or recognised kind.
+    pub fn volume(&self, container: Container) -> Volume {
         let volume = Volume::of(container);
-        let volume = match self.kind {
+        match self.kind {
             Some(kind) => volume.with_kind(kind),
             None => volume,
-        };
+        }
+    }
+
+    /// The volume for drawing, with the requested vertical exaggeration.
+    pub fn placed(&self, volume: &Volume, scene: &Scene) -> Result<PlacedVolume, Failure> {
         let vertical_exaggeration = self.vertical_exaggeration.or(scene.vertical_exaggeration);
         volume.placed_for(&Scene { vertical_exaggeration, ..Scene::default() }).map_err(Failure::command)
     }
