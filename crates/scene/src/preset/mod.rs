@@ -12,6 +12,7 @@
 //! - `view`: camera positions
 //! - `placing`: position and proportions of the volume
 //! - `overview`: a coarse level, from which the visible region is estimated
+//! - `table`: planes that cut away the table that a patient lies on
 //! - `windows`: named windows of tomography, level and width, gamma
 //! - `transfer_file`: transfer functions and colour maps in files of other programs
 //!
@@ -24,6 +25,7 @@ pub mod looks;
 pub mod overview;
 pub mod placing;
 pub mod ramps;
+mod table;
 pub mod transfer_file;
 pub mod view;
 pub mod windows;
