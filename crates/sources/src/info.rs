@@ -48,7 +48,8 @@ pub struct SourceInfo {
     pub files: Vec<SourceFile>,
     /// The opened folder, if the volume is a folder.
     pub folder: Option<PathBuf>,
-    /// Options that determine the voxel values, as (name, value): byte order, skipped bytes, places of line numbers.
+    /// Options that determine the voxel values, as (name, value): byte order, skipped bytes, places of line numbers. Also
+    /// the `modality` of a DICOM file, which names the kind of data.
     /// A build continues an earlier build only if these are equal. Manifests contain them.
     pub reading: Vec<(&'static str, String)>,
 }

@@ -20,7 +20,7 @@ use supervol_format::{Container, Lod};
 use supervol_runtime::engines::cpu::Caster;
 use supervol_runtime::engines::packets::PacketRule;
 use supervol_runtime::engines::packets::simd::InstructionSet;
-use supervol_runtime::render::options::{Backend, LevelChoice, RenderOptions};
+use supervol_runtime::render::options::{Backend, LevelChoice, Refining, RenderOptions};
 use supervol_runtime::render::process;
 use supervol_runtime::render::renderer::NO_DEVICE;
 use supervol_runtime::render::stats::FrameStats;
@@ -278,6 +278,7 @@ impl Arguments {
             max_error: self.max_error,
             predict_error: self.states_error(),
             count_work: self.work_map.is_some(),
+            refining: Refining::Tiles,
             progress: None,
             rays_finished: None,
         }
@@ -401,6 +402,9 @@ impl Arguments {
         let has_camera = scene.camera.is_some();
         let shown = self.look.scene(&scene, container, facts, overview);
         let mut shown = shown.map_err(|failure| failure.named(self.scene.as_deref()))?;
+        if let Some(note) = self.look.note_of_table(&shown, overview) {
+            announce(&format!("supervol: note: {note}"));
+        }
         let motion = match (self.turntable, &self.path) {
             (Some(frames), _) => {
                 if !has_camera {

@@ -38,6 +38,16 @@ pub enum LevelChoice {
     Fixed(Lod),
 }
 
+/// Picture that is shown while a finer one is cast in steps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Refining {
+    /// Finished tiles of the finer picture over the coarser one: as much as is known.
+    #[default]
+    Tiles,
+    /// The coarser picture until the finer one is finished: evenly sharp, as windows need it.
+    WholeStages,
+}
+
 /// Progress of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Progress {
@@ -92,6 +102,8 @@ pub struct RenderOptions {
     /// Whether the work of each pixel's rays is counted, for a map: several times the time, on the CPU. The picture is
     /// the same.
     pub count_work: bool,
+    /// Picture that is shown while a finer one is cast in steps on the CPU.
+    pub refining: Refining,
     /// Called after each pass.
     pub progress: Option<OnProgress>,
     /// Counter of rays that packets finish: shows the progress within a pass.
@@ -115,6 +127,7 @@ impl std::fmt::Debug for RenderOptions {
             .field("max_error", &self.max_error)
             .field("predict_error", &self.predict_error)
             .field("count_work", &self.count_work)
+            .field("refining", &self.refining)
             .finish_non_exhaustive()
     }
 }
@@ -135,6 +148,7 @@ impl Default for RenderOptions {
             max_error: DEFAULT_ERROR,
             predict_error: false,
             count_work: false,
+            refining: Refining::Tiles,
             progress: None,
             rays_finished: None,
         }

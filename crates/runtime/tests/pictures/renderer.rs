@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use supervol_format::byte_source::ReadShape;
 use supervol_format::{BrickIndex, BrickKey, ByteSource, Container, Lod, VoxelType};
-use supervol_runtime::render::options::{Backend, LevelChoice, Progress, RenderOptions};
+use supervol_runtime::render::options::{Backend, LevelChoice, Progress, Refining, RenderOptions};
 use supervol_runtime::render::renderer::{Renderer, render};
 use supervol_runtime::stop::LEAST_STEP;
 use supervol_runtime::stream::state::StateKind;
@@ -428,4 +428,35 @@ fn looking_ahead_reads_what_the_next_picture_wants() {
             Some(_) => assert!(with <= without, "{with} of {without}, {ahead} ahead: too little room for harm"),
         }
     }
+}
+
+/// Shown pictures are evenly sharp: each is that of one pixel size, and there are few sizes.
+#[test]
+fn windows_show_whole_stages() {
+    let volume = volume();
+    let container = open(&container_bytes(&volume, 16));
+    let level = LevelChoice::Fixed(Lod::FINEST);
+    let scene = scene_of(&volume, Wanted { size: [220, 180], ..FIRST });
+    let shown = |refining| {
+        let progress = |_: Progress| std::thread::sleep(2 * LEAST_STEP);
+        let options =
+            RenderOptions { refining, progress: Some(Arc::new(progress)), cache_bytes: Some(60_000), ..options(level) };
+        let mut renderer = renderer(&container, options);
+        renderer.set_scene(scene.clone());
+        let mut pictures: Vec<Image> = Vec::new();
+        loop {
+            let is_finished = renderer.advance(Some(Instant::now())).unwrap().is_finished;
+            let picture = renderer.picture().unwrap();
+            if pictures.last() != Some(&*picture) {
+                pictures.push(picture.into_owned());
+            }
+            if is_finished {
+                return pictures;
+            }
+        }
+    };
+    let (stages, tiles) = (shown(Refining::WholeStages), shown(Refining::Tiles));
+    // The sketch has pixels of at most 4 x 4.
+    assert!((2..=4).contains(&stages.len()) && tiles.len() > 6, "{} and {} pictures", stages.len(), tiles.len());
+    assert!(stages.last() == tiles.last() && *stages.last().unwrap() == expected(&container, &scene, level));
 }

@@ -13,7 +13,7 @@ use supervol_runtime::lod::LodChoice;
 use supervol_runtime::lod::by_error::ANY_ERROR;
 use supervol_runtime::render::error::RenderError;
 use supervol_runtime::render::frame::plan_host;
-use supervol_runtime::render::options::{Backend, LevelChoice, RenderOptions};
+use supervol_runtime::render::options::{Backend, LevelChoice, Refining, RenderOptions};
 use supervol_runtime::render::renderer::render;
 use supervol_runtime::render::stats::FrameStats;
 use supervol_runtime::stream::budget::MADE_LIMIT;
@@ -41,6 +41,7 @@ const FINEST: RenderOptions = RenderOptions {
     max_error: PacketRule::DEFAULT.max_error,
     predict_error: false,
     count_work: false,
+    refining: Refining::Tiles,
     progress: None,
     rays_finished: None,
 };

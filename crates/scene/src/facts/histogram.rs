@@ -35,6 +35,46 @@ impl<'a> Histogram<'a> {
         self.counts.iter().copied().max().unwrap_or(0) as f64 / self.total()
     }
 
+    /// Whether the values are a background and something denser, with a gap between both. The background is the lower of
+    /// two peaks, narrow and full. Something without a peak of its own is a field that fades.
+    #[must_use]
+    pub fn has_background(&self) -> bool {
+        /// Parts of the range that are compared; noise of single bins vanishes in them.
+        const PARTS: usize = 32;
+        /// Least share of the background, and its greatest width, in parts.
+        const FULL: f64 = 0.25;
+        const NARROW: usize = 8;
+        /// Least height of the second peak over the gap before it, and its least share of all voxels.
+        const PEAK: f64 = 1.6;
+        const MATTER: f64 = 0.02;
+        if self.bins_used() < 2 * PARTS {
+            return false;
+        }
+        let total = self.total();
+        let end = |part: usize| part * self.counts.len() / PARTS;
+        let sum = |part: usize| self.counts[end(part)..end(part + 1)].iter().map(|&c| c as f64).sum::<f64>() / total;
+        let parts: [f64; PARTS] = std::array::from_fn(sum);
+        // The last part may hold all values beyond it.
+        let inner = &parts[..PARTS - 1];
+        let first = (0..NARROW).max_by(|&a, &b| inner[a].total_cmp(&inner[b]).then(b.cmp(&a))).unwrap_or(0);
+        let mut gap = first;
+        for part in first + 1..inner.len() {
+            if inner[part] < inner[gap] {
+                gap = part;
+            } else if inner[part] >= PEAK * inner[gap] && inner[part] > 0.0 {
+                let background: f64 = parts[..=gap].iter().sum();
+                let matter: f64 = parts[gap..].iter().sum();
+                let is_narrow =
+                    gap <= first + NARROW || parts[..first + NARROW].iter().sum::<f64>() >= 0.9 * background;
+                if matter < MATTER {
+                    return false;
+                }
+                return is_narrow && background >= FULL;
+            }
+        }
+        false
+    }
+
     /// Share of all voxels in bins whose middle lies between two values.
     #[must_use]
     pub fn share_between(&self, low: f64, high: f64) -> f64 {

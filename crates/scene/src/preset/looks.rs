@@ -45,8 +45,11 @@ pub struct Look {
     pub iso: Vec<IsoSpec>,
     /// Rays per pixel, a square number.
     pub samples_per_pixel: u32,
-    /// Slices that the default picture shows in place of the volume; usually none.
+    /// Slices that the default picture shows; usually none.
     pub slices: Vec<SliceSpec>,
+    /// Colours and opacities of the volume around slices. If missing, the volume is clear around the default slices, and
+    /// fainter around others ([`around_slices`]).
+    pub around: Option<PointsSpec>,
 }
 
 impl Look {
@@ -65,12 +68,17 @@ impl Look {
                 let unit = FACE_VOXELS * facts.geometry.smallest_spacing();
                 Self { samples_per_pixel: 4, ..Self::plain(points, unit) }
             }
-            DataKind::Seismic => Self::plain(ramps::seismic(facts), unit),
+            // Sections as interpreters read them, with the strongest amplitudes in front of them.
+            DataKind::Seismic => Self {
+                slices: middle_slices(facts),
+                around: Some(PointsSpec::of(&ramps::strong_amplitudes(facts), unit)),
+                ..Self::plain(ramps::seismic(facts), unit)
+            },
             DataKind::SeismicAttribute => Self::block(facts, "viridis"),
             DataKind::Ct | DataKind::CtOffset => lit(ramps::ct(facts)),
             // A piece of tissue without air around it.
             DataKind::Mri if !has_background(facts) => Self::block(facts, "grey"),
-            DataKind::Mri => lit(ramps::solid(facts, FLESH)),
+            DataKind::Mri => lit(ramps::tissue(facts, FLESH)),
             DataKind::MicroCt => lit(ramps::solid(facts, BONE)),
             DataKind::Fluorescence => Self {
                 mode: Mode::Mip,
@@ -105,6 +113,7 @@ impl Look {
             iso: Vec::new(),
             samples_per_pixel: 1,
             slices: Vec::new(),
+            around: None,
         }
     }
 
@@ -154,8 +163,9 @@ fn is_flat(facts: &VolumeFacts) -> bool {
 /// Whether the volume has a dark or empty background.
 fn has_background(facts: &VolumeFacts) -> bool {
     let range = facts.central_range;
-    let fullest = Histogram::new(&facts.histogram, range).fullest();
-    fullest >= BACKGROUND || ramps::percentile(facts, 25.0) <= range.min + DARK * range.width()
+    let histogram = Histogram::new(&facts.histogram, range);
+    let is_dark = || histogram.has_background();
+    histogram.fullest() >= BACKGROUND || is_dark() || ramps::percentile(facts, 25.0) <= range.min + DARK * range.width()
 }
 
 /// The surface for a request without an iso value: between empty space and matter. The histogram decides if the usual

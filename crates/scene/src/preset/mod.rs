@@ -13,6 +13,7 @@
 //! - `view`: camera positions
 //! - `placing`: position and proportions of the volume
 //! - `overview`: a coarse level, from which the visible region is estimated
+//! - `table`: planes that cut away the table that a patient lies on
 //! - `windows`: named windows of tomography, level and width, gamma
 //! - `transfer_file`: transfer functions and colour maps in files of other programs
 //!
@@ -26,6 +27,7 @@ pub mod overview;
 pub mod placing;
 pub mod ramps;
 pub mod slices;
+mod table;
 pub mod transfer_file;
 pub mod view;
 pub mod windows;

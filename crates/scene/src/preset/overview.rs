@@ -13,10 +13,11 @@ use supervol_format::level_reader::LevelReader;
 use supervol_format::space::HALF_VOXEL;
 use supervol_format::{BrickKey, Container, Level, Lod, ValueRange};
 
+use super::table;
 use super::view::Framed;
 use crate::facts::histogram::Histogram;
 use crate::facts::{DataKind, VolumeFacts};
-use crate::spec::Mode;
+use crate::spec::{Mode, PlaneSpec};
 use crate::transfer_function::TransferFunction;
 
 /// Most voxels of the level; 8 bytes each.
@@ -44,7 +45,12 @@ pub struct Overview {
     values: Vec<f64>,
     /// Macro cells, for labels only.
     cells: Option<LabelCells>,
+    /// Planes that cut away the table that a patient lies on; none if there is no table.
+    table: Vec<PlaneSpec>,
 }
+
+/// A clip box in index coordinates of level 0, and the clip planes of the scene.
+type Kept<'a> = ([[f64; 3]; 2], &'a [PlaneSpec]);
 
 /// Macro cells of one level of a volume of labels.
 #[derive(Debug, Clone)]
@@ -131,12 +137,31 @@ impl Overview {
             reader.values(reader.whole(), |stored| if has_far { central(value(stored)) } else { value(stored) })?;
         // An unreadable fine brick does not prevent an overview. The renderer reports it.
         let cells = if facts.kind == DataKind::Labels { LabelCells::read(container).ok().flatten() } else { None };
-        Ok(Some(Self { dims: reader.whole().extent(), level: levels[number], values, cells }))
+        let table = table::planes(container, facts)?;
+        Ok(Some(Self { dims: reader.whole().extent(), level: levels[number], values, cells, table }))
     }
 
-    /// The visible voxels of this level, or the visible macro cells, whose centre lies in the box `kept` (index
-    /// coordinates of level 0). `None` if there are none, or if a null fills part of the volume, which hides the rest.
-    fn framed(&self, facts: &VolumeFacts, kept: [[f64; 3]; 2], is_visible: impl Fn(f64) -> bool) -> Option<Framed> {
+    /// Planes that cut away the table that a patient lies on, in tomography; none if there is no table. The default
+    /// picture has them.
+    #[must_use]
+    pub fn table(&self) -> &[PlaneSpec] {
+        &self.table
+    }
+
+    /// The overview of a volume whose table stays in the default picture.
+    #[must_use]
+    pub fn with_table(&self) -> Self {
+        Self { table: Vec::new(), ..self.clone() }
+    }
+
+    /// The visible voxels of this level, or the visible macro cells, whose centre lies in the box `kept` and is
+    /// not cut away with a table. `None` if there are none, or if a null fills part of the volume, which hides the rest.
+    fn framed(
+        &self,
+        facts: &VolumeFacts,
+        (kept, planes): Kept<'_>,
+        is_visible: impl Fn(f64) -> bool,
+    ) -> Option<Framed> {
         if facts.far_share > NULL_SHARE {
             return None;
         }
@@ -148,7 +173,14 @@ impl Overview {
             (place + HALF_VOXEL) * scale - HALF_VOXEL
         };
         let (low, high) = (DVec3::from_array(kept[0]), DVec3::from_array(kept[1]));
-        let is_kept = |p: &DVec3| p.cmpge(low).all() && p.cmple(high).all();
+        // Other planes of the user's change no camera.
+        let planes = if planes == self.table { planes } else { &[] };
+        let world = facts.geometry.world_from_index();
+        let is_before = |plane: &PlaneSpec, p: DVec3| DVec3::from_array(plane.normal).dot(p) >= plane.offset;
+        let is_kept = |p: &DVec3| {
+            let is_uncut = || planes.iter().all(|plane| is_before(plane, world.transform_point3(*p)));
+            p.cmpge(low).all() && p.cmple(high).all() && is_uncut()
+        };
         let (centres, half): (Vec<DVec3>, DVec3) = match &self.cells {
             Some(cells) => (cells.visible(is_visible).filter(is_kept).collect(), cells.half),
             None => {
@@ -164,7 +196,7 @@ impl Overview {
     /// The region of a box (index coordinates of level 0) that a transfer function shows. `None` if it shows nothing,
     /// or if the averages of this level lose too much of it.
     #[must_use]
-    pub fn visible(&self, facts: &VolumeFacts, kept: [[f64; 3]; 2], shown: &TransferFunction) -> Option<Framed> {
+    pub fn visible(&self, facts: &VolumeFacts, kept: Kept<'_>, shown: &TransferFunction) -> Option<Framed> {
         if self.cells.is_none()
             && shown.loses(&self.values, Histogram::new(&facts.histogram, facts.central_range).shares())
         {
@@ -176,7 +208,7 @@ impl Overview {
 
     /// The region that an iso surface may enclose: the voxels on the side of `iso` with fewer voxels.
     #[must_use]
-    pub fn beyond(&self, facts: &VolumeFacts, kept: [[f64; 3]; 2], iso: f64) -> Option<Framed> {
+    pub fn beyond(&self, facts: &VolumeFacts, kept: Kept<'_>, iso: f64) -> Option<Framed> {
         let above = self.values.iter().filter(|v| **v >= iso).count();
         let below = self.values.iter().filter(|v| **v < iso).count();
         self.framed(facts, kept, |value| (value >= iso) == (above <= below)).filter(|_| above.min(below) > 0)

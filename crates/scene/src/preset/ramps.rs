@@ -93,6 +93,24 @@ pub(super) fn seismic(facts: &VolumeFacts) -> Vec<ControlPoint> {
     ]
 }
 
+/// The strongest seismic amplitudes as semi-opaque bodies; everything else is clear, so that sections behind show.
+pub(super) fn strong_amplitudes(facts: &VolumeFacts) -> Vec<ControlPoint> {
+    /// Least amplitude of a body, and that of its full opacity, as shares of the 99th percentile of the amplitudes.
+    const LEAST: f64 = 0.65;
+    const FULL: f64 = 0.85;
+    let [low, high] = amplitude_window(facts);
+    let (zero, clip) = (0.5 * low + 0.5 * high, 0.5 * high - 0.5 * low);
+    let point = |share: f64, color, alpha| point(zero + share * clip, color, alpha);
+    vec![
+        point(-1.0, [0.55, 0.00, 0.05], 0.20),
+        point(-FULL, [0.85, 0.15, 0.12], 0.08),
+        point(-LEAST, [0.85, 0.15, 0.12], 0.0),
+        point(LEAST, [0.12, 0.30, 0.85], 0.0),
+        point(FULL, [0.12, 0.30, 0.85], 0.08),
+        point(1.0, [0.03, 0.08, 0.50], 0.20),
+    ]
+}
+
 /// The window of maximum projections of tomography in Hounsfield units, with or without offset. `None` if the values
 /// are not in these units, or all lie on one side.
 pub(super) fn projected_tissue(facts: &VolumeFacts) -> Option<[f64; 2]> {
@@ -191,6 +209,14 @@ pub(super) fn solid(facts: &VolumeFacts, [dark, middle, light]: [[f64; 3]; 3]) -
     points
 }
 
+/// Tissue in air. Its values differ little from those of air, compared with noise and shading of the coil. So it is
+/// opaque soon after the threshold; slower ramps look like fog.
+pub(super) fn tissue(facts: &VolumeFacts, [dark, middle, light]: [[f64; 3]; 3]) -> Vec<ControlPoint> {
+    let Classes { ground, dense, top } = Classes::of(facts);
+    let near = ground + 0.3 * (dense - ground);
+    vec![point(ground, dark, 0.0), point(near, dark, 0.35), point(dense, middle, 0.7), point(top, light, 0.95)]
+}
+
 /// Lower threshold of light matter (leaves, foam), which lies below the threshold of solid matter. Only for a
 /// background of one value, as scanners write outside their reconstructed region; noise would be taken for matter.
 fn faint_above(facts: &VolumeFacts, ground: f64) -> Option<f64> {
@@ -209,7 +235,7 @@ fn faint_above(facts: &VolumeFacts, ground: f64) -> Option<f64> {
 ///
 /// Labels beyond [`LABELS_LISTED`] share the colours of equal parts of the range.
 pub(super) fn labels(facts: &VolumeFacts, alpha: f64) -> Vec<ControlPoint> {
-    const NEAR: f64 = 0.2;
+    const NEAR: f64 = 0.05;
     /// Least share of a label's number on which its colour holds: single precision resolves no less.
     const RESOLVED: f64 = 1e-6;
     /// Largest share of the gap to the next label on which the colour holds.

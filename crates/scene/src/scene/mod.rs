@@ -28,6 +28,7 @@ pub use self::limits::{
     RAY_LIMIT, SHADING_LIMIT, UNIT_DISTANCE_LIMITS,
 };
 pub use self::resolved::{Light, ResolvedScene, Shading};
+use crate::camera::Camera;
 use crate::facts::{DataKind, VolumeFacts};
 use crate::preset::overview::Overview;
 use crate::preset::view::{Framed, View};
@@ -121,7 +122,21 @@ impl Scene {
         if scene.camera.is_none() && Units::of(facts).has_world_lengths() {
             scene.camera = Some(scene.default_camera(facts, overview));
         }
+        let units = Units::WORLD;
+        let camera = scene.camera.as_ref().and_then(|c| c.camera(&units, [scene.image.width, scene.image.height]).ok());
+        if let (None, Some(camera)) = (self.samples_per_pixel, camera) {
+            let subgrid = scene.subgrid_of_thin(&camera, &scene.framed(facts, overview));
+            scene.samples_per_pixel = Some(subgrid * subgrid);
+        }
         scene
+    }
+
+    /// Rays along one edge of a pixel: those of the scene, or more if the framed region is thinner than a pixel. A single
+    /// ray through each pixel would miss it.
+    fn subgrid_of_thin(&self, camera: &Camera, framed: &Framed) -> u32 {
+        let samples = self.samples_per_pixel.unwrap_or(1);
+        let needed = if self.effective_mode() == Mode::Slice { 1 } else { framed.subgrid_of_thin(camera) };
+        samples.isqrt().max(limited_samples(&self.image, needed * needed).isqrt())
     }
 
     /// As [`Self::complete`], without the camera.
@@ -136,9 +151,13 @@ impl Scene {
             if !scene.slices.is_empty() {
                 scene.iso.iter_mut().for_each(|iso| iso.alpha = looks::SURFACE_AROUND_SLICES);
             }
+            if let Some(overview) = overview.filter(|_| scene.clip.planes.is_empty() && scene.clip.solids.is_empty()) {
+                scene.clip.planes = overview.table().to_vec();
+            }
             if scene.slices.is_empty() && !look.slices.is_empty() {
                 scene.slices = look.slices;
-                scene.transfer_function = Some(TransferFunctionSpec::Points(preset::clear(facts)));
+                let points = look.around.clone().unwrap_or_else(|| preset::clear(facts));
+                scene.transfer_function = Some(TransferFunctionSpec::Points(points));
             }
         }
         let mode = scene.effective_mode();
@@ -153,7 +172,11 @@ impl Scene {
                 _ => look.transfer_function,
             };
             let shows_both = mode == Mode::Dvr && !scene.slices.is_empty();
-            let points = if shows_both { looks::around_slices(points, facts) } else { points };
+            let points = match look.around {
+                Some(around) if shows_both => around,
+                _ if shows_both => looks::around_slices(points, facts),
+                _ => points,
+            };
             Some(TransferFunctionSpec::Points(points))
         });
         let plain = preset::ramps::plain_slice(facts);
@@ -189,10 +212,15 @@ impl Scene {
         // Slices extend through the whole volume.
         let seen = overview.filter(|_| self.slices.is_empty()).and_then(|overview| match self.effective_mode() {
             Mode::Dvr => {
-                let seen = self.classification(facts).ok().and_then(|shown| overview.visible(facts, kept, &shown));
-                seen.or_else(|| self.iso.first().and_then(|iso| overview.beyond(facts, kept, iso.value)))
+                let seen = self
+                    .classification(facts)
+                    .ok()
+                    .and_then(|shown| overview.visible(facts, (kept, &self.clip.planes), &shown));
+                seen.or_else(|| {
+                    self.iso.first().and_then(|iso| overview.beyond(facts, (kept, &self.clip.planes), iso.value))
+                })
             }
-            Mode::Iso => self.iso.first().and_then(|iso| overview.beyond(facts, kept, iso.value)),
+            Mode::Iso => self.iso.first().and_then(|iso| overview.beyond(facts, (kept, &self.clip.planes), iso.value)),
             _ => None,
         });
         seen.unwrap_or_else(|| Framed::whole(facts, kept))
@@ -230,7 +258,10 @@ impl Scene {
         let mode = scene.effective_mode();
         let of_surfaces = scene.iso.iter().filter(|_| mode == Mode::Dvr);
         let inner = of_surfaces.filter(|surface| surface.alpha > 0.0).map(|surface| surface.value).collect();
-        let subgrid = scene.samples_per_pixel.unwrap_or(1).isqrt();
+        let subgrid = match self.samples_per_pixel {
+            Some(samples) => samples.isqrt(),
+            None => scene.subgrid_of_thin(&camera, &scene.framed(&units.facts(facts), None)),
+        };
         Ok(ResolvedScene {
             camera: camera.supersampled(subgrid),
             image_size,

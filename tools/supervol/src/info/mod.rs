@@ -53,6 +53,7 @@ struct Info<'a> {
     space: &'a str,
     kind: &'static str,
     kind_because: String,
+    kind_certainty: &'static str,
     dtype: &'static str,
     scale: f64,
     offset: f64,
@@ -266,6 +267,7 @@ fn gather(container: &Container) -> Result<Info<'_>, supervol_format::container:
         space: &manifest.space,
         kind: recognised.kind.name(),
         kind_because: recognised.because,
+        kind_certainty: recognised.certainty.name(),
         dtype: descriptor.voxel_type.name(),
         scale: descriptor.scale,
         offset: descriptor.offset,
@@ -328,7 +330,7 @@ fn print(info: &Info<'_>, container: &Container, survey: Option<&Survey>, out: &
     place.print(out)?;
     let descriptor = container.descriptor();
     let told = |value: f64| Shortened::data(value, descriptor.voxel_type, [descriptor.scale, descriptor.offset]);
-    writeln!(out, "kind       {}: {}", info.kind, info.kind_because)?;
+    writeln!(out, "kind       {}: {} ({})", info.kind, info.kind_because, info.kind_certainty)?;
     match info.value_range {
         Some([min, max]) => {
             let [min, max] = [min, max].map(|value| told(value).number());

@@ -11,6 +11,7 @@ use supervol_format::readable::Shortened;
 use supervol_preprocess::BuildError;
 use supervol_preprocess::kept::Reading;
 use supervol_preprocess::naming::container_beside;
+use supervol_scene::facts::kind::Certainty;
 use supervol_sources::grid::named::NamedSource;
 use supervol_sources::input::file::SourceFile;
 use supervol_sources::{SourceInfo, Survey, VolumeSource};
@@ -77,6 +78,7 @@ impl Described {
         if let Some(because) = info.labels {
             described["kind"] = "labels".into();
             described["kind_because"] = because.into();
+            described["kind_certainty"] = Certainty::Certain.name().into();
         }
         described
     }

@@ -20,12 +20,12 @@ use supervol_scene::preset::view::{Framed, View, upright};
 use supervol_scene::preset::windows::Paint;
 use supervol_scene::preset::{looks, ramps};
 use supervol_scene::scene::{
-    CameraSpec, ImageSpec, IsoSpec, Mode, PointsSpec, Scene, ShadingSpec, SolidSpec, TransferFunctionSpec,
+    CameraSpec, ImageSpec, IsoSpec, Mode, PlaneSpec, PointsSpec, Scene, ShadingSpec, SolidSpec, TransferFunctionSpec,
 };
 use supervol_scene::transfer_function::times_extinction;
 
 use self::parse::{CameraRequest, ClipShape, ColorMapRequest, SurfaceRequest, WindowRequest};
-use self::places::{Crop, Cut};
+use self::places::{Crop, Cut, PlaneCoordinates};
 use self::slices::{PanelColors, SliceArguments};
 use crate::grid::{Grid, PANEL_LIMIT};
 
@@ -82,9 +82,9 @@ pub struct LookArguments {
     /// The value at share x of the range gets the colour at share x^GAMMA. Opacities stay the same.
     #[arg(long, value_name = "GAMMA", value_parser = parse::gamma, allow_negative_numbers = true)]
     gamma: Option<f64>,
-    /// Density: multiplies the extinction (mode dvr); 1 keeps the transfer function
+    /// Density: multiplies the extinction (mode dvr) or the opacity of surfaces (mode iso); 1 changes nothing
     ///
-    /// Opacity 1 counts as 0.9999 here, so that factors below 1 make opaque data translucent.
+    /// In mode dvr, opacity 1 counts as 0.9999, so that factors below 1 make opaque data translucent.
     #[arg(long, value_name = "FACTOR", value_parser = parse::positive, allow_negative_numbers = true)]
     opacity: Option<f64>,
     /// Isosurfaces at these data values (mode iso); all but the last are semi-transparent
@@ -103,14 +103,25 @@ pub struct LookArguments {
     /// changes none. Example: inline=100:200.
     #[arg(long, value_name = "BOX", value_parser = places::crop, allow_hyphen_values = true)]
     crop: Option<Crop>,
-    /// Show only one side of a plane, or only the inside or outside of a solid; all numbers in world units
+    /// Show only one side of a plane, or only the inside or outside of a solid
     ///
-    /// Plane NX,NY,NZ,D keeps x * NX + y * NY + z * NZ >= D. Solids: sphere:X,Y,Z,R, box:X0,Y0,Z0,X1,Y1,Z1,
+    /// Plane NX,NY,NZ,D keeps x * NX + y * NY + z * NZ >= D. Its numbers are coordinates of --pick: easting, northing
+    /// and time or depth of a survey on the map, millimetres of a patient, else world units; see --coordinates. Numbers
+    /// of solids are world units. Solids: sphere:X,Y,Z,R, box:X0,Y0,Z0,X1,Y1,Z1,
     /// cylinder:X0,Y0,Z0,X1,Y1,Z1,R, and mesh:FILE (a closed triangle mesh: .ply, .stl or .obj). The prefix
     /// `outside-`, as in outside-sphere:, keeps the outside. Repeat the option for several cuts: the picture shows
     /// their intersection.
     #[arg(long, value_name = "NX,NY,NZ,D|SOLID", value_parser = parse::clip_shape, allow_hyphen_values = true)]
     clip: Vec<ClipShape>,
+    /// Coordinates of planes in --clip and --slice normal=...: those of the volume's place, or those of its own world
+    #[arg(long, value_enum, default_value = "place")]
+    coordinates: PlaneCoordinates,
+    /// Show the table below a patient: the default picture of tomography leaves it out
+    ///
+    /// The table is found as a long, flat part below the body that is not connected to it. Planes cut it away, and a note
+    /// says so. Other pictures, such as those of --mode dvr, show it.
+    #[arg(long)]
+    keep_table: bool,
     #[command(flatten)]
     slices: SliceArguments,
     /// Draw without lighting
@@ -186,6 +197,14 @@ impl LookArguments {
         self.slices.notes(container)
     }
 
+    /// Note about a table that the scene of [`Self::scene`] leaves out; `None` if there is none.
+    pub fn note_of_table(&self, scene: &Scene, overview: Option<&Overview>) -> Option<String> {
+        let table = overview.filter(|_| !self.keep_table)?.table();
+        let is_cut = !table.is_empty() && scene.clip.planes == table;
+        let planes = if table.len() == 1 { "1 plane".into() } else { format!("{} planes", table.len()) };
+        is_cut.then(|| format!("the table below the body is cut away by {planes}; --keep-table shows it"))
+    }
+
     /// Name of the requested kind of data.
     pub fn kind_name(&self) -> Option<&'static str> {
         self.kind.map(DataKind::name)
@@ -227,6 +246,8 @@ impl LookArguments {
         facts: &VolumeFacts,
         overview: Option<&Overview>,
     ) -> Result<Scene, Failure> {
+        let with_table = overview.filter(|_| self.keep_table).map(Overview::with_table);
+        let overview = with_table.as_ref().or(overview);
         let mut scene = scene.clone();
         self.set_image(&mut scene.image);
         if let Some(crop) = &self.crop {
@@ -234,7 +255,11 @@ impl LookArguments {
         }
         for clip_shape in &self.clip {
             match clip_shape {
-                ClipShape::Plane(plane) => scene.clip.planes.push(*plane),
+                ClipShape::Plane(plane) => {
+                    let [a, b, c] = plane.normal;
+                    let (normal, offset) = self.coordinates.plane_in_world([a, b, c], plane.offset, container, facts);
+                    scene.clip.planes.push(PlaneSpec { normal, offset });
+                }
                 ClipShape::Solid(solid) => scene.clip.solids.push(SolidSpec::clone(solid)),
             }
         }
@@ -255,9 +280,9 @@ impl LookArguments {
             [cut] if self.shows_panels() => {
                 let colors = if self.paints() { PanelColors::Painted } else { PanelColors::OfKind };
                 let look = (self.zoom.unwrap_or(1.0), colors);
-                scene = self.slices.panel(&scene, cut, (container, facts), look)?;
+                scene = self.slices.panel(&scene, cut, (container, facts, self.coordinates), look)?;
             }
-            _ => self.slices.add_to(&mut scene, container, facts)?,
+            _ => self.slices.add_to(&mut scene, (container, facts, self.coordinates))?,
         }
         let has_usual_surface = self.iso.is_empty() && self.surface.is_empty() && had_no_surface;
         if has_usual_surface && !scene.slices.is_empty() {
@@ -386,14 +411,22 @@ impl LookArguments {
             ("--opacity", self.opacity.is_some()),
         ];
         if mode == Mode::Iso
-            && let Some((option, _)) = asked.iter().find(|(_, given)| *given)
+            && let Some((option, _)) = asked.iter().find(|(option, given)| *given && *option != "--opacity")
         {
             return Err(Failure::Command(format!(
                 "{option} changes nothing in mode iso: surfaces have their own colours"
             )));
         }
-        if mode != Mode::Dvr && self.opacity.is_some() {
-            return Err(Failure::Command("--opacity changes nothing in this mode; it needs --mode dvr".into()));
+        match (mode, self.opacity) {
+            (Mode::Dvr, _) | (_, None) => {}
+            (Mode::Iso, Some(factor)) => {
+                scene.iso.iter_mut().for_each(|iso| iso.alpha = (iso.alpha * factor).min(1.0));
+                return Ok(());
+            }
+            _ => {
+                let message = "--opacity changes nothing in this mode; it needs --mode dvr or iso";
+                return Err(Failure::Command(message.into()));
+            }
         }
         let Some(TransferFunctionSpec::Points(spec)) = &mut scene.transfer_function else {
             return match asked.iter().find(|(_, given)| *given) {

@@ -1,6 +1,8 @@
 //! Parsers of positions in a volume: voxels, line numbers, times, depths, world coordinates, planes of a patient. Their
 //! meaning is that of [`Coordinates`].
 
+use clap::ValueEnum;
+use glam::DVec3;
 use supervol_arguments::failure::Failure;
 use supervol_arguments::quantity::{self, WrittenBox};
 use supervol_format::cast::whole;
@@ -53,6 +55,40 @@ impl std::fmt::Display for Cut {
             Self::Plane { normal, through: None } => write!(f, "normal={}", list(normal)),
             Self::Plane { normal, through: Some(point) } => write!(f, "normal={}@{}", list(normal), list(point)),
         }
+    }
+}
+
+/// Coordinates in which planes are given.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum PlaneCoordinates {
+    /// The map of a survey, the millimetres of a patient, else the world: as --pick prints them
+    Place,
+    /// The volume's own world, in which pictures are drawn
+    Local,
+}
+
+impl PlaneCoordinates {
+    /// The plane `normal . p = offset` of these coordinates in the drawn world: normal and offset.
+    ///
+    /// Let P map index points to the place, and W to the drawn world. A point x of the world is at `P W^-1 x = M x + t`,
+    /// so the plane is `(M^T n) . x = offset - n . t`. Volumes whose place is the drawn world keep their numbers.
+    pub fn plane_in_world(
+        self,
+        normal: [f64; 3],
+        offset: f64,
+        container: &Container,
+        facts: &VolumeFacts,
+    ) -> ([f64; 3], f64) {
+        let coordinates = Coordinates::of(container);
+        let place = coordinates.map().unwrap_or_else(|| container.stored_geometry());
+        if self == Self::Local || place == facts.geometry {
+            return (normal, offset);
+        }
+        let world = facts.geometry.world_from_index().inverse();
+        let place_from_world = place.world_from_index() * world;
+        let given = DVec3::from_array(normal);
+        let normal = place_from_world.matrix3.transpose() * given;
+        (normal.to_array(), offset - given.dot(place_from_world.translation))
     }
 }
 

@@ -16,7 +16,7 @@ use supervol_scene::slices::{ColorSpec, Interpolation, SliceSpec};
 use supervol_scene::transfer_function::ControlPoint;
 
 use super::parse;
-use super::places::{self, Cut};
+use super::places::{self, Cut, PlaneCoordinates};
 
 /// Slices, and how they are drawn.
 #[derive(Debug, Clone, Args)]
@@ -24,8 +24,8 @@ pub struct SliceArguments {
     /// Show a slice face on: AXIS=PLACE, or normal=NX,NY,NZ@X,Y,Z for any plane
     ///
     /// AXIS is one of the axes of --crop, PLACE a coordinate on it or `middle`, for example "inline 10123". Between two
-    /// lines, values are interpolated, and a note says so. The plane has the given normal and passes
-    /// through the point X,Y,Z in world units; without a point, it passes through the middle. Repeat the option for
+    /// lines, values are interpolated, and a note says so. The plane has the given normal and passes through the point
+    /// X,Y,Z; without a point, it passes through the middle. Both are in the coordinates of --pick; see --coordinates. Repeat the option for
     /// several slices side by side.
     #[arg(long = "slice", value_name = "AXIS=PLACE|normal=...", value_parser = places::slice, allow_hyphen_values = true)]
     pub cuts: Vec<Cut>,
@@ -141,9 +141,10 @@ impl SliceArguments {
         &self,
         scene: &Scene,
         cut: &Cut,
-        (container, facts): (&Container, &VolumeFacts),
+        place: (&Container, &VolumeFacts, PlaneCoordinates),
         (zoom, colors): (f64, PanelColors),
     ) -> Result<Scene, Failure> {
+        let (container, facts, _) = place;
         let nothing = || Failure::Command(format!("--slice {cut} lies outside the volume, or outside --crop"));
         let is_plain = self.interpolation == InterpolationName::Linear && self.filter.is_none();
         if self.slice_opacity.is_some() {
@@ -171,7 +172,7 @@ impl SliceArguments {
             return Slice { axis, at, slab, zoom }.of(scene, facts, &colors).ok_or_else(nothing);
         }
         self.refuse_slab()?;
-        let mut slice = self.spec(cut, container, facts)?;
+        let mut slice = self.spec(cut, place)?;
         if let Some(TransferFunctionSpec::Points(points)) = &scene.transfer_function {
             slice.colors =
                 points.points.iter().map(|p: &PointSpec| ColorSpec { value: p.value, color: p.color }).collect();
@@ -183,7 +184,12 @@ impl SliceArguments {
     }
 
     /// Adds all slices to the picture of the volume. Mode `slice` without slices gets those through the middle.
-    pub fn add_to(&self, scene: &mut Scene, container: &Container, facts: &VolumeFacts) -> Result<(), Failure> {
+    pub fn add_to(
+        &self,
+        scene: &mut Scene,
+        place: (&Container, &VolumeFacts, PlaneCoordinates),
+    ) -> Result<(), Failure> {
+        let (_, facts, _) = place;
         if self.cuts.is_empty() {
             if scene.mode == Some(Mode::Slice) && scene.slices.is_empty() {
                 scene.slices = middle_slices(facts);
@@ -192,7 +198,7 @@ impl SliceArguments {
         }
         self.refuse_slab()?;
         for cut in &self.cuts {
-            scene.slices.push(self.spec(cut, container, facts)?);
+            scene.slices.push(self.spec(cut, place)?);
         }
         // Projections have no depth. If no mode was requested, the volume is drawn in mode dvr.
         let is_projected = !matches!(Look::of(facts).mode, Mode::Dvr | Mode::Iso);
@@ -217,7 +223,11 @@ impl SliceArguments {
         }
     }
 
-    fn spec(&self, cut: &Cut, container: &Container, facts: &VolumeFacts) -> Result<SliceSpec, Failure> {
+    fn spec(
+        &self,
+        cut: &Cut,
+        (container, facts, coordinates): (&Container, &VolumeFacts, PlaneCoordinates),
+    ) -> Result<SliceSpec, Failure> {
         let (normal, offset) = match cut {
             Cut::Across(place) => {
                 let (axis, at) = place.on_grid(container, facts)?;
@@ -228,8 +238,15 @@ impl SliceArguments {
                     let index = DVec3::from_array(facts.dims.0.map(|n| 0.5 * (n as f64 - 1.0)));
                     facts.geometry.world_from_index().transform_point3(index)
                 };
-                let through = through.map_or_else(middle, DVec3::from_array);
-                (*normal, DVec3::from_array(*normal).dot(through))
+                let offset = through.map(|through| DVec3::from_array(*normal).dot(through.into()));
+                let (normal, offset) = match offset {
+                    Some(offset) => coordinates.plane_in_world(*normal, offset, container, facts),
+                    None => {
+                        let (normal, _) = coordinates.plane_in_world(*normal, 0.0, container, facts);
+                        (normal, DVec3::from_array(normal).dot(middle()))
+                    }
+                };
+                (normal, offset)
             }
         };
         let interpolation = match self.interpolation {

@@ -13,6 +13,7 @@ mod bounded_builds;
 mod cache;
 mod command_line;
 mod coordinates;
+mod defaults;
 mod every_option;
 mod failed_bricks;
 mod full_disk;

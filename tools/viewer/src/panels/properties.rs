@@ -181,7 +181,7 @@ fn extent(opened: &OpenVolume) -> Vec<String> {
 fn look(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
     heading(ui, "Look");
     ui.horizontal(|ui| {
-        ui.label("Preset");
+        ui.label("Kind");
         let box_ = ComboBox::from_id_salt("preset").selected_text(opened.facts.kind.name()).show_ui(ui, |ui| {
             DataKind::ALL
                 .into_iter()
@@ -189,7 +189,7 @@ fn look(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
         });
         box_.response
             .on_hover_text("Default picture of a kind of data; `info` prints the recognised kind")
-            .accessible_name("Preset");
+            .accessible_name("Kind");
         if let Some(kind) = box_.inner.flatten() {
             viewer.scene = edit::with_kind(&viewer.scene, opened, kind);
             viewer.panel_state = PanelState::of(&viewer.scene);

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use supervol_runtime::engines::maps::work_in_colors;
 use supervol_runtime::render::accuracy::stated::in_colors;
-use supervol_runtime::render::options::{Backend, Progress, RenderOptions};
+use supervol_runtime::render::options::{Backend, Progress, Refining, RenderOptions};
 use supervol_runtime::render::renderer::Renderer;
 use supervol_runtime::render::volume::PlacedVolume;
 use supervol_runtime::stop::Canceller;
@@ -83,6 +83,7 @@ pub(super) fn options(shared: &Arc<Shared>, settings: &Settings) -> RenderOption
         max_error: settings.max_error,
         predict_error: true,
         count_work: settings.inspect == Inspect::Work,
+        refining: Refining::WholeStages,
         progress: Some(Arc::new(on_progress)),
         ..RenderOptions::default()
     }

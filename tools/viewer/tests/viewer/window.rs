@@ -260,7 +260,7 @@ fn every_panel_fits_at_its_least_and_at_scale_2() {
         let mut session = Session::sized("vessels", size, scale);
         session.rest();
         let window = eframe::egui::Rect::from_min_size(Pos2::ZERO, size.into());
-        for label in ["Open ...", "Default view", "Picture", "Transfer function", "Preset", "converged"] {
+        for label in ["Open ...", "Default view", "Picture", "Transfer function", "Kind", "converged"] {
             let rect = session.node(label).rect();
             assert!(window.expand(0.5).contains_rect(rect), "{name}: {label} lies at {rect:?}");
         }

@@ -81,7 +81,8 @@ impl Labels {
 pub(crate) fn may_be_labels(info: &SourceInfo) -> bool {
     let is_whole = !matches!(info.voxel_type, VoxelType::F32 | VoxelType::F64);
     let is_scaled = info.scale != 1.0 || info.offset != 0.0;
-    is_whole && !is_scaled && info.survey.is_none()
+    // DICOM files say whether they are segmentations.
+    is_whole && !is_scaled && info.survey.is_none() && info.format != "dicom"
 }
 
 /// Whether voxels that may be labels look like labels.

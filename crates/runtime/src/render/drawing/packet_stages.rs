@@ -13,7 +13,7 @@ use crate::render::error::RenderError;
 use crate::render::frame::cpu::CpuCaster;
 use crate::render::frame::cpu_frame_of;
 use crate::render::frame::walk::{BandProgress, FrameWalk};
-use crate::render::options::RenderOptions;
+use crate::render::options::{Refining, RenderOptions};
 use crate::stop::Stop;
 
 /// Casts stages by ray packets.
@@ -105,7 +105,9 @@ impl StageCaster for PacketStages {
             canvas.by_reason = stage.caster.errors_by_reason();
         }
         let is_typical = canvas.stats.streaming.page_ins == stage.page_ins_before;
-        if !is_finished {
+        if is_finished {
+            canvas.whole = None;
+        } else {
             self.stage = Some(stage);
         }
         Ok(Cast { is_finished, took: spent + began.elapsed(), is_typical })
@@ -135,6 +137,8 @@ impl Stage {
     fn over(canvas: &mut Canvas, pixel: u32, tools: &mut Tools<'_>) -> Self {
         let page_ins_before = canvas.stats.streaming.page_ins;
         let stage = Self { page_ins_before, ..Self::new(&canvas.scene, pixel, tools) };
+        let shows_whole = tools.options.refining == Refining::WholeStages;
+        canvas.whole = canvas.picture.clone().filter(|_| shows_whole).map(|picture| (picture, canvas.pixel));
         let picture = match canvas.picture.take() {
             Some(picture) => picture.enlarged(canvas.pixel / pixel, stage.scene.image_size),
             None => Image::unknown(stage.scene.image_size),

@@ -32,6 +32,8 @@ pub(super) struct Canvas {
     pub(super) picture: Option<Image>,
     /// Edge of a pixel of `picture`, in pixels of the requested picture.
     pub(super) pixel: u32,
+    /// The last finished stage and its pixel size, while the next one is cast, if only whole stages are shown.
+    pub(super) whole: Option<(Image, u32)>,
     /// Pixel size of the picture that unfinished pixels are taken from; `None` if nothing is known of them.
     pub(super) behind: Option<u32>,
     /// Maps of the pixels of the requested picture; NaN where they are not finished.
@@ -113,12 +115,21 @@ impl Canvas {
             scene,
             picture: None,
             pixel: 1,
+            whole: None,
             behind: None,
             maps: Maps::default(),
             by_reason: ErrorsByReason::default(),
             finished: 0,
             stats: FrameStats::default(),
         }
+    }
+}
+
+impl Canvas {
+    /// The picture that is shown, and its pixel size.
+    pub(super) fn shown(&self) -> Option<(&Image, u32)> {
+        let whole = self.whole.as_ref().map(|(picture, pixel)| (picture, *pixel));
+        whole.or_else(|| Some((self.picture.as_ref()?, self.pixel)))
     }
 }
 

@@ -71,8 +71,8 @@ impl StagedDrawing {
     /// The picture so far, the edge of its pixels in pixels of the requested picture, and the size of that picture.
     #[must_use]
     pub(crate) fn unenlarged(&self) -> Option<(&Image, u32, [u32; 2])> {
-        let picture = self.canvas.picture.as_ref().filter(|_| self.has_picture())?;
-        Some((picture, self.canvas.pixel, self.canvas.scene.image_size))
+        let (picture, pixel) = self.canvas.shown().filter(|_| self.has_picture())?;
+        Some((picture, pixel, self.canvas.scene.image_size))
     }
 
     /// Errors of the finished pixels; NaN elsewhere.
@@ -141,8 +141,8 @@ impl Drawing for StagedDrawing {
     }
 
     fn picture(&self) -> Option<Cow<'_, Image>> {
-        let picture = self.canvas.picture.as_ref().filter(|_| self.has_picture())?;
-        Some(match self.canvas.pixel {
+        let (picture, pixel) = self.canvas.shown().filter(|_| self.has_picture())?;
+        Some(match pixel {
             1 => Cow::Borrowed(picture),
             pixel => Cow::Owned(picture.clone().enlarged(pixel, self.canvas.scene.image_size)),
         })

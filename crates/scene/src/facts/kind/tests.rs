@@ -3,6 +3,7 @@ use supervol_format::container::manifest::{AxisName, Source};
 use super::*;
 
 /// A volume given by its histogram: bin i holds the voxels of value `min + i * step`.
+#[derive(Clone)]
 struct Made {
     counts: Vec<u64>,
     min: f64,
@@ -11,13 +12,26 @@ struct Made {
     format: &'static str,
     name: &'static str,
     space: &'static str,
+    modality: &'static str,
 }
 
-const PLAIN: Made =
-    Made { counts: Vec::new(), min: 0.0, step: 1.0, integral: true, format: "raw", name: "a.raw", space: "" };
+const PLAIN: Made = Made {
+    counts: Vec::new(),
+    min: 0.0,
+    step: 1.0,
+    integral: true,
+    format: "raw",
+    name: "a.raw",
+    space: "",
+    modality: "",
+};
 
 impl Made {
     fn kind(&self) -> DataKind {
+        self.recognised().kind
+    }
+
+    fn recognised(&self) -> Recognised {
         let total: u64 = self.counts.iter().sum();
         let value = |bin: usize| self.min + bin as f64 * self.step;
         let percentile = |percent: f64| {
@@ -32,7 +46,11 @@ impl Made {
         let axis = || AxisName { name: String::new(), unit: String::new() };
         let manifest = Manifest {
             tool: String::new(),
-            parameters: Default::default(),
+            parameters: [("reader_modality", self.modality)]
+                .into_iter()
+                .filter(|(_, modality)| !modality.is_empty())
+                .map(|(name, modality)| (name.to_string(), modality.to_string()))
+                .collect(),
             source: Source { name: self.name.into(), format: self.format.into(), bytes: 0, xxh3_64: String::new() },
             space: self.space.into(),
             axes: [axis(), axis(), axis()],
@@ -47,7 +65,7 @@ impl Made {
             notes: vec![],
             others: Default::default(),
         };
-        Evidence::new(&manifest, self.integral).recognise().kind
+        Evidence::new(&manifest, supervol_format::Dims([64; 3]), self.integral).recognise()
     }
 }
 
@@ -101,7 +119,9 @@ fn patients_without_hounsfield_units_are_magnetic_resonance_unless_the_name_says
 fn images_are_told_apart_by_how_bright_they_are() {
     let mut few_bright = bell(256, 4.0, 4.0, 1e5);
     (100..256).for_each(|bin| few_bright[bin] += 10);
-    assert_eq!(Made { counts: few_bright, ..PLAIN }.kind(), DataKind::Fluorescence);
+    assert_eq!(Made { counts: few_bright.clone(), format: "tiff", ..PLAIN }.kind(), DataKind::Fluorescence);
+    // A file of no microscope may as well be a simulation.
+    assert_eq!(Made { counts: few_bright, ..PLAIN }.kind(), DataKind::Generic);
     assert_eq!(Made { counts: bell(256, 120.0, 50.0, 1e4), ..PLAIN }.kind(), DataKind::ElectronMicroscopy);
     let solid = sum(&bell(256, 5.0, 5.0, 1e5), &bell(256, 180.0, 20.0, 1e4));
     assert_eq!(Made { counts: solid.clone(), ..PLAIN }.kind(), DataKind::MicroCt);
@@ -110,6 +130,33 @@ fn images_are_told_apart_by_how_bright_they_are() {
     assert_eq!(channel.kind(), DataKind::Fluorescence);
     let field = Made { counts: bell(256, 120.0, 50.0, 1e4), integral: false, ..PLAIN };
     assert_eq!(field.kind(), DataKind::Generic);
+}
+
+#[test]
+fn solid_matter_has_a_peak_of_its_own_and_fading_fields_have_none() {
+    // A tooth in noisy air: dentine and enamel.
+    let tooth = sum(&sum(&bell(256, 30.0, 9.0, 4e4), &bell(256, 140.0, 14.0, 9e3)), &bell(256, 205.0, 12.0, 5e3));
+    assert_eq!(Made { counts: tooth, ..PLAIN }.kind(), DataKind::MicroCt);
+    let fading: Vec<u64> = (0..256).map(|i| (1e6 * (-f64::from(i) / 12.0).exp()) as u64 + 20).collect();
+    let field = Made { counts: fading, ..PLAIN }.recognised();
+    assert_eq!((field.kind, field.certainty), (DataKind::Generic, Certainty::Guess));
+    // Equally frequent values are no tissue, and a few voxels tell nothing.
+    assert_eq!(Made { counts: vec![500; 256], ..PLAIN }.kind(), DataKind::Generic);
+    assert_eq!(Made { counts: bell(256, 120.0, 50.0, 10.0), ..PLAIN }.kind(), DataKind::Generic);
+}
+
+#[test]
+fn modalities_and_names_say_more_than_values() {
+    let counts = sum(&bell(256, 5.0, 5.0, 4e4), &bell(256, 120.0, 30.0, 2e3));
+    let plain = Made { counts, ..PLAIN };
+    assert_eq!(Made { name: "HeadMRVolume.mhd", ..plain.clone() }.kind(), DataKind::Mri);
+    assert_eq!(Made { name: "sub-01_T1w.nii", ..plain.clone() }.kind(), DataKind::Mri);
+    assert_eq!(Made { name: "tmr2.raw", ..plain.clone() }.kind(), DataKind::MicroCt);
+    let dicom = |modality| Made { modality, format: "dicom", space: "left-posterior-superior", ..plain.clone() };
+    let recognised = dicom("MR").recognised();
+    assert_eq!((recognised.kind, recognised.certainty), (DataKind::Mri, Certainty::Certain));
+    assert_eq!(dicom("RTDOSE").kind(), DataKind::Generic);
+    assert_eq!(dicom("").kind(), DataKind::Mri);
 }
 
 #[test]

@@ -12,7 +12,7 @@ use glam::{DQuat, DVec3};
 
 use supervol_format::cast::whole;
 
-use crate::camera::unit_vector;
+use crate::camera::{Camera, unit_vector};
 use crate::facts::{DataKind, Frame, VolumeFacts};
 use crate::spec::CameraSpec;
 
@@ -275,6 +275,33 @@ impl Framed {
         });
         extents.sort_by(f64::total_cmp);
         extents
+    }
+
+    /// Rays along one edge of a pixel that do not miss this region: more than one if it is thinner than two pixels, yet
+    /// long. A region that is small in all directions is far away; it may vanish.
+    #[must_use]
+    pub fn subgrid_of_thin(&self, camera: &Camera) -> u32 {
+        /// Directions in the picture in which the width is measured, over half a turn.
+        const DIRECTIONS: u32 = 36;
+        /// Rays across the least width, most rays along the edge of a pixel, and least length in pixels.
+        const ACROSS: f64 = 2.0;
+        const MOST: f64 = 16.0;
+        const LONG: f64 = 16.0;
+        // At the region's nearest part: beside the camera, nothing is thin.
+        let reach = self.half_edges.iter().map(|edge| edge.length()).sum::<f64>();
+        let distance = |centre: &DVec3| (self.middle + *centre - camera.eye).length() - reach;
+        let nearest = self.centres.iter().map(distance).fold(f64::INFINITY, f64::min);
+        let pixel = camera.pixel_size_at(camera.eye + nearest.max(0.0) * camera.forward);
+        let width = |turn: u32| {
+            let (sin, cos) = (TAU * 0.5 * f64::from(turn) / f64::from(DIRECTIONS)).sin_cos();
+            let across = cos * camera.right + sin * camera.up;
+            let [one, other, ..] = self.greatest([across, -across, across, -across]);
+            (one + other) / pixel
+        };
+        let widths: Vec<f64> = (0..DIRECTIONS).map(width).collect();
+        let (least, longest) = widths.iter().fold((f64::INFINITY, 0.0f64), |(a, b), w| (a.min(*w), b.max(*w)));
+        let is_thin = least < 1.0 && longest >= LONG && longest.is_finite() && least > 0.0;
+        if is_thin { whole::<u32>((ACROSS / least).ceil().min(MOST)) } else { 1 }
     }
 
     /// Share of the boxes that lie behind others with a gap of at least `gap` in between. Lines of sight are parallel

@@ -118,6 +118,9 @@ impl DicomSource {
         if first.image.photometric == "MONOCHROME1" {
             notes.push("greater values are meant to be darker (MONOCHROME1); values are as stored".into());
         }
+        if !first.modality.is_empty() {
+            info.reading.push(("modality", first.modality.clone()));
+        }
         info.notes = notes;
         info.memory_bytes = (size_of::<Part>() as u64 + 512) * slices.len() as u64;
         info.folder = path.is_dir().then(|| path.into());
