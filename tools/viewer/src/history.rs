@@ -91,10 +91,15 @@ impl History {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use supervol_scene::scene::{CameraSpec, Mode};
 
     use super::*;
+
+    /// A camera 5 units in front of the origin, and x beside it.
+    pub(crate) fn camera(x: f64) -> CameraSpec {
+        CameraSpec { eye: [x, -5.0, 0.0], target: [0.0; 3], up: [0.0, 0.0, 1.0], fov_y: Some(30.0), height: None }
+    }
 
     #[test]
     fn edits_are_undone_one_by_one() {
@@ -123,13 +128,6 @@ mod tests {
 
     #[test]
     fn motions_of_the_camera_are_undone_and_quick_ones_together() {
-        let camera = |x: f64| CameraSpec {
-            eye: [x, -5.0, 0.0],
-            target: [0.0; 3],
-            up: [0.0, 0.0, 1.0],
-            fov_y: Some(30.0),
-            height: None,
-        };
         let mut scene = Scene { camera: Some(camera(0.0)), ..Scene::default() };
         let mut history = History::new(&scene);
         // Three notches of the wheel, a pause, a drag; then an edit and another motion.

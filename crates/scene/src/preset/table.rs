@@ -57,7 +57,7 @@ pub(super) fn planes(container: &Container, facts: &VolumeFacts) -> Result<Vec<P
     let matter = reader.values(reader.whole(), is_matter)?;
     let solid: Vec<bool> = matter.into_iter().map(|value| value > 0.0).collect();
     let grid = Grid { dims: reader.whole().extent(), level: levels[number] };
-    // Of patients on their belly, the table lies in front.
+    // The table lies in front of patients on their belly.
     Ok([back, -back]
         .into_iter()
         .map(|down| grid.planes(facts, &solid, down))

@@ -77,16 +77,10 @@ impl AnimationDialog {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::history::tests::camera;
 
     #[test]
     fn views_are_key_frames_that_begin_at_0() {
-        let camera = |x: f64| CameraSpec {
-            eye: [x, -5.0, 0.0],
-            target: [0.0; 3],
-            up: [0.0, 0.0, 1.0],
-            fov_y: Some(30.0),
-            height: None,
-        };
         let mut keys = KeyFrames::default();
         keys.add(&camera(0.0));
         assert!(keys.path().unwrap_err().contains("two views"));

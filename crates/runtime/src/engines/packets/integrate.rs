@@ -61,7 +61,7 @@ pub struct Passed<S: Simd> {
 }
 
 impl<S: Simd> Part<S> {
-    /// What the budget asks for.
+    /// The part as a budget counts it.
     #[inline(always)]
     pub fn passed(&self) -> Passed<S> {
         Passed { transmittance: self.transmittance, error: self.error }

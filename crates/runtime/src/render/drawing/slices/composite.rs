@@ -93,7 +93,7 @@ impl Composite {
         self.rays.get(ray).copied().unwrap_or(RaySum::NOTHING)
     }
 
-    /// What a part of a ray in a composited region shows, if other parts of the region still wait.
+    /// Part of a ray in a composited region, if other parts of the region still wait.
     pub(super) fn held(&self, sides: Sides, ray: usize) -> Option<Shown> {
         let (picture, errors) = self.held.get(&sides)?;
         Some(Shown::of_region(picture.pixels[ray], errors.as_ref().map_or(0.0, |errors| errors.pixels[ray][0])))
