@@ -20,7 +20,7 @@ struct WalkCase {
 struct WalkResult {
     // Sides of surfaces at u of a chord; number of Gauss pairs for shading.
     counts: vec4<u32>,
-    bins: vec4<f32>,
+    values: vec4<f32>,
     // A ray in a brick: parameter per voxel and leap margin; parameter of plane 0 and extent per unit of t.
     inverse: vec4<f32>,
     offset: vec4<f32>,
@@ -29,9 +29,10 @@ struct WalkResult {
     macro_cell: vec4<f32>,
     // (least, greatest) corner, the field at u, and the u at which it first changes sides (2 if it does not).
     field: vec4<f32>,
-    // The field of a cell of stored numbers, in bins and in render values.
+    // The field of a cell of stored numbers, as values of the pieces and in render values.
     stored: vec4<f32>,
     gradient: vec4<f32>,
+    cubic: vec4<f32>,
     normal: vec4<f32>,
     direction: vec4<f32>,
 }
@@ -61,19 +62,20 @@ fn test_walk(@builtin(global_invocation_id) id: vec3<u32>) {
     let gradient = ChordGradient(c.low, c.high, c.a_value, 1u);
     let cell = StoredCell(c.texel & vec4<u32>(0xffu), (c.texel >> vec4<u32>(8u)) & vec4<u32>(0xffu));
     let numbers = corners_of_stored(cell);
-    let in_bins = value_in(light_cell(cell, c.a_value.xyz, c.b_u.xyz), c.a_value.xyz);
+    let in_values = value_in(light_cell(cell, c.a_value.xyz, c.b_u.xyz), c.a_value.xyz);
     let change = min(first_change(view, c.a_value.w, c.present != 0u), 2.0);
     let pairs = shaded_pairs(gradient, 0.2 * u, u, local, c.a_value.w);
     walk_results[id.x] = WalkResult(
         vec4<u32>(sides_at(view, u), pairs, 0u, 0u),
-        bins_of(cell.near),
+        values_of(cell.near),
         vec4<f32>(ray.inverse, ray.margin),
         vec4<f32>(ray.offset, ray.extent_per_t),
         vec4<f32>(cell_at(ray, 40.0 * u), next_size(c.low.x, 20.0 * c.low.y * c.low.y, c.low.z > 0.5)),
         vec4<f32>(vec3<f32>(macro_cell_at(local, 40.0 * u)), 0.0),
         vec4<f32>(range, value_at(view, u), change),
-        vec4<f32>(in_bins, trilinear(numbers.low, numbers.high, c.a_value.xyz), 0.0, 0.0),
+        vec4<f32>(in_values, trilinear(numbers.low, numbers.high, c.a_value.xyz), 0.0, 0.0),
         vec4<f32>(gradient_at(gradient, u, local), 0.0),
+        vec4<f32>(cubic_of_gradient(gradient, local), 0.0),
         vec4<f32>(normal_at(gradient, u, local), 0.0),
         vec4<f32>(world_direction(local.level.direction), 0.0),
     );

@@ -5,12 +5,14 @@
 fn composite(rgba: vec4<f32>, state: ptr<function, RayState>) {
     (*state).color += (*state).transmittance * rgba.rgb;
     (*state).transmittance *= 1.0 - rgba.a;
+    (*state).weight *= 1.0 - rgba.a;
 }
 
 // Adds a surface.
 fn composite_surface(color: vec3<f32>, alpha: f32, state: ptr<function, RayState>) {
     (*state).color += (*state).transmittance * alpha * color;
     (*state).transmittance *= 1.0 - alpha;
+    (*state).weight *= 1.0 - alpha;
 }
 
 // One bit for each iso surface.

@@ -2,12 +2,8 @@
 
 // Texels of a row of a table.
 const TABLE_WIDTH: u32 = 1024u;
-// Bins of the transfer function: gpu/light_table.rs.
-const LIGHT_BINS: u32 = 4096u;
-// Texels of that table from a bin to the next one.
-const LIGHT_TEXELS: u32 = 4u;
-// Greatest root of a channel's share of the greatest channel.
-const GREATEST_ROOT: u32 = 65535u;
+// Texels of a piece of the transfer function: gpu/piece_table.rs.
+const PIECE_TEXELS: u32 = 12u;
 // Rays of one workgroup: one tile of 8 x 8 pixels.
 const WORKGROUP_RAYS: u32 = 64u;
 // The ray can continue at once: it stopped at the dispatch's limit.
@@ -76,7 +72,7 @@ const STEP_OF_BYTES: u32 = 3u;
 const STEP_OF_HALVES: u32 = 7u;
 // Floats: voxels from a texel to the next one along x.
 const STEP_OF_FLOATS: u32 = 3u;
-// Explained where Rust defines them: crates/format/src/brick.rs, crates/scene/src/scene/mod.rs, and in crates/runtime/src: lod/deviation.rs, engines/rules.rs, engines/blocks.rs, engines/cells/quadrature.rs, engines/gpu/limits.rs.
+// Explained where Rust defines them: crates/format/src/brick.rs, crates/scene/src/scene/mod.rs, and in crates/runtime/src: lod/deviation.rs, engines/rules.rs, engines/blocks.rs, engines/cells/quadrature.rs, engines/packets (blocks.rs, shade.rs, turn.rs, highlight.rs), engines/gpu/limits.rs.
 const APRON: i32 = 2;
 const MACRO_CELL: i32 = 8;
 const BLOCK: i32 = 4;
@@ -92,19 +88,6 @@ const PAIR_NORMAL_CHANGE: f32 = 0.085;
 const PAIR_NORMAL_DEPTH: f32 = 0.3;
 const MIN_WEIGHT: f32 = 1e-20;
 const ISO_LIMIT: u32 = 32u;
-const KINK_SHARE: f32 = 0.25;
-const BEND_SHARE: f32 = 0.05;
-const STEEP_SHARE: f32 = 0.16666667;
-const STEEP_FALL: f32 = 0.116666675;
-const COLOR_SHARE: f32 = 0.15;
-const CUT_SHARE: f32 = 0.25;
-const TURN_SHARE: f32 = 0.1;
-const HIGHLIGHT_SHARE: f32 = 0.006;
-const HIGHLIGHT_REACH: f32 = 0.5;
-const KINKED_BELOW: f32 = 2.0;
-const DEPARTURE_SHARE: f32 = 0.125;
-const GREATEST_TURN: f32 = 4.0;
-const BOW_SHARE: f32 = 0.25;
 const FAR: f32 = 1e30;
 const LEAP_MARGIN: f32 = 2e-5;
 const LEAST_PART: f32 = 6.1035156e-5;
@@ -118,11 +101,49 @@ const AVERAGE_OF_BUMP: f32 = 0.2567;
 const AVERAGE_OF_CUBIC: f32 = 0.03126;
 const GREATEST_OF_CUBIC: f32 = 0.05;
 const ORDER_SQUARE: f32 = 1.2;
-const OUT_OF_ORDER: f32 = 0.84;
-const ORDER_REST: f32 = 0.06;
-const UNEVEN_MISPLACED: f32 = 0.6;
-const FALL_MISPLACED: f32 = 0.03;
-const FALL_END: f32 = 0.1;
+const SQUARE_OF_BUMP: f32 = 0.08888889;
+const SQUARE_OF_CUBIC: f32 = 0.0011904762;
+const SWING_OF_BUMP: f32 = 0.06416;
+const SWING_OF_CUBIC: f32 = 0.015625;
+const ORDER_CUBE: f32 = 0.1;
+const MOST_OF_ORDER: f32 = 3.7;
+const SERIES_UP_TO: f32 = 1.0;
+const ORDER_OF_DEPTH: f32 = 1e-5;
+const ORDER_OF_TILT: f32 = 0.000165;
+const LEAST_TILT: f32 = 1.9;
+const OPAQUE_TILT: f32 = 4.0;
+const TILT_LIMIT: f32 = 4.0;
+const LEAN_SQUARE: f32 = 0.2;
+const SPREAD_SQUARE: f32 = 0.6;
+const OF_CURVE: f32 = 0.0081;
+const OF_CURVES: f32 = 0.0159;
+const OF_KINK: f32 = 0.0162;
+const OF_UNSETTLED_KINK: f32 = 0.0186;
+const OF_BENDS: f32 = 0.0313;
+const OF_ANY_BENDS: f32 = 0.0434;
+const MOMENT_OF_KINK: f32 = 0.00803;
+const OF_STEP: f32 = 0.125;
+const RESERVE_SHARE: f32 = 0.05;
+const PARTS_SHARE: f32 = 0.8;
+const ROUNDED_BELOW: f32 = 0.015625;
+const VALUE_ERROR: f32 = 5e-7;
+const EPSILON: f32 = 1.1920929e-7;
+const LEAST_NORMAL: f32 = 1.1754944e-38;
+const LEAST_LENGTH: f32 = 1.0842022e-19;
+const OVERSHOOT: f32 = 0.25;
+const OF_FIRST: f32 = 0.139;
+const TURN_SECOND: f32 = 1.15471;
+const TURN_THIRD: f32 = 3.0;
+const TURN_FOURTH: f32 = 9.8815;
+const KERNEL_AT_END: f32 = 4.340278e-5;
+const KERNEL_IN_MIDDLE: f32 = 0.00026041668;
+const OF_SECOND: f32 = 0.01235;
+const OF_THIRD: f32 = 0.016666668;
+const AWAY_OF_SQUARE: f32 = 0.0625;
+const AWAY_OF_CUBE: f32 = 0.094;
+const SMOOTH_FROM: f32 = 4.0;
+const LEAST_COSINE: f32 = 0.1;
+const VERTICAL: f32 = 1000000.0;
 const PER_OPACITY: array<f32, 7> = array<f32, 7>(0.0, 0.0009765625, 0.00390625, 0.015625, 0.0625, 0.25, 1.0);
 
 // Position of one cache texture's slots.
@@ -261,28 +282,46 @@ struct Config {
     wait_words: u32,
     // First word of the tiles of a run, behind the counts.
     tile_words: u32,
-    // Stored number from which bins of the transfer function are counted, before it is scaled.
+    // Stored number from which values of the transfer function's pieces are counted, before it is scaled.
     light_centre: f32,
-    // Bins per stored step.
+    // Such values per stored step.
     light_scale: f32,
-    // Bin of `light_centre`.
+    // The value of `light_centre`.
     light_offset: f32,
-    // Error of one cell, of colour or opacity times the transmittance in front; cells above it are cut into parts.
-    cell_error: f32,
-    // Unit of the antiderivatives' integers.
-    light_unit: f32,
-    // Greatest channel: extinction per unit distance, or that times a colour.
-    light_most: f32,
+    // Error that a cell may spend per opacity: see engines/packets/budget.rs.
+    by_opacity: f32,
+    // Reserve of a ray, for cells that need more.
+    reserve: f32,
+    // Texel of the first piece, behind those of the search.
+    first_piece: u32,
+    // Pieces from one knot to the next in the first texel of the search: a power of 4.
+    search_step: u32,
+    // Width of an interval of values below which the mean is that of its ends.
+    narrow: f32,
+    // Bound on the error of a difference of antiderivatives.
+    rounded_difference: f32,
+    // Greatest change of slope per value in any piece.
+    greatest_bend: f32,
+    // Bounds on what roundings take from a difference of sums of bends.
+    rounded_bends: f32,
+    // And of those at knots alone.
+    rounded_kinks: f32,
     // Opacity of a part, times the transmittance in front; parts below it are not shaded.
     least_shaded: f32,
     // Intensity of all lights.
     light_sum: f32,
     // Gauss pairs, relative to the number for half a grey level.
     pair_share: f32,
+    // Half the shininess, if it is an integer for which products are used; else 0.
+    whole_half: u32,
     // Zero.
     padding_0: u32,
     // Zero.
     padding_1: u32,
+    // Zero.
+    padding_2: u32,
+    // Greatest brackets of a highlight: see engines/packets/highlight.rs.
+    brackets: vec4<f32>,
     // The cache textures.
     grids: array<SlotGrid, 4>,
 }
@@ -391,7 +430,7 @@ struct Scene {
     job: Dispatch,
 }
 
-// State of a ray between dispatches: 48 bytes. Its path follows from its pixel and is not stored.
+// State of a ray between dispatches: 64 bytes. Its path follows from its pixel and is not stored.
 struct RayState {
     // Premultiplied colour. Modes mip and minip: the extreme so far in x; mode mean: the integral of the value.
     color: vec3<f32>,
@@ -413,6 +452,14 @@ struct RayState {
     sides: u32,
     // Mode iso: one bit for each surface that was crossed already: only first crossings count.
     crossed: u32,
+    // Mode dvr: rest of the reserve of the ray's budget of error.
+    left: f32,
+    // Mode dvr: upper bound on the share of the light behind that still passes.
+    weight: f32,
+    // Zero.
+    padding_0: u32,
+    // Zero.
+    padding_1: u32,
 }
 
 // Errors of a ray so far; 1 is white. Infinity is `FAR` here.

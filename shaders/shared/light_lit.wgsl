@@ -2,15 +2,17 @@
 
 // Shades a part of a cell.
 fn lit_part(
-    slot: Slot, local: LocalRay, s: Stretch, part: LightPart, walk: ptr<function, LightWalk>) -> LightPart {
+    slot: Slot, local: LocalRay, s: Stretch, part: Part, walk: ptr<function, LightWalk>) -> Part {
     let gradient = gradient_of(slot, s.voxels, s.entry, s.way, walk);
     if (gradient.present == 0u) {
+        // The colour itself.
         return part;
     }
     let at = (*walk).at;
     let middle = gradient_at(gradient, at + 0.5 * s.size, local);
     let gradients = mat3x3<f32>(gradient_at(gradient, at, local), middle, gradient_at(gradient, s.end, local));
-    return shade_part(part, gradients, local.to_eye);
+    let cube = s.size * s.size * s.size;
+    return shade_part(part, gradients, cube * cubic_of_gradient(gradient, local), local.to_eye);
 }
 
 // Shaded colour of a surface at the end of a part of a cell.

@@ -16,6 +16,7 @@ fn meet_surface(slot: Slot, local: LocalRay, s: Stretch, walk: ptr<function, Lig
     let color = lit_surface(slot, local, s, iso.color, walk);
     (*walk).color += (*walk).transmittance * iso.alpha * color;
     (*walk).transmittance *= 1.0 - iso.alpha;
+    (*walk).weight *= 1.0 - iso.alpha;
     (*walk).next = 1.0;
     var left = (*walk).crossings;
     next_crossing((*walk).view, &left);

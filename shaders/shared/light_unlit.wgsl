@@ -1,7 +1,7 @@
 // Parts of rays without shading: the alternative to light_lit.wgsl.
 
 fn lit_part(
-    slot: Slot, local: LocalRay, s: Stretch, part: LightPart, walk: ptr<function, LightWalk>) -> LightPart {
+    slot: Slot, local: LocalRay, s: Stretch, part: Part, walk: ptr<function, LightWalk>) -> Part {
     return part;
 }
 

@@ -15,16 +15,24 @@ const ROUND: u32 = 8u;
 const_assert ROUND > 2u;
 // Most cells that one line covers.
 const LONGEST_SPAN: f32 = 4.0;
-// Error, in tolerances of a cell, up to which the next span has twice as many cells. In a smooth field, doubling
+// Error, in parts of what a span may spend, up to which the next span has twice as many cells. In a smooth field, doubling
 // increases the error eightfold.
 const EASY_SPAN: f32 = 0.1;
-// Error, in tolerances of a cell, up to which a span is accepted. The same cells one by one would have a far smaller
-// error.
+// Error, in parts of what its cells may spend, up to which a span is accepted. The same cells one by one would have a far
+// smaller error.
 const SPAN_SHARE: f32 = 0.5;
+// Turns of loops that a part takes beside the lights: searches in the transfer function.
+const TURNS_OF_SEARCH: u32 = 8u;
+// Turns after which parts of a cell become no shorter than `ROUNDED_BELOW`. A ray is not interrupted inside a cell, and software
+// adapters end loops after some thousand turns.
+const TURNS_LIMIT: u32 = 4096u;
+// Share of the reserve that is never given up: a ray that cannot keep its error says so, and does not cut all of its cells as
+// finely as can be.
+const LEAST_LEFT: f32 = 0.015625;
 // A value that no voxel stores.
 const NO_NUMBER: u32 = 0xffffffffu;
 
-// The field of a cell, in bins. Corners with x = 0 in the order (y, z) = 00, 10, 01, 11, and the differences to x = 1.
+// The field of a cell, in values as the table counts them. Corners with x = 0 in the order (y, z) = 00, 10, 01, 11, and the differences to x = 1.
 struct LightCell {
     first: vec4<f32>,
     rise: vec4<f32>,
@@ -32,8 +40,8 @@ struct LightCell {
     is_present: bool,
 }
 
-// Stored numbers as bins; absent ones are 0.
-fn bins_of(bits: vec4<u32>) -> vec4<f32> {
+// Stored numbers as values; absent ones are 0.
+fn values_of(bits: vec4<u32>) -> vec4<f32> {
     var numbers = vec4<f32>(bits);
     if (has_flag(FLAG_FLOAT)) {
         numbers = bitcast<vec4<f32>>(select(bits, vec4<u32>(0u), is_absent(bits)));
@@ -83,8 +91,8 @@ fn corners_of_stored(cell: StoredCell) -> Corners {
 fn light_cell(cell: StoredCell, a: vec3<f32>, b: vec3<f32>) -> LightCell {
     let near = cell.near;
     let far = cell.far;
-    let first = bins_of(near);
-    let second = bins_of(far);
+    let first = values_of(near);
+    let second = values_of(far);
     if (!has_flag(FLAG_HOLES)) {
         return LightCell(first, second - first, true);
     }
@@ -110,6 +118,14 @@ fn value_in(cell: LightCell, p: vec3<f32>) -> f32 {
     return layers.x + p.z * (layers.y - layers.x);
 }
 
+// Least and greatest corner.
+fn range_in(cell: LightCell) -> vec2<f32> {
+    let last = cell.first + cell.rise;
+    let low = min(cell.first, last);
+    let high = max(cell.first, last);
+    return vec2<f32>(min(min(low.x, low.y), min(low.z, low.w)), max(max(high.x, high.y), max(high.z, high.w)));
+}
+
 // Coefficient of xyz in the trilinear field.
 fn twist_of(cell: LightCell) -> f32 {
     return (cell.rise.w - cell.rise.z) - (cell.rise.y - cell.rise.x);
@@ -125,7 +141,7 @@ struct LightRay {
     // 1 if the ray ascends, else 0: offset from the cell to the plane ahead. And the step: 1 or -1.
     ahead: vec3<f32>,
     step: vec3<f32>,
-    // Unit distances per unit of t.
+    // World length per unit of t.
     extent_per_t: f32,
     // Distance in t by which a leap goes beyond a face.
     margin: f32,
@@ -139,9 +155,8 @@ fn light_ray(ray: LocalRay, leave: f32) -> LightRay {
     let inverse = select(vec3<f32>(0.0), 1.0 / select(vec3<f32>(1.0), d, moves), moves);
     let offset = select(vec3<f32>(FAR), -ray.origin * inverse, moves);
     let ahead = vec3<f32>(d > vec3<f32>(0.0));
-    let extent_per_t = ray.level.length * config.inverse_unit_distance;
     let margin = LEAP_MARGIN / max(max(abs(d.x), abs(d.y)), abs(d.z));
-    return LightRay(ray.origin, d, inverse, offset, ahead, 2.0 * ahead - 1.0, extent_per_t, margin, leave);
+    return LightRay(ray.origin, d, inverse, offset, ahead, 2.0 * ahead - 1.0, ray.level.length, margin, leave);
 }
 
 // Progress of a ray in a brick, and its accumulated result.
@@ -154,6 +169,16 @@ struct LightWalk {
     // Finished share of the cell, and length of the next part in cells; 1 or more means whole cells.
     at: f32,
     next: f32,
+    // Budget of error (engines/packets/budget.rs): the rest of the reserve, and an upper bound on the light from behind that passes
+    // to the eye.
+    left: f32,
+    weight: f32,
+    // What the cell may spend by its opacity, and of the reserve; whether both are known.
+    allowed: vec2<f32>,
+    has_allowance: bool,
+    // What its finished parts have spent, and the turns that all tried ones took.
+    spent: f32,
+    turns: u32,
     // Most cells of a span in this round.
     longest: f32,
     // Gradient along the chord of the current cell, fetched on demand and reused for all its parts.
@@ -216,7 +241,7 @@ fn leap_on(slot: Slot, ray: LightRay, walk: ptr<function, LightWalk>, state: ptr
 
 // The part of a ray that one iteration integrates: a part of a cell, or consecutive whole cells.
 struct Stretch {
-    line: LightLine,
+    line: Line,
     cells: f32,
     // False if an absent voxel has weight on the stretch.
     is_present: bool,
@@ -264,7 +289,16 @@ fn next_stretch(slot: Slot, ray: LightRay, walk: ptr<function, LightWalk>, state
         );
         let part_way = s.size * s.way;
         let cubic = twist_of(field) * part_way.x * part_way.y * part_way.z;
-        s.line = line_over(s.line, line_of(LightChord(values, cubic, length * ray.extent_per_t * s.size)));
+        let range = range_in(field);
+        let wide = range.y - range.x;
+        let noise = VALUE_ERROR * max(abs(range.x), abs(range.y)) + (3.0 * POSITION_ERROR) * wide;
+        let bounds = range + vec2<f32>(-1.0, 1.0) * (OVERSHOOT * wide + noise);
+        let line = line_of(LightChord(values, cubic, length * ray.extent_per_t * s.size, noise, bounds));
+        if (s.cells == 0.0) {
+            s.line = line;
+        } else {
+            s.line = line_over(s.line, line);
+        }
         s.is_present = s.is_present && field.is_present;
         s.cells += 1.0;
         if (s.cells >= (*walk).next || s.leave >= ray.leave) {
@@ -285,31 +319,55 @@ fn try_part(
     let at = (*walk).at;
     let s = next_stretch(slot, ray, walk, state);
     let is_span = s.cells > 1.0;
-    var part = integrate_line(s.line, select(0.0, disorder_of(s.line), is_span));
-    if (!s.is_present) {
-        part = no_part();
+    var part = no_part();
+    if (s.is_present) {
+        part = integrate_line(s.line);
     }
     samples += 2u;
-    let is_lit = has_flag(FLAG_SHADED) && (1.0 - part.transmittance) * (*walk).transmittance > config.least_shaded;
+    let weight = (*walk).weight;
+    let opacity = 1.0 - part.transmittance;
+    if (is_span || !(*walk).has_allowance) {
+        (*walk).allowed = allowed_of(part, s.cells, walk);
+        (*walk).has_allowance = !is_span;
+    }
+    let most = (*walk).allowed.x + (*walk).allowed.y;
+    let is_lit_once = has_flag(FLAG_SHADED) && (opacity + part.error) * weight > min(config.least_shaded, most);
+    let is_lit = is_lit_once || (has_flag(FLAG_SHADED) && s.size < 1.0);
     if (is_lit && !is_span) {
         part = lit_part(slot, local, s, part, walk);
+    } else if (has_flag(FLAG_SHADED)) {
+        // The light of a part that is not shaded may be anything.
+        part.error += opacity;
     }
 
-    let ratio = part.error * (*walk).transmittance / config.cell_error;
-    let is_settled = ratio <= select(max(s.size, LEAST_SHARE), SPAN_SHARE, is_span) || s.size <= SHORTEST;
+    let is_whole = s.size == 1.0;
+    let spent = part.error * weight;
+    // Parts of a cell get a part of what is left of the cell's allowance.
+    let unused = max(PARTS_SHARE * most - (*walk).spent, 0.0);
+    // Where the shortest part has taken all of it, others still get their share: what is too much is stated, and taken from others.
+    let of_parts = max(unused * max(s.size / max(1.0 - at, LEAST_PART), LEAST_SHARE), PARTS_SHARE * most * s.size);
+    let limit = select(select(of_parts, most, is_whole), SPAN_SHARE * most, is_span);
+    // Shorter parts are rounded as much; and there is an end to all tries. The last part of a cell may be a little longer.
+    (*walk).turns += turns_of_try();
+    let is_last_try = (*walk).turns > TURNS_LIMIT;
+    let is_in_vain = 2.0 * part.rounding > part.error || is_last_try;
+    let is_settled = spent <= limit || s.size <= SHORTEST || (is_in_vain && s.size <= 2.0 * ROUNDED_BELOW);
     // Three positions do not settle the shading of several cells, and a span with absent voxels must be split.
     let is_taken = is_settled && !(is_span && (is_lit || !s.is_present));
-    let is_whole = s.size == 1.0;
-    let grows = is_taken && s.is_present && !is_lit && ratio <= EASY_SPAN && !has_flag(FLAG_SURFACES);
+    let ratio = min(spent / max(limit, TINY), FAR);
+    let grows = is_taken && s.is_present && !is_lit && spent <= EASY_SPAN * most && !has_flag(FLAG_SURFACES);
     let cells_next = select(1.0, min(2.0 * s.cells, (*walk).longest), grows);
     (*walk).longest = select((*walk).longest, 1.0, is_span && !is_taken);
-    (*walk).next = select(next_size(s.size, ratio, is_taken), cells_next, is_whole && (is_taken || is_span));
+    let size_next = select(next_size(s.size, ratio, is_taken), ROUNDED_BELOW, is_last_try);
+    (*walk).next = select(size_next, cells_next, is_whole && (is_taken || is_span));
     if (is_taken) {
         if (has_flag(FLAG_ERRORS)) {
-            ray_errors.cells += (part.error + part.fit) * (*walk).transmittance;
+            ray_errors.cells += spent;
         }
         (*walk).color += (*walk).transmittance * part.color;
         (*walk).transmittance *= part.transmittance;
+        (*walk).weight = behind_part(weight, part);
+        (*walk).spent += spent;
         (*walk).at = s.end;
     }
     let is_met = has_flag(FLAG_SURFACES) && (*walk).at >= (*walk).crossings.u;
@@ -323,19 +381,38 @@ fn try_part(
         (*walk).next = select(1.0, (*walk).next, is_whole);
         (*walk).has_gradient = false;
         (*walk).has_crossings = false;
+        (*walk).left -= max((*walk).spent - (*walk).allowed.x, 0.0);
+        (*walk).spent = 0.0;
+        (*walk).turns = 0u;
+        (*walk).has_allowance = false;
         cells += u32(s.cells);
     }
 }
 
-// Length of the next part after a part of this size was accepted or refused; `ratio` is its error in tolerances of a
-// cell.
+// Turns of loops that a part takes.
+fn turns_of_try() -> u32 {
+    return TURNS_OF_SEARCH + 2u * config.light_count;
+}
+
+// What some cells together may spend, whose contribution is this part: by their opacity, and of the reserve.
+fn allowed_of(part: Part, count: f32, walk: ptr<function, LightWalk>) -> vec2<f32> {
+    let opacity = max(1.0 - part.transmittance - part.error, 0.0);
+    return vec2<f32>(config.by_opacity * opacity * (*walk).weight, max((*walk).left, LEAST_LEFT * config.reserve) * (RESERVE_SHARE * count));
+}
+
+// Upper bound on the light from behind a part that passes to the eye.
+fn behind_part(weight: f32, part: Part) -> f32 {
+    let through = select(1.0, min(part.transmittance + part.error, 1.0), part.error < 1.0);
+    return max(weight * through, config.transmittance_limit);
+}
+
+// Length of the next part after a part of this size was accepted or refused; `ratio` is its error in parts of what it may spend.
 fn next_size(size: f32, ratio: f32, is_taken: bool) -> f32 {
-    let allowed = max(size, LEAST_SHARE);
     // The error of a whole cell decreases with the square of the number of parts.
     let root = sqrt(min(ratio, PARTS_LIMIT * PARTS_LIMIT));
     let parts = clamp(floor(PARTS_PER_ROOT * root) + 1.0, 2.0, PARTS_LIMIT);
-    let shorter = select(select(0.5, 0.25, ratio > allowed * HARD), 1.0 / parts, size == 1.0);
-    let longer = select(1.0, 2.0, ratio < allowed * EASY);
+    let shorter = select(select(0.5, 0.25, ratio > HARD), 1.0 / parts, size == 1.0);
+    let longer = select(1.0, 2.0, ratio < EASY);
     return max(size * select(shorter, longer, is_taken), LEAST_PART);
 }
 
@@ -348,6 +425,8 @@ fn cast_brick_light(slot: Slot, local: LocalRay, leave: f32, state: ptr<function
     walk.transmittance = (*state).transmittance;
     walk.color = (*state).color;
     walk.next = 1.0;
+    walk.left = (*state).left;
+    walk.weight = (*state).weight;
     if (begin < leave) {
         loop {
             leap_on(slot, ray, &walk, state);
@@ -358,14 +437,18 @@ fn cast_brick_light(slot: Slot, local: LocalRay, leave: f32, state: ptr<function
             walk.next = select(walk.next, 1.0, begins);
             walk.longest = select(walk.longest, LONGEST_SPAN, begins);
             macro_cells += 1u;
-            work += ROUND;
+            work += ROUND * turns_of_try() / TURNS_OF_SEARCH;
             var turns = 0u;
             var goes_on = true;
+            var is_round_over = false;
             loop {
+                let was_in_cell = is_in_cell(&walk);
                 try_part(slot, local, ray, &walk, state);
+                // A round ends behind a cell in parts: there are few places between two cells where a ray can stop.
+                is_round_over = was_in_cell && !is_in_cell(&walk);
                 goes_on = walk.t < leave && walk.transmittance > config.transmittance_limit;
                 turns += 1u;
-                if (!goes_on || turns >= ROUND) {
+                if (!goes_on || turns >= ROUND || is_round_over) {
                     break;
                 }
             }
@@ -377,4 +460,6 @@ fn cast_brick_light(slot: Slot, local: LocalRay, leave: f32, state: ptr<function
     (*state).t = walk.t;
     (*state).transmittance = walk.transmittance;
     (*state).color = walk.color;
+    (*state).left = walk.left;
+    (*state).weight = walk.weight;
 }

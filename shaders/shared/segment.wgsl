@@ -64,6 +64,8 @@ fn begin_ray(pixel: vec2<u32>) -> RayState {
     var state: RayState;
     state.color.x = scene.view.first_value;
     state.transmittance = 1.0;
+    state.left = config.reserve;
+    state.weight = 1.0;
     state.status = STATUS_DONE;
     if (pixel.x >= scene.view.width || pixel.y >= scene.view.height || scene.view.in_parts != 0u) {
         return state;

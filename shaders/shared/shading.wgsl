@@ -84,6 +84,12 @@ fn gradient_at(gradient: ChordGradient, u: f32, ray: LocalRay) -> vec3<f32> {
     return matrix * (index * ray.gradient_scale);
 }
 
+// Coefficient of the third power of the world-space gradient along the chord.
+fn cubic_of_gradient(gradient: ChordGradient, ray: LocalRay) -> vec3<f32> {
+    let matrix = mat3x3<f32>(config.gradient_x, config.gradient_y, config.gradient_z);
+    return matrix * (vec3<f32>(gradient.x.w, gradient.y.w, gradient.z.w) * ray.gradient_scale);
+}
+
 fn normal_at(gradient: ChordGradient, u: f32, ray: LocalRay) -> vec3<f32> {
     let g = gradient_at(gradient, u, ray);
     return g / max(length(g), TINY);

@@ -1,7 +1,7 @@
 // Frequently fetched tables and voxels as sampled textures, which GPUs read through larger caches than storage
 // textures. The alternative is texels_stored.wgsl.
 
-// Table of extinction and emission by bins (light.wgsl).
+// The transfer function in pieces (pieces.wgsl).
 @group(0) @binding(4) var light_table: texture_2d<u32>;
 
 // Stored voxels of slots: integers biased to unsigned, floats as their bits. Unused textures hold one texel.

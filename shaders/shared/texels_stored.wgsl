@@ -1,7 +1,7 @@
 // Frequently fetched tables and voxels as storage textures. They have no levels of detail, whose addresses software
 // adapters compute at every fetch. The alternative is texels_sampled.wgsl.
 
-// Table of extinction and emission by bins (light.wgsl).
+// The transfer function in pieces (pieces.wgsl).
 @group(0) @binding(4) var light_table: texture_storage_2d<rgba32uint, read>;
 
 // Stored voxels of slots: integers biased to unsigned, floats as their bits. Unused textures hold one texel.

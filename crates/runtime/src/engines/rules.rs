@@ -30,15 +30,6 @@ const LEAST_RESERVE: f64 = 0.1;
 pub const END_SHARE: f64 = 0.15;
 /// Share of E that extinction, in parts of itself, may be off by: the fit of the transfer function's pieces; emission as much.
 pub const FIT_SHARE: f64 = 0.05;
-/// Share of E that one cell may be off by: errors have either sign, and few cells of a ray are near it. A share of 0.42 saved
-/// 1 to 5 % of the time and cost the margin (006).
-const DEVICE_CELL_SHARE: f64 = 0.28;
-/// Greatest E of which a cell gets the full share. Of greater ones, fewer cells are cut into parts whose error falls far below
-/// it, and more cells of a ray are near it.
-const FULL_SHARE_UP_TO: f64 = 0.5 / 255.0;
-/// Power of E with which the share falls beyond. With it, charted pictures are at most 0.69 levels off where 1 is asked for,
-/// and 5.5 where 8 is (006).
-const FALL_OF_SHARE: f64 = 1.0 / 6.0;
 /// Share of E that a cell's light may be, and not be shaded: 2,000 such cells in a row make E.
 pub const LEAST_SHADED_SHARE: f64 = 5e-4;
 /// Roundings of colour and of optical depth in a cell.
@@ -47,12 +38,6 @@ const ROUNDINGS: f64 = 4.0;
 const HALF_EPSILON: f64 = 0.5 * f32::EPSILON as f64;
 /// Error below which tables and `f32` of the GPU do not let roots and pairs of Gauss come, whatever E is.
 pub const LEAST_AIMED: f64 = 0.25 / 255.0;
-
-/// Error that one cell may have.
-#[must_use]
-pub fn cell_error(max_error: f64) -> f64 {
-    DEVICE_CELL_SHARE * max_error * (FULL_SHARE_UP_TO / max_error).min(1.0).powf(FALL_OF_SHARE)
-}
 
 /// Error that those cells of a ray of packets may have together which need more than [`BY_OPACITY`] gives them: what the other terms
 /// leave of E. `core`: see [`rounding_error`].
@@ -123,17 +108,12 @@ pub const SWING_OF_CUBIC: f32 = 1.0 / 64.0;
 /// Greatest distance of a cubic's odd part, in parts of its coefficient: 0.0481, rounded up.
 pub const GREATEST_OF_CUBIC: f32 = 0.05;
 /// Coefficient of the squared depth in `R(tau) ~ 1 / (12 + 6 tau + 1.2 tau^2 + 0.1 tau^3)`, and of its cube: the series of the exact
-/// rational of exponentials. Without the cube, as on the GPU, R is within 6 % of it up to tau = 3.
+/// rational of exponentials.
 pub const ORDER_SQUARE: f32 = 1.2;
 /// See [`ORDER_SQUARE`].
 pub const ORDER_CUBE: f32 = 0.1;
 /// Greatest effect of order on two colours that differ by 1: it is below `tau^2 / (8 + MOST_OF_ORDER tau + tau^2)`, by up to 3 %.
 pub const MOST_OF_ORDER: f32 = 3.7;
-/// Error by order, in parts of `opacity tau / (4 + tau)`, of colours that differ by 1 and may come in any order. The closed form
-/// of the most that order can do, `(1 - exp(-tau / 2))^2 / 2`, takes 0.77.
-pub const OUT_OF_ORDER: f32 = 0.84;
-/// The same of colours that turn evenly: R is off by 6 %.
-pub const ORDER_REST: f32 = 0.06;
 /// Depth up to which R goes by that series: beyond, the rational loses nothing by rounding.
 pub const SERIES_UP_TO: f32 = 1.0;
 /// Error of R, in parts of the opacity and the cubed depth: 9.92e-6, rounded up.
@@ -170,13 +150,6 @@ pub const OF_ANY_BENDS: f32 = 0.0434;
 pub const MOMENT_OF_KINK: f32 = 0.00803;
 /// In parts of the height of a step, where the line's moment is that of the density's ends: 1/8.
 pub const OF_STEP: f32 = 0.125;
-/// Share of a part by which light may be misplaced whose extinction is uneven. Tests of stated errors hold with it, on random
-/// chords (`stated_errors_are_errors` of both backends).
-pub const UNEVEN_MISPLACED: f32 = 0.6;
-/// Share by which light is misplaced since it falls off exponentially, not evenly: in parts of the squared depth, of thin parts.
-pub const FALL_MISPLACED: f32 = 0.03;
-/// Share of the squared depth by which that grows no more: in opaque parts it is `FALL_MISPLACED / FALL_END`, 0.3.
-pub const FALL_END: f32 = 0.1;
 
 // Refinement: cells cut into parts (006, "What 6,000 scenes showed").
 
@@ -209,39 +182,6 @@ pub const EXACT_FROM: f32 = 1.001;
 /// would make the rest certain too. 0.6 left a seventh to a third fewer cells to refinement, in the same time.
 pub const REST_SHARE: f32 = 0.25;
 
-// Light on the GPU: see `gpu::shader_light`.
-
-/// Share of f's second difference that its mean may be off by where f may have a kink: 1/6 at the worst place.
-pub const KINK_SHARE: f32 = 0.25;
-/// The same where f is smooth: 1/50 and less, and the turn of the normal has an error of its own.
-pub const BEND_SHARE: f32 = 0.05;
-/// The same where the gradient nearly vanishes at one of the three places: nearly all of the turn may lie close to it. For a gradient
-/// that varies evenly down to a share r of its length, what is missed of `r / length` is a share of less than `1/6 - r`.
-pub const STEEP_SHARE: f32 = 1.0 / 6.0;
-/// Share of its length to which the gradient must fall for that.
-pub const STEEP_FALL: f32 = STEEP_SHARE - BEND_SHARE;
-/// Share of f's range that its mean may be off by, for a colour that varies by 1.
-pub const COLOR_SHARE: f32 = 0.15;
-/// Share of colours' range that their mean may be off by where some are cut off at 1: see `gpu::shader_light`.
-pub const CUT_SHARE: f32 = 0.25;
-/// Share of the diffuse light that its mean may be off by, for a normal that turns by one radian; falls with the square.
-pub const TURN_SHARE: f32 = 0.1;
-/// Share of the highlights that their mean may be off by, where the square of the turn is the shininess's inverse: that is
-/// how wide a highlight is. Falls with the fourth power.
-pub const HIGHLIGHT_SHARE: f32 = 0.006;
-/// What |n.h| may be between two places more than at either of them, over the distance of their normals.
-pub const HIGHLIGHT_REACH: f32 = 0.5;
-/// Share of the second difference of gradients by which the gradient may leave the line between two places: 1/8 of a quadratic's,
-/// twice as much since it is a cubic.
-pub const BOW_SHARE: f32 = 0.25;
-/// Shininess below which a highlight has a kink where the normal stands across its direction: it is `|n.h|` to this power.
-pub const KINKED_BELOW: f32 = 2.0;
-/// Share of the second difference of gradients by which the gradient leaves the line between two places in the middle: of a quadratic. What
-/// it may turn by there and back again, the three places do not see.
-pub const DEPARTURE_SHARE: f32 = 1.0 / 8.0;
-/// Greatest square of a turn: there and back.
-pub const GREATEST_TURN: f32 = 4.0;
-
 // Gauss pairs between roots: the cell caster, and shaders where the transfer function has steps.
 
 /// Change of opacity and colour that one Gauss pair may bridge; the error falls with the fourth power of their number.
@@ -262,7 +202,8 @@ pub const MIN_WEIGHT: f32 = 1e-20;
 /// over in a small share of it.
 pub const PART_NORMAL_CHANGE: f32 = 1.0;
 
-// Tables of the transfer function on the GPU (017).
+// Pieces of the transfer function on the GPU.
 
-/// Share of the greatest channel by which a channel may change within a bin; where one changes by more, roots find the step.
+/// Share of the greatest channel by which a channel may change within 1/4096 of the function's width; where one changes by more, roots
+/// find the step.
 pub const STEEPEST_BIN: f64 = 1.0 / 8.0;

@@ -17,7 +17,7 @@ use supervol_runtime::engines::gpu::layout::{
     Dispatch, PAGE_FAILED, PAGE_MISSING, PAGE_REFINE, PAGE_RESIDENT, PAGE_UNIFORM, STATUS_ACTIVE, Scene as GpuScene,
     SlotGrid, View,
 };
-use supervol_runtime::engines::gpu::light_table::LightTable;
+use supervol_runtime::engines::gpu::piece_table::PieceTable;
 use supervol_runtime::engines::gpu::rays::{RayGrid, ViewLines};
 use supervol_runtime::engines::gpu::scene_tables::{Exactness, FeedbackPlaces, GpuVolume};
 use supervol_runtime::engines::gpu::texels::VoxelStorage;
@@ -287,7 +287,7 @@ fn gpu_results(
     let grids = [SlotGrid { slots: [1; 3], first: 0 }, unused, unused, unused];
     let volume = setting.volume();
     let places = FeedbackPlaces { grids, slots: 1, entries: 1 };
-    let light = LightTable::new(&setting.scene.transfer_function, setting.map.shift, 1e-3);
+    let light = PieceTable::new(&setting.scene.transfer_function, setting.map.shift, 0.01);
     let exactness = Exactness { skipping: Skipping::On, max_error: 0.5 / 255.0, sums_errors: false };
     let mut config =
         scene_tables::config(&volume, &setting.scene, &tf, &light, exactness, places).expect("a configuration");

@@ -42,6 +42,9 @@ const WITHOUT_TWIN: [(&str, &[&str]); 6] = [
             "try_part",
             "is_in_cell",
             "lit_part",
+            "allowed_of",
+            "behind_part",
+            "turns_of_try",
             "lit_surface",
             "gradient_of",
             "note_levels",
@@ -82,7 +85,7 @@ const WITHOUT_TWIN: [(&str, &[&str]); 6] = [
 ];
 
 /// Compared functions whose twins have another name in Rust, and the place of the comparison.
-const OTHER_NAMES: [(&str, &[&str]); 4] = [
+const OTHER_NAMES: [(&str, &[&str]); 5] = [
     (
         "gpu_places: rays, bricks and pages from the camera and the pyramid, in `f64`",
         &[
@@ -99,6 +102,7 @@ const OTHER_NAMES: [(&str, &[&str]); 4] = [
     ("gpu_places: `scalar::shade::ChordGradient`, from voxels of a picture", &["chord_gradient"]),
     ("gpu_errors: `RayDeviation::note_greatest` and `note_least`, in one", &["note_extreme"]),
     ("gpu_walk_twins: `cubic_of_cell` and `monotone_intervals`, put together", &["cell_view"]),
+    ("gpu_twins: `range_of_corners`", &["range_in"]),
 ];
 
 /// The functions of a module, by name, with the names of their callees; `""` is its entry point.

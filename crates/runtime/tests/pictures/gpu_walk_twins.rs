@@ -9,16 +9,15 @@ use supervol_runtime::engines::cells::cell::{cubic_of_cell, monotone_intervals, 
 use supervol_runtime::engines::cells::shade::Lighting;
 use supervol_runtime::engines::gpu::cache::slot_at;
 use supervol_runtime::engines::gpu::layout::{Dispatch, FLAG_ABSENT, FLAG_SURFACES, Scene as GpuScene, SlotGrid, View};
-use supervol_runtime::engines::gpu::light::value_in;
-use supervol_runtime::engines::gpu::light_table::LightTable;
+use supervol_runtime::engines::gpu::piece_table::PieceTable;
 use supervol_runtime::engines::gpu::rays::RayGrid;
 use supervol_runtime::engines::gpu::scene_tables::{Exactness, FeedbackPlaces, slot_edge};
 use supervol_runtime::engines::gpu::texels::VoxelStorage;
 use supervol_runtime::engines::gpu::twins::{
-    PartVerdict, ValueSide, all_surfaces, bins_of, bytes_of_square, cell_at, corners_of_stored, first_change,
+    PartVerdict, ValueSide, all_surfaces, bytes_of_square, cell_at, corners_of_stored, cubic_of_gradient, first_change,
     gradient_at, halves_of_pair, is_absent, light_cell, light_ray, macro_cell_at, macro_place, meets_surfaces,
-    next_size, normal_at, range_of_corners, rebase, segment_end, shaded_pairs, sides_at, sides_of, value_at,
-    world_direction,
+    next_size, normal_at, range_of_corners, rebase, segment_end, shaded_pairs, sides_at, sides_of, value_at, value_in,
+    values_of, world_direction,
 };
 use supervol_runtime::engines::gpu::{scene_tables, shaders};
 use supervol_runtime::stream::classify::Skipping;
@@ -86,7 +85,7 @@ struct Marks {
 struct Found {
     /// Checked by [`check_counts`].
     counts: [u32; 4],
-    bins: [f32; 4],
+    values: [f32; 4],
     inverse: [f32; 4],
     offset: [f32; 4],
     cell: [f32; 4],
@@ -94,6 +93,7 @@ struct Found {
     field: [f32; 4],
     stored: [f32; 4],
     gradient: [f32; 4],
+    cubic: [f32; 4],
     normal: [f32; 4],
     direction: [f32; 4],
 }
@@ -175,23 +175,24 @@ fn expected(case: &Case, setting: &Setting) -> Found {
     let with = |v: [f32; 3], w: f32| [v[0], v[1], v[2], w];
     Found {
         counts: [0; 4],
-        bins: bins_of(config, near),
+        values: values_of(config, near),
         inverse: with(inverse, margin),
-        offset: with(offset, (1.0 + u) * config.inverse_unit_distance),
+        offset: with(offset, 1.0 + u),
         cell: with(cell_at(CORE, origin, direction, 40.0 * u), next),
         macro_cell: with(macro_cell_at(origin, direction, 40.0 * u), 0.0),
         field: [range[0], range[1], value_at(&cubic, range, f64::from(u)) as f32, change as f32],
         stored: [value_in(&light_cell(config, near, far), a), in_values, 0.0, 0.0],
         gradient: with(gradient.to_array(), 0.0),
+        cubic: with(cubic_of_case(case, lighting).to_array(), 0.0),
         normal: with(normal_at(gradient).to_array(), 0.0),
         direction: with(world_direction(Mat3::IDENTITY, Vec3::from_array(along)).to_array(), 0.0),
     }
 }
 
-/// The greatest bin of the corners of a cell of stored numbers, at least 1.
-fn greatest_bin(case: &Case, Setting { scene: GpuScene { config, .. }, .. }: &Setting) -> f32 {
-    let bins = [0, 8].map(|shift| bins_of(config, case.texel.map(|word| word >> shift & 0xff)));
-    bins.into_iter().flatten().fold(1.0, |most, bin| most.max(bin.abs()))
+/// The greatest value of the corners of a cell of stored numbers, at least 1.
+fn greatest_value(case: &Case, Setting { scene: GpuScene { config, .. }, .. }: &Setting) -> f32 {
+    let values = [0, 8].map(|shift| values_of(config, case.texel.map(|word| word >> shift & 0xff)));
+    values.into_iter().flatten().fold(1.0, |most, value| most.max(value.abs()))
 }
 
 /// The field along the chord in the cell, and the range of its corners.
@@ -210,6 +211,11 @@ fn gradient_of(case: &Case, lighting: &Lighting, u: f32) -> Vec3 {
     gradient_at(lighting.world_from_level_gradient([1; 3]), &[case.low, case.high, case.a_value], scale, u)
 }
 
+fn cubic_of_case(case: &Case, lighting: &Lighting) -> Vec3 {
+    let scale = Vec3::new(case.low[0], case.low[1], case.low[2]);
+    cubic_of_gradient(lighting.world_from_level_gradient([1; 3]), &[case.low, case.high, case.a_value], scale)
+}
+
 fn setting() -> Setting {
     let volume = TestVolume::new([41; 3], CORE, Geometry::IDENTITY, U8, marschner_lobb(41));
     let scene = volume.scene(
@@ -218,7 +224,7 @@ fn setting() -> Setting {
             "shading": {}}"#,
     );
     let tf = RenderTransferFunction::new(&scene.transfer_function, volume.map.shift);
-    let light = LightTable::new(&scene.transfer_function, volume.map.shift, 1e-3);
+    let light = PieceTable::new(&scene.transfer_function, volume.map.shift, 0.01);
     let shading = scene.shading.as_ref().expect("the scene is shaded");
     let lighting = Lighting::new(shading, &volume.geometry, volume.range.width());
     let exactness = Exactness { skipping: Skipping::On, max_error: 0.5 / 255.0, sums_errors: false };
@@ -255,7 +261,7 @@ fn rays_on_their_way_equal_their_twins() {
     let group_0 = [(0, Resource::Storage(bytemuck::bytes_of(&setting.scene)))];
     let cases = cases();
     let found: Vec<Found> = run(&gpu, shaders::TEST_WALK, &group_0, &cases);
-    let mut worst = [0.0f64; 9];
+    let mut worst = [0.0f64; 10];
     let (mut at_a_face, mut at_a_root) = (0, 0);
     for (case, found) in cases.iter().zip(&found) {
         let expected = expected(case, &setting);
@@ -267,19 +273,20 @@ fn rays_on_their_way_equal_their_twins() {
         at_a_root += usize::from((found.field[3] - expected.field[3]).abs() > 2e-3);
         let without_change = |[low, high, value, _]: [f32; 4]| [low, high, value, 0.0];
         let pairs = [
-            (found.bins, expected.bins, 1e-4),
+            (found.values, expected.values, 1e-4),
             (found.inverse, expected.inverse, 1e-6),
             (found.offset, expected.offset, 1e-6),
             ([found.cell[3]; 4], [expected.cell[3]; 4], 1e-6),
             (without_change(found.field), without_change(expected.field), 2e-6),
             (found.stored, expected.stored, 1e-5),
             (found.gradient, expected.gradient, 2e-5),
+            (found.cubic, expected.cubic, 2e-5),
             (found.normal, expected.normal, 2e-5),
             (found.direction, expected.direction, 1e-6),
         ];
         for (i, (f, e, tolerance)) in pairs.into_iter().enumerate() {
             // Interpolated numbers are as exact as the greatest of their inputs.
-            let least = if i == 5 { greatest_bin(case, &setting) } else { 1.0 };
+            let least = if i == 5 { greatest_value(case, &setting) } else { 1.0 };
             let off = f.iter().zip(e).map(|(f, e)| f64::from((f - e).abs() / e.abs().max(least)) / tolerance);
             let off = greatest(off);
             if off > 1.0 {

@@ -10,6 +10,7 @@ use supervol_format::cast::single;
 use super::limits;
 use crate::engines::cells::quadrature;
 use crate::engines::gpu::texels::VoxelStorage;
+use crate::engines::packets::{highlight, shade, turn};
 use crate::engines::rules;
 use crate::lod::deviation::PER_OPACITY;
 
@@ -112,12 +113,8 @@ const _: () = assert!(supervol_scene::scene::PLANE_LIMIT == 64);
 shared_constants! {
     /// Texels of a row of a table.
     TABLE_WIDTH = 1024;
-    /// Bins of the transfer function: gpu/light_table.rs.
-    LIGHT_BINS = 4096;
-    /// Texels of that table from a bin to the next one.
-    LIGHT_TEXELS = super::limits::LIGHT_TEXELS;
-    /// Greatest root of a channel's share of the greatest channel.
-    GREATEST_ROOT = super::limits::GREATEST_ROOT;
+    /// Texels of a piece of the transfer function: gpu/piece_table.rs.
+    PIECE_TEXELS = super::limits::PIECE_TEXELS;
     /// Rays of one workgroup: one tile of 8 x 8 pixels.
     WORKGROUP_RAYS = 64;
     /// The ray can continue at once: it stopped at the dispatch's limit.
@@ -335,28 +332,46 @@ shared_struct! {
         wait_words: u32,
         /// First word of the tiles of a run, behind the counts.
         tile_words: u32,
-        /// Stored number from which bins of the transfer function are counted, before it is scaled.
+        /// Stored number from which values of the transfer function's pieces are counted, before it is scaled.
         light_centre: f32,
-        /// Bins per stored step.
+        /// Such values per stored step.
         light_scale: f32,
-        /// Bin of `light_centre`.
+        /// The value of `light_centre`.
         light_offset: f32,
-        /// Error of one cell, of colour or opacity times the transmittance in front; cells above it are cut into parts.
-        cell_error: f32,
-        /// Unit of the antiderivatives' integers.
-        light_unit: f32,
-        /// Greatest channel: extinction per unit distance, or that times a colour.
-        light_most: f32,
+        /// Error that a cell may spend per opacity: see engines/packets/budget.rs.
+        by_opacity: f32,
+        /// Reserve of a ray, for cells that need more.
+        reserve: f32,
+        /// Texel of the first piece, behind those of the search.
+        first_piece: u32,
+        /// Pieces from one knot to the next in the first texel of the search: a power of 4.
+        search_step: u32,
+        /// Width of an interval of values below which the mean is that of its ends.
+        narrow: f32,
+        /// Bound on the error of a difference of antiderivatives.
+        rounded_difference: f32,
+        /// Greatest change of slope per value in any piece.
+        greatest_bend: f32,
+        /// Bounds on what roundings take from a difference of sums of bends.
+        rounded_bends: f32,
+        /// And of those at knots alone.
+        rounded_kinks: f32,
         /// Opacity of a part, times the transmittance in front; parts below it are not shaded.
         least_shaded: f32,
         /// Intensity of all lights.
         light_sum: f32,
         /// Gauss pairs, relative to the number for half a grey level.
         pair_share: f32,
+        /// Half the shininess, if it is an integer for which products are used; else 0.
+        whole_half: u32,
         /// Zero.
         padding_0: u32,
         /// Zero.
         padding_1: u32,
+        /// Zero.
+        padding_2: u32,
+        /// Greatest brackets of a highlight: see engines/packets/highlight.rs.
+        brackets: [f32; 4],
         /// The cache textures.
         grids: [SlotGrid; 4],
     }
@@ -481,7 +496,7 @@ shared_struct! {
 }
 
 shared_struct! {
-    /// State of a ray between dispatches: 48 bytes. Its path follows from its pixel and is not stored.
+    /// State of a ray between dispatches: 64 bytes. Its path follows from its pixel and is not stored.
     RayState {
         /// Premultiplied colour. Modes mip and minip: the extreme so far in x; mode mean: the integral of the value.
         color: [f32; 3],
@@ -503,6 +518,14 @@ shared_struct! {
         sides: u32,
         /// Mode iso: one bit for each surface that was crossed already: only first crossings count.
         crossed: u32,
+        /// Mode dvr: rest of the reserve of the ray's budget of error.
+        left: f32,
+        /// Mode dvr: upper bound on the share of the light behind that still passes.
+        weight: f32,
+        /// Zero.
+        padding_0: u32,
+        /// Zero.
+        padding_1: u32,
     }
 }
 
@@ -593,7 +616,7 @@ shared_struct! {
 }
 
 /// Constants that stand beside the Rust code they belong to: name, WGSL type, value.
-fn borrowed_constants() -> [(&'static str, &'static str, String); 47] {
+fn borrowed_constants() -> [(&'static str, &'static str, String); 72] {
     let (apron, macro_cell) = (supervol_format::brick::APRON, supervol_format::brick::MACRO_CELL);
     [
         ("APRON", "i32", apron.to_string()),
@@ -611,19 +634,6 @@ fn borrowed_constants() -> [(&'static str, &'static str, String); 47] {
         ("PAIR_NORMAL_DEPTH", "f32", format!("{:?}", rules::PAIR_NORMAL_DEPTH)),
         ("MIN_WEIGHT", "f32", format!("{:?}", rules::MIN_WEIGHT)),
         ("ISO_LIMIT", "u32", format!("{}u", supervol_scene::scene::ISO_LIMIT)),
-        ("KINK_SHARE", "f32", format!("{:?}", rules::KINK_SHARE)),
-        ("BEND_SHARE", "f32", format!("{:?}", rules::BEND_SHARE)),
-        ("STEEP_SHARE", "f32", format!("{:?}", rules::STEEP_SHARE)),
-        ("STEEP_FALL", "f32", format!("{:?}", rules::STEEP_FALL)),
-        ("COLOR_SHARE", "f32", format!("{:?}", rules::COLOR_SHARE)),
-        ("CUT_SHARE", "f32", format!("{:?}", rules::CUT_SHARE)),
-        ("TURN_SHARE", "f32", format!("{:?}", rules::TURN_SHARE)),
-        ("HIGHLIGHT_SHARE", "f32", format!("{:?}", rules::HIGHLIGHT_SHARE)),
-        ("HIGHLIGHT_REACH", "f32", format!("{:?}", rules::HIGHLIGHT_REACH)),
-        ("KINKED_BELOW", "f32", format!("{:?}", rules::KINKED_BELOW)),
-        ("DEPARTURE_SHARE", "f32", format!("{:?}", rules::DEPARTURE_SHARE)),
-        ("GREATEST_TURN", "f32", format!("{:?}", rules::GREATEST_TURN)),
-        ("BOW_SHARE", "f32", format!("{:?}", rules::BOW_SHARE)),
         ("FAR", "f32", format!("{:?}", limits::FAR)),
         ("LEAP_MARGIN", "f32", format!("{:?}", limits::LEAP_MARGIN)),
         ("LEAST_PART", "f32", format!("{:?}", rules::LEAST_PART)),
@@ -637,11 +647,49 @@ fn borrowed_constants() -> [(&'static str, &'static str, String); 47] {
         ("AVERAGE_OF_CUBIC", "f32", format!("{:?}", rules::AVERAGE_OF_CUBIC)),
         ("GREATEST_OF_CUBIC", "f32", format!("{:?}", rules::GREATEST_OF_CUBIC)),
         ("ORDER_SQUARE", "f32", format!("{:?}", rules::ORDER_SQUARE)),
-        ("OUT_OF_ORDER", "f32", format!("{:?}", rules::OUT_OF_ORDER)),
-        ("ORDER_REST", "f32", format!("{:?}", rules::ORDER_REST)),
-        ("UNEVEN_MISPLACED", "f32", format!("{:?}", rules::UNEVEN_MISPLACED)),
-        ("FALL_MISPLACED", "f32", format!("{:?}", rules::FALL_MISPLACED)),
-        ("FALL_END", "f32", format!("{:?}", rules::FALL_END)),
+        ("SQUARE_OF_BUMP", "f32", format!("{:?}", rules::SQUARE_OF_BUMP)),
+        ("SQUARE_OF_CUBIC", "f32", format!("{:?}", rules::SQUARE_OF_CUBIC)),
+        ("SWING_OF_BUMP", "f32", format!("{:?}", rules::SWING_OF_BUMP)),
+        ("SWING_OF_CUBIC", "f32", format!("{:?}", rules::SWING_OF_CUBIC)),
+        ("ORDER_CUBE", "f32", format!("{:?}", rules::ORDER_CUBE)),
+        ("MOST_OF_ORDER", "f32", format!("{:?}", rules::MOST_OF_ORDER)),
+        ("SERIES_UP_TO", "f32", format!("{:?}", rules::SERIES_UP_TO)),
+        ("ORDER_OF_DEPTH", "f32", format!("{:?}", rules::ORDER_OF_DEPTH)),
+        ("ORDER_OF_TILT", "f32", format!("{:?}", rules::ORDER_OF_TILT)),
+        ("LEAST_TILT", "f32", format!("{:?}", rules::LEAST_TILT)),
+        ("OPAQUE_TILT", "f32", format!("{:?}", rules::OPAQUE_TILT)),
+        ("TILT_LIMIT", "f32", format!("{:?}", rules::TILT_LIMIT)),
+        ("LEAN_SQUARE", "f32", format!("{:?}", rules::LEAN_SQUARE)),
+        ("SPREAD_SQUARE", "f32", format!("{:?}", rules::SPREAD_SQUARE)),
+        ("OF_CURVE", "f32", format!("{:?}", rules::OF_CURVE)),
+        ("OF_CURVES", "f32", format!("{:?}", rules::OF_CURVES)),
+        ("OF_KINK", "f32", format!("{:?}", rules::OF_KINK)),
+        ("OF_UNSETTLED_KINK", "f32", format!("{:?}", rules::OF_UNSETTLED_KINK)),
+        ("OF_BENDS", "f32", format!("{:?}", rules::OF_BENDS)),
+        ("OF_ANY_BENDS", "f32", format!("{:?}", rules::OF_ANY_BENDS)),
+        ("MOMENT_OF_KINK", "f32", format!("{:?}", rules::MOMENT_OF_KINK)),
+        ("OF_STEP", "f32", format!("{:?}", rules::OF_STEP)),
+        ("RESERVE_SHARE", "f32", format!("{:?}", rules::RESERVE_SHARE)),
+        ("PARTS_SHARE", "f32", format!("{:?}", rules::PARTS_SHARE)),
+        ("ROUNDED_BELOW", "f32", format!("{:?}", rules::ROUNDED_BELOW)),
+        ("VALUE_ERROR", "f32", format!("{:?}", rules::VALUE_ERROR)),
+        ("EPSILON", "f32", format!("{:?}", f32::EPSILON)),
+        ("LEAST_NORMAL", "f32", format!("{:?}", f32::MIN_POSITIVE)),
+        ("LEAST_LENGTH", "f32", format!("{:?}", f32::MIN_POSITIVE.sqrt())),
+        ("OVERSHOOT", "f32", format!("{:?}", crate::engines::packets::blocks::OVERSHOOT)),
+        ("OF_FIRST", "f32", format!("{:?}", shade::OF_FIRST)),
+        ("TURN_SECOND", "f32", format!("{:?}", turn::SECOND)),
+        ("TURN_THIRD", "f32", format!("{:?}", turn::THIRD)),
+        ("TURN_FOURTH", "f32", format!("{:?}", turn::FOURTH)),
+        ("KERNEL_AT_END", "f32", format!("{:?}", turn::KERNEL[0])),
+        ("KERNEL_IN_MIDDLE", "f32", format!("{:?}", turn::KERNEL[1])),
+        ("OF_SECOND", "f32", format!("{:?}", turn::OF_SECOND)),
+        ("OF_THIRD", "f32", format!("{:?}", turn::OF_THIRD)),
+        ("AWAY_OF_SQUARE", "f32", format!("{:?}", turn::AWAY[0])),
+        ("AWAY_OF_CUBE", "f32", format!("{:?}", turn::AWAY[1])),
+        ("SMOOTH_FROM", "f32", format!("{:?}", highlight::SMOOTH_FROM)),
+        ("LEAST_COSINE", "f32", format!("{:?}", highlight::LEAST_COSINE)),
+        ("VERTICAL", "f32", format!("{:?}", highlight::VERTICAL)),
         (
             "PER_OPACITY",
             "array<f32, 7>",
@@ -680,7 +728,7 @@ pub fn structs() -> Vec<StructLayout> {
 pub fn wgsl() -> String {
     let mut text = "// Constants and structs shared with Rust. Written by gpu/layout.rs; do not edit.\n\n".to_owned();
     text.push_str(&constants_wgsl());
-    text.push_str("// Explained where Rust defines them: crates/format/src/brick.rs, crates/scene/src/scene/mod.rs, and in crates/runtime/src: lod/deviation.rs, engines/rules.rs, engines/blocks.rs, engines/cells/quadrature.rs, engines/gpu/limits.rs.\n");
+    text.push_str("// Explained where Rust defines them: crates/format/src/brick.rs, crates/scene/src/scene/mod.rs, and in crates/runtime/src: lod/deviation.rs, engines/rules.rs, engines/blocks.rs, engines/cells/quadrature.rs, engines/packets (blocks.rs, shade.rs, turn.rs, highlight.rs), engines/gpu/limits.rs.\n");
     for (name, ty, value) in borrowed_constants() {
         text.push_str(&format!("const {name}: {ty} = {value};\n"));
     }

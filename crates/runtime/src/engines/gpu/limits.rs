@@ -3,13 +3,8 @@
 /// Most cache textures: the number of texture bindings in the shader.
 pub const TEXTURE_LIMIT: usize = 4;
 
-/// Texels of the light table from a bin to the next one: three, and one that fills the cache line of 64 bytes.
-pub const BIN_TEXELS: usize = LIGHT_TEXELS as usize;
-/// The same, as shaders know it.
-pub const LIGHT_TEXELS: u32 = 4;
-
-/// Greatest root of a channel's share of the greatest channel, in the second texel of a bin.
-pub const GREATEST_ROOT: u32 = 65_535;
+/// Texels of a piece of the transfer function: three cache lines of 64 bytes, of which most cells read the first alone.
+pub const PIECE_TEXELS: u32 = 12;
 
 /// Beyond everything, in world lengths.
 pub const FAR: f32 = 1e30;

@@ -8,7 +8,7 @@
 //! - `shaders`: the WGSL files, in the order in which they are joined;
 //! - `pipelines`, [`device`]: the compute pipelines and their bindings; choice of the adapter, its limits, wgpu's errors
 //!   as ours;
-//! - `light_table`, `light`: the transfer function in the form that rays integrate, and twins of its shader functions;
+//! - `piece_table`: the transfer function in the form that rays integrate;
 //! - `memory`: bytes of everything, computed before anything is allocated;
 //! - `rays`, `ray_parts`: pixels to rays without large numbers in an `f32`; parts of rays that solids leave, computed by
 //!   the host;
@@ -20,7 +20,7 @@
 //! - `pixels`, `pass`, `read_back`: buffers of pixels, the dispatches of a pass, read-back of the finished rays;
 //! - `options`, `picture`, `caster`, `errors`: one picture, the renderer that makes it, and its errors;
 //! - `engine`: the renderer as an engine of frames;
-//! - `twins`: shader functions in Rust that only tests call.
+//! - `twins`, `part_twins`: shader functions in Rust that only tests call.
 //!
 //! Only core WebGPU is required: no optional feature, eight storage buffers, 3D textures of unsigned integers.
 
@@ -44,10 +44,6 @@ pub mod feedback;
 pub mod hardware;
 #[cfg(feature = "gpu")]
 pub mod layout;
-#[cfg(feature = "gpu")]
-pub mod light;
-#[cfg(feature = "gpu")]
-pub mod light_table;
 pub mod limits;
 #[cfg(feature = "gpu")]
 pub mod memory;
@@ -56,9 +52,13 @@ pub mod options;
 #[cfg(feature = "gpu")]
 pub mod page_table;
 #[cfg(feature = "gpu")]
+pub mod part_twins;
+#[cfg(feature = "gpu")]
 mod pass;
 #[cfg(feature = "gpu")]
 pub mod picture;
+#[cfg(feature = "gpu")]
+pub mod piece_table;
 #[cfg(feature = "gpu")]
 pub mod pipelines;
 #[cfg(feature = "gpu")]
@@ -71,8 +71,6 @@ pub mod rays;
 mod read_back;
 #[cfg(feature = "gpu")]
 pub mod scene_tables;
-#[cfg(feature = "gpu")]
-mod shader_light;
 pub mod shaders;
 #[cfg(feature = "gpu")]
 pub mod slots;

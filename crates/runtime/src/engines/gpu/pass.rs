@@ -27,7 +27,7 @@ use crate::engines::gpu::layout::{
     Dispatch, FLAG_LIGHT, GpuCounters, GpuPoint, LEFT_INTERRUPTED, LEFT_WAITING, RayErrors, RayPart, RayState, Scene,
     View, WORKGROUP_RAYS,
 };
-use crate::engines::gpu::light_table::{LightTable, TEXELS};
+use crate::engines::gpu::piece_table::PieceTable;
 use crate::engines::gpu::pipelines::{Pipeline, Pipelines, SceneBindings, Variant};
 use crate::engines::gpu::rays::{RayGrid, TILE};
 use crate::engines::gpu::scene_tables;
@@ -62,8 +62,8 @@ const WORK_LIMIT: u32 = 1 << 14;
 /// The same on software adapters. llvmpipe silently ends all loops after 65535 iterations of a group of at most 16
 /// lanes. Iterations of diverging lanes add up, and it runs loops once that no lane enters.
 const SOFTWARE_WORK_LIMIT: u32 = 1 << 8;
-/// The same if all rays of a group are in one loop (`light_walk.wgsl`).
-const SOFTWARE_LIGHT_WORK_LIMIT: u32 = 1 << 11;
+/// The same if all rays of a group are in one loop (`light_walk.wgsl`), with inner loops that search the transfer function.
+const SOFTWARE_LIGHT_WORK_LIMIT: u32 = 1 << 9;
 /// Every n-th row of tiles runs ahead as scouts. Its missing bricks predict those of the rows around it.
 const SCOUTING_ROWS: u32 = 8;
 /// On software adapters, tiles are cast in squares of this many along an edge: their threads then have equal work.
@@ -108,6 +108,8 @@ pub(super) struct Capacity {
     pub(super) points: usize,
     /// Bins and knots.
     pub(super) index: usize,
+    /// Texels of the transfer function's pieces.
+    pub(super) pieces: usize,
     /// Entries of the page table.
     pub(super) entries: u64,
     /// Whether there is memory for errors of rays.
@@ -118,13 +120,13 @@ impl Capacity {
     /// Capacity for pictures of this size, or smaller ones, with this transfer function.
     pub(super) fn new(
         (grid, subgrid): (RayGrid, u32),
-        tf: &RenderTransferFunction,
+        (tf, light): (&RenderTransferFunction, &PieceTable),
         entries: u64,
         sums_errors: bool,
     ) -> Self {
         let band = RayGrid { height: grid.height.min(band_rows(grid.width, subgrid, sums_errors)), ..grid };
         let index = tf.bins.len() + tf.knots.len();
-        Self { places: band.places(), points: tf.points.len(), index, entries, sums_errors }
+        Self { places: band.places(), points: tf.points.len(), index, pieces: light.texels(), entries, sums_errors }
     }
 
     /// The same with memory for as many rays as `other`.
@@ -135,6 +137,7 @@ impl Capacity {
     /// Whether it suffices for `other`.
     pub(super) fn holds(&self, other: &Self) -> bool {
         let has_room = self.places >= other.places && self.points >= other.points && self.index >= other.index;
+        let has_room = has_room && self.pieces >= other.pieces;
         has_room && (self.sums_errors || !other.sums_errors)
     }
 
@@ -151,7 +154,7 @@ impl Capacity {
             + 4 * (buffer_words(slots, self.entries, self.run_tiles()) + words_with(slots, MISS_LIMIT))
             + Table::bytes(self.points * POINT_TEXELS, 4)
             + Table::bytes(self.index, 1)
-            + Table::bytes(TEXELS, 4)
+            + Table::bytes(self.pieces, 4)
             + size_of::<Scene>() as u64
             + RUNS_IN_FLIGHT as u64 * (COUNTERS_BYTES + 4 * self.run_tiles())
             + PARTS_BYTES
@@ -275,7 +278,7 @@ impl DeviceCaster {
         let scene = gpu.buffer("the scene's tables", size_of::<Scene>() as u64, storage)?;
         let points = Table::new(gpu, "the transfer function", capacity.points * POINT_TEXELS, 4)?;
         let transfer_index = Table::new(gpu, "the transfer function's index", capacity.index, 1)?;
-        let light = Table::new(gpu, "the transfer function's light", TEXELS, 4)?;
+        let light = Table::new(gpu, "the transfer function's pieces", capacity.pieces, 4)?;
         let feedback =
             gpu.buffer("feedback", 4 * buffer_words(slots, capacity.entries, capacity.run_tiles()), storage)?;
         let states = gpu.buffer("ray states", capacity.places * size_of::<RayState>() as u64, storage)?;
@@ -365,7 +368,7 @@ impl DeviceCaster {
         cache: &GpuCache,
         scene: &Scene,
         tf: &RenderTransferFunction,
-        light: &LightTable,
+        light: &PieceTable,
     ) -> Result<(), GpuError> {
         let (mode, flags) = (scene.config.mode, scene.config.flags);
         let variant = Variant { mode, flags, textures: cache.texture_count() };

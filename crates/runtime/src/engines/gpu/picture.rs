@@ -13,8 +13,8 @@ use super::ray_parts::RayParts;
 use super::rays::RayGrid;
 use super::scene_tables::{Exactness, GpuVolume};
 use crate::engines::gpu::error::GpuError;
-use crate::engines::gpu::light_table::LightTable;
-use crate::engines::rules::{FIT_SHARE, MAX_ERROR_LIMITS};
+use crate::engines::gpu::piece_table::PieceTable;
+use crate::engines::rules::MAX_ERROR_LIMITS;
 use crate::lod::{LodChoice, LodRule};
 
 /// Data of one picture.
@@ -26,7 +26,7 @@ pub struct Picture {
     /// Source of the next two, together with `shift` and the requested error; another picture may have the same.
     transfer_function: TransferFunction,
     pub(crate) tf: RenderTransferFunction,
-    pub(crate) light: LightTable,
+    pub(crate) light: PieceTable,
     pub(crate) exactness: Exactness,
     /// Required level of a brick by its distance.
     pub(super) lod: LodRule,
@@ -62,7 +62,7 @@ impl Picture {
             Some(before) => (before.tf.clone(), before.light.clone()),
             None => (
                 RenderTransferFunction::new(&transfer_function, shift),
-                LightTable::new(&transfer_function, shift, FIT_SHARE * max_error),
+                PieceTable::new(&transfer_function, shift, max_error),
             ),
         };
         Self {
@@ -90,7 +90,7 @@ impl Picture {
     /// Required capacity, with or without summed errors.
     pub(super) fn capacity(&self, entries: u64, sums_errors: bool) -> Capacity {
         let [width, height] = self.size;
-        Capacity::new((RayGrid { width, height }, self.subgrid), &self.tf, entries, sums_errors)
+        Capacity::new((RayGrid { width, height }, self.subgrid), (&self.tf, &self.light), entries, sums_errors)
     }
 
     /// The same with room for larger pictures to come.
@@ -98,7 +98,7 @@ impl Picture {
         let own = self.capacity(entries, options.sums_errors);
         options.room.map_or(own, |[width, height]| {
             let grid = RayGrid { width, height };
-            own.with_rays_of(&Capacity::new((grid, 1), &self.tf, entries, options.sums_errors))
+            own.with_rays_of(&Capacity::new((grid, 1), (&self.tf, &self.light), entries, options.sums_errors))
         })
     }
 }

@@ -14,11 +14,13 @@ use super::layout::{
     FLAG_SURFACES, GpuIso, GpuLevel, GpuLight, GpuPoint, MODE_DVR, MODE_ISO, MODE_MEAN, MODE_MINIP, MODE_MIP, SlotGrid,
     Tables,
 };
-use super::light_table::LightTable;
+use super::piece_table::PieceTable;
 use crate::engines::cells::shade::Lighting;
 use crate::engines::gpu::error::GpuError;
 use crate::engines::gpu::texels::VoxelStorage;
-use crate::engines::rules::{END_SHARE, LEAST_SHADED_SHARE, PAIR_ERROR, TERMINATION_OPACITY, cell_error};
+use crate::engines::packets::highlight::Highlight;
+use crate::engines::packets::shade::whole_half_of;
+use crate::engines::rules::{BY_OPACITY, END_SHARE, LEAST_SHADED_SHARE, PAIR_ERROR, TERMINATION_OPACITY, reserve};
 use crate::stream::classify::Skipping;
 
 /// The volume that a renderer draws.
@@ -66,12 +68,13 @@ pub fn config(
     volume: &GpuVolume<'_>,
     scene: &ResolvedScene,
     tf: &RenderTransferFunction,
-    light: &LightTable,
+    light: &PieceTable,
     options: Exactness,
     places: FeedbackPlaces,
 ) -> Result<Config, GpuError> {
     let Exactness { skipping, max_error, sums_errors } = options;
-    let [light_centre, light_scale, light_offset] = light.bins_of_stored(volume.storage, volume.value_map);
+    let [light_centre, light_scale, light_offset] = light.values_of_stored(volume.storage, volume.value_map);
+    let limits = light.limits();
     let (world, map) = (volume.geometry.linear(), volume.value_map);
     let lighting = scene.shading.as_ref().map(|s| Lighting::new(s, volume.geometry, volume.value_range.width()));
     let gradient = volume.geometry.world_from_index_gradient();
@@ -115,9 +118,15 @@ pub fn config(
         light_centre,
         light_scale,
         light_offset,
-        light_unit: light.unit,
-        light_most: light.most,
-        cell_error: single(cell_error(max_error)),
+        by_opacity: single(BY_OPACITY * max_error),
+        reserve: single(reserve(max_error, volume.pyramid.layout().core())),
+        first_piece: light.first_piece,
+        search_step: light.search_step,
+        narrow: limits.narrow,
+        rounded_difference: limits.difference,
+        greatest_bend: limits.bend,
+        rounded_bends: limits.rounded[0],
+        rounded_kinks: limits.rounded[1],
         // The error of a Gauss pair falls with the fourth power of its width.
         pair_share: single((PAIR_ERROR / max_error).sqrt().sqrt()),
         miss_limit: MISS_LIMIT,
@@ -136,6 +145,8 @@ pub fn config(
         config.gradient_floor = lighting.gradient_floor;
         config.light_count = narrow::<u32>(lighting.lights.len());
         config.least_shaded = single(LEAST_SHADED_SHARE * max_error);
+        config.whole_half = whole_half_of(lighting.shininess).unwrap_or(0);
+        config.brackets = Highlight::new(lighting.shininess).greatest;
         config.light_sum = lighting.lights.iter().map(|light| light.1).sum();
     }
     Ok(config)

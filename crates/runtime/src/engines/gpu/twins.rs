@@ -10,7 +10,7 @@ use super::layout::{Config, STEP_OF_BYTES};
 use crate::engines::cells::cell::{cubic_at, monotone_root};
 use crate::engines::cells::quadrature::shaded_pair_count;
 use crate::engines::gpu::limits::{FAR, LEAP_MARGIN};
-use crate::engines::rules::{EASY, HARD, LEAST_PART, LEAST_SHARE, PARTS_LIMIT, PARTS_PER_ROOT};
+use crate::engines::rules::{EASY, HARD, LEAST_PART, PARTS_LIMIT, PARTS_PER_ROOT};
 
 /// Number of a macro cell among those of all slots.
 #[must_use]
@@ -56,9 +56,9 @@ pub fn meets_surfaces(isos: &[f32], range: [f32; 2], sides: Option<u32>, crossed
     })
 }
 
-/// Stored numbers as bins of the transfer function.
+/// Stored numbers as values of the transfer function's pieces.
 #[must_use]
-pub fn bins_of(config: &Config, numbers: [u32; 4]) -> [f32; 4] {
+pub fn values_of(config: &Config, numbers: [u32; 4]) -> [f32; 4] {
     numbers.map(|n| (n as f32 - config.light_centre) * config.light_scale + config.light_offset)
 }
 
@@ -92,19 +92,18 @@ pub enum PartVerdict {
     Refused,
 }
 
-/// Length of the part behind one that was taken, or in place of one that was refused.
+/// Length of the part behind one that was taken, or in place of one that was refused; `ratio`: its error in parts of what it may spend.
 #[must_use]
 pub fn next_size(size: f32, ratio: f32, verdict: PartVerdict) -> f32 {
-    let allowed = size.max(LEAST_SHARE);
     let factor = match verdict {
-        PartVerdict::Taken if ratio < allowed * EASY => 2.0,
+        PartVerdict::Taken if ratio < EASY => 2.0,
         PartVerdict::Taken => 1.0,
         // For a whole cell, the error falls with the square of the number of parts.
         PartVerdict::Refused if size == 1.0 => {
             let parts = (PARTS_PER_ROOT * ratio.min(PARTS_LIMIT * PARTS_LIMIT).sqrt()).floor() + 1.0;
             1.0 / parts.clamp(2.0, PARTS_LIMIT)
         }
-        PartVerdict::Refused if ratio > allowed * HARD => 0.25,
+        PartVerdict::Refused if ratio > HARD => 0.25,
         PartVerdict::Refused => 0.5,
     };
     (size * factor).max(LEAST_PART)
@@ -161,6 +160,12 @@ pub fn gradient_at(world_from_index: Mat3, cubics: &[[f32; 4]; 3], scale: Vec3, 
     world_from_index * (Vec3::from_array(cubics.each_ref().map(at)) * scale)
 }
 
+/// Coefficient of the third power of the same gradient.
+#[must_use]
+pub fn cubic_of_gradient(world_from_index: Mat3, cubics: &[[f32; 4]; 3], scale: Vec3) -> Vec3 {
+    world_from_index * (Vec3::from_array(cubics.each_ref().map(|c| c[3])) * scale)
+}
+
 /// Gauss pairs for light on a part of a chord, by the turn of the normal.
 #[must_use]
 pub fn shaded_pairs(normal_at: impl Fn(f32) -> Vec3, [u0, u1]: [f32; 2], tau: f32) -> u32 {
@@ -199,9 +204,24 @@ pub fn corners_of_stored(config: &Config, near: [u32; 4], far: [u32; 4]) -> [f32
     std::array::from_fn(|i| value(if i % 2 == 0 { near[i / 2] } else { far[i / 2] }))
 }
 
-/// The same in bins of the transfer function, where no number is absent.
+/// The same as values of the transfer function's pieces, where no number is absent.
 #[must_use]
 pub fn light_cell(config: &Config, near: [u32; 4], far: [u32; 4]) -> [f32; 8] {
-    let [near, far] = [near, far].map(|numbers| bins_of(config, numbers));
+    let [near, far] = [near, far].map(|numbers| values_of(config, numbers));
     std::array::from_fn(|i| if i % 2 == 0 { near[i / 2] } else { far[i / 2] })
+}
+
+/// The value at a position in a cell. The cell is [0, 1]^3; corner c has the offsets (c & 1, c >> 1 & 1, c >> 2).
+#[must_use]
+pub fn value_in(corners: &[f32; 8], [x, y, z]: [f32; 3]) -> f32 {
+    let row = |c: usize| corners[c] + x * (corners[c + 1] - corners[c]);
+    let layer = |c: usize| row(c) + y * (row(c + 2) - row(c));
+    layer(0) + z * (layer(4) - layer(0))
+}
+
+/// Coefficient of xyz.
+#[must_use]
+pub fn twist_of(corners: &[f32; 8]) -> f32 {
+    let rise = |c: usize| corners[c + 1] - corners[c];
+    (rise(6) - rise(4)) - (rise(2) - rise(0))
 }

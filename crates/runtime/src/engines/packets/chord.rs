@@ -132,29 +132,29 @@ fn ends_of<S: Simd>(mean: S::F, rise: S::F) -> [S::F; 2] {
 /// The line that replaces the field along a chord, or along several consecutive chords.
 #[derive(Clone, Copy)]
 pub struct Line<S: Simd> {
-    pub(super) ends: [S::F; 2],
+    pub(crate) ends: [S::F; 2],
     /// Bounds of field and line.
-    pub(super) range: [S::F; 2],
+    pub(crate) range: [S::F; 2],
     /// Greatest distance of the field from the line.
-    pub(super) most: S::F,
+    pub(crate) most: S::F,
     /// Bound on its mean distance.
-    pub(super) average: S::F,
+    pub(crate) average: S::F,
     /// Bound on the mean of its square.
-    pub(super) square: S::F,
+    pub(crate) square: S::F,
     /// Greatest integral of the distance r from the beginning to anywhere, and bound on the mean of its size.
-    pub(super) swing: [S::F; 2],
+    pub(crate) swing: [S::F; 2],
     /// Mean of r^2, and of (u - 1/2) r, of one chord.
-    pub(super) moments: [S::F; 2],
+    pub(crate) moments: [S::F; 2],
     /// Whether it replaces several chords, so that r is not one parabola and one cubic: its moments are not known.
-    pub(super) is_span: bool,
+    pub(crate) is_span: bool,
     /// Signed bump and cubic coefficient, of one chord.
-    pub(super) bow: [S::F; 2],
+    pub(crate) bow: [S::F; 2],
     /// Greatest slope of r.
-    pub(super) turn: S::F,
+    pub(crate) turn: S::F,
     /// World length.
-    pub(super) length: S::F,
+    pub(crate) length: S::F,
     /// Bound on the rounding of the field.
-    pub(super) noise: S::F,
+    pub(crate) noise: S::F,
 }
 
 impl<S: Simd> Line<S> {
@@ -201,9 +201,14 @@ impl<S: Simd> Line<S> {
         // Beside a hole nothing is known, and minimum and maximum ignore NaN.
         let (has_hole, unknown) = (S::is_nan(sum), S::splat(f32::NAN));
         let range = [S::select(has_hole, unknown, low - inside), S::select(has_hole, unknown, high + inside)];
-        let average = area * per_length;
-        let (square, swing, turn) = (most * average, [half * average; 2], S::splat(f32::INFINITY));
-        let (moments, bow) = ([zero; 2], [zero; 2]);
+        Self::span((ends, range), [most, area * per_length], [length, noise])
+    }
+
+    /// A line of several chords, of which only the greatest and the mean distance of the field are known, beside length and noise.
+    #[inline(always)]
+    pub fn span((ends, range): ([S::F; 2], [S::F; 2]), [most, average]: [S::F; 2], [length, noise]: [S::F; 2]) -> Self {
+        let (square, swing, turn) = (most * average, [S::splat(0.5) * average; 2], S::splat(f32::INFINITY));
+        let (moments, bow) = ([S::splat(0.0); 2], [S::splat(0.0); 2]);
         Self { ends, range, most, average, square, swing, moments, is_span: true, bow, turn, length, noise }
     }
 

@@ -18,18 +18,18 @@ use super::simd::{Simd, for_three};
 use super::turn::{Derivatives, OF_SECOND, OF_THIRD, Turn, simpson_misses};
 
 /// Shininess below which a highlight has no fourth derivative where q vanishes.
-const SMOOTH_FROM: f32 = 4.0;
+pub const SMOOTH_FROM: f32 = 4.0;
 /// Least q of which brackets are taken: they grow with it.
 pub const LEAST_COSINE: f32 = 0.1;
 /// Slope that stands for none: below a shininess of 1.
-const VERTICAL: f32 = 1e6;
+pub const VERTICAL: f32 = 1e6;
 
 /// The brackets of the module's head for one shininess.
 #[derive(Debug, Clone, Copy)]
 pub struct Highlight {
     shininess: f32,
     /// Greatest values, in the order of the head.
-    greatest: [f32; 4],
+    pub greatest: [f32; 4],
 }
 
 /// Bounds of a highlight along a part, of one light of intensity 1.

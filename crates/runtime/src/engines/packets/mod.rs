@@ -26,11 +26,11 @@ mod begin;
 pub mod blocks;
 mod budget;
 mod cast;
-mod chord;
+pub(crate) mod chord;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
-mod fetch;
+pub(crate) mod fetch;
 pub mod frame;
-mod highlight;
+pub(crate) mod highlight;
 mod inner_surfaces;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 pub(crate) mod integrate;
@@ -40,7 +40,7 @@ pub mod leap;
 mod levels;
 #[cfg(test)]
 mod light_bounds;
-mod lookup;
+pub(crate) mod lookup;
 mod memory;
 mod noted;
 mod order;
@@ -67,14 +67,14 @@ mod span;
 mod summaries;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 mod surfaces;
-mod tables;
+pub(crate) mod tables;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 mod tile;
 pub mod trace;
-mod turn;
+pub(crate) mod turn;
 mod turning;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
-mod uneven;
+pub(crate) mod uneven;
 mod value_tiles;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 mod values;

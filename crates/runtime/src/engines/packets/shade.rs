@@ -26,7 +26,7 @@ use crate::engines::cells::shade::Lighting;
 /// Greatest whole half of a shininess that is reached by multiplications.
 const WHOLE_LIMIT: u32 = 128;
 /// Mean of what it misses of any function, in parts of the greatest slope: 5/36, rounded up.
-const OF_FIRST: f32 = 0.139;
+pub const OF_FIRST: f32 = 0.139;
 /// Least square of |n.h|: a normal `f32`.
 const LEAST_SQUARE: f32 = 1e-37;
 
@@ -45,6 +45,11 @@ pub struct PacketLighting<'a> {
     whole_half: Option<u32>,
     /// Bounds of the change of highlights.
     pub highlight: Highlight,
+}
+
+/// Half of a shininess, if it is an integer for which multiplications are used.
+pub fn whole_half_of(shininess: f32) -> Option<u32> {
+    (1..=WHOLE_LIMIT).find(|&half| half as f32 * 2.0 == shininess)
 }
 
 /// Product of a matrix, given by columns, and a vector.
@@ -106,12 +111,6 @@ impl<S: Simd> LightAt<S> {
         self.specular = S::select(mask, other.specular, self.specular);
         self.nearest = S::select(mask, other.nearest, self.nearest);
     }
-
-    /// A colour after shading.
-    #[inline(always)]
-    pub fn of(&self, color: S::F) -> S::F {
-        S::mul_add(color, self.diffuse, self.specular)
-    }
 }
 
 impl<'a> PacketLighting<'a> {
@@ -127,7 +126,7 @@ impl<'a> PacketLighting<'a> {
             world_from_cells: world_from_cells.as_mat3().to_cols_array_2d(),
             light,
             highlight: Highlight::new(lighting.shininess),
-            whole_half: (1..=WHOLE_LIMIT).find(|&half| half as f32 * 2.0 == lighting.shininess),
+            whole_half: whole_half_of(lighting.shininess),
         }
     }
 

@@ -248,7 +248,7 @@ impl PacketTables {
 }
 
 /// The middle of the transfer function's window where that lies far from zero for its width: `f32` then resolves it.
-fn origin_of(source: &TransferFunction, shift: f64) -> f32 {
+pub(crate) fn origin_of(source: &TransferFunction, shift: f64) -> f32 {
     let points = source.points();
     let (first, last) = (points[0].value - shift, points[points.len() - 1].value - shift);
     let middle = 0.5 * first + 0.5 * last;

@@ -28,19 +28,19 @@ use super::shade::{LightAt, dot, greatest_of, least_of};
 use super::simd::{Simd, for_three};
 
 /// C_2, rounded up.
-const SECOND: f32 = 1.15471;
+pub const SECOND: f32 = 1.15471;
 /// C_3.
-const THIRD: f32 = 3.0;
+pub const THIRD: f32 = 3.0;
 /// C_4, rounded up.
-const FOURTH: f32 = 9.8815;
+pub const FOURTH: f32 = 9.8815;
 /// Weights of Simpson's kernel: at an end, and in the middle.
-const KERNEL: [f32; 2] = [1.0 / 23040.0, 1.0 / 3840.0];
+pub const KERNEL: [f32; 2] = [1.0 / 23040.0, 1.0 / 3840.0];
 /// Error of Simpson's rule, in parts of the second derivative: 1/81, rounded up.
 pub const OF_SECOND: f32 = 0.01235;
 /// Error of a quadratic through three places in the first moment about the middle, times 12: in parts of the third derivative.
 pub const OF_THIRD: f32 = 1.0 / 60.0;
 /// Greatest distance of `u^2` from its line over half a part, and of `u^3`, rounded up.
-const AWAY: [f32; 2] = [1.0 / 16.0, 0.094];
+pub const AWAY: [f32; 2] = [1.0 / 16.0, 0.094];
 
 /// Bounds of the lengths of the normal's derivatives at a place, from the first order on.
 pub type Derivatives<S> = [<S as Simd>::F; 4];
