@@ -14,9 +14,10 @@ const POINTS: usize = 5;
 /// Newton steps from the usual first guess to a root of a Legendre polynomial: each doubles the digits.
 const ROOT_STEPS: usize = 8;
 /// Most halvings of a part; reaching it is counted.
-const DEPTH_LIMIT: u32 = 45;
-/// Change that counts as rounding. A jump of light reaches it within [`DEPTH_LIMIT`] halvings.
-const ROUNDING: f64 = 1e-13;
+const DEPTH_LIMIT: u32 = 50;
+/// Change that counts as none: a ray has some ten thousand parts at most that need it. Where light jumps, and rounding decides on
+/// which side a sample lies, a part is that small within [`DEPTH_LIMIT`] halvings.
+const ROUNDING: f64 = 1e-11;
 
 /// Premultiplied colour and transmittance.
 pub(super) type Seen = (DVec3, f64);
