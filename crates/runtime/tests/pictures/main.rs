@@ -24,6 +24,7 @@ mod gpu_walk_twins;
 mod inner_surfaces;
 mod packet_modes;
 mod picking;
+mod reference_accuracy;
 mod reference_closed_forms;
 mod renderer;
 mod shading_closed_form;
