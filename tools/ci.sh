@@ -139,6 +139,8 @@ prepare() {
     # A fresh clone has nothing that an incremental build could go on from.
     if [ ! -d "${CARGO_TARGET_DIR:-target}/debug" ]; then
         export CARGO_INCREMENTAL=0
+        # Line tables serve backtraces alone, which are off below. Panics name their file and line without them.
+        export CARGO_PROFILE_DEV_DEBUG=none
     fi
     # Many tests see to it that something panics, and pass: their backtraces would hide what fails.
     export RUST_BACKTRACE=0
@@ -147,7 +149,12 @@ prepare() {
 
 clippy() { cargo clippy --workspace --all-targets --locked -- -D warnings; }
 
-documents() { RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --locked; }
+# All libraries, and the programs whose names no library has. The example brings the dependencies of tests, and with
+# them the features that clippy has checked everything with: otherwise the graphics and window crates are checked twice.
+documents() {
+    RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --locked --lib --bin formats --bin supervol-view \
+        --example open_and_draw
+}
 
 # Type checks for other systems, those that the toolchain has. Nothing is linked, hence no C compiler for them is needed:
 # pkg-config names the machine's own zstd. All default features but FLIP, which is C++.
