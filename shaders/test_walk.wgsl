@@ -62,18 +62,16 @@ fn test_walk(@builtin(global_invocation_id) id: vec3<u32>) {
     let gradient = ChordGradient(c.low, c.high, c.a_value, 1u);
     let cell = StoredCell(c.texel & vec4<u32>(0xffu), (c.texel >> vec4<u32>(8u)) & vec4<u32>(0xffu));
     let numbers = corners_of_stored(cell);
-    let in_values = value_in(light_cell(cell, c.a_value.xyz, c.b_u.xyz), c.a_value.xyz);
-    let change = min(first_change(view, c.a_value.w, c.present != 0u), 2.0);
-    let pairs = shaded_pairs(gradient, 0.2 * u, u, local, c.a_value.w);
+    let field = light_cell(cell, c.a_value.xyz, c.b_u.xyz);
     walk_results[id.x] = WalkResult(
-        vec4<u32>(sides_at(view, u), pairs, 0u, 0u),
+        vec4<u32>(sides_at(view, u), shaded_pairs(gradient, 0.2 * u, u, local, c.a_value.w), 0u, 0u),
         values_of(cell.near),
         vec4<f32>(ray.inverse, ray.margin),
         vec4<f32>(ray.offset, ray.extent_per_t),
         vec4<f32>(cell_at(ray, 40.0 * u), next_size(c.low.x, 20.0 * c.low.y * c.low.y, c.low.z > 0.5)),
         vec4<f32>(vec3<f32>(macro_cell_at(local, 40.0 * u)), 0.0),
-        vec4<f32>(range, value_at(view, u), change),
-        vec4<f32>(in_values, trilinear(numbers.low, numbers.high, c.a_value.xyz), 0.0, 0.0),
+        vec4<f32>(range, value_at(view, u), min(first_change(view, c.a_value.w, c.present != 0u), 2.0)),
+        vec4<f32>(value_in(field, c.a_value.xyz), trilinear(numbers.low, numbers.high, c.a_value.xyz), 0.0, 0.0),
         vec4<f32>(gradient_at(gradient, u, local), 0.0),
         vec4<f32>(cubic_of_gradient(gradient, local), 0.0),
         vec4<f32>(normal_at(gradient, u, local), 0.0),

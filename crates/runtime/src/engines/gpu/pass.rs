@@ -40,6 +40,8 @@ use crate::stream::counters::milliseconds;
 const STATES_LIMIT: u64 = 64 << 20;
 /// Texels of a control point, four words each.
 const POINT_TEXELS: usize = size_of::<GpuPoint>() / 16;
+/// Least texels for pieces of the transfer function: some 1,300 pieces, so that another look or error seldom needs more.
+const LEAST_PIECES: usize = 1 << 14;
 /// Most workgroups of a dispatch.
 const GROUPS_LIMIT: u32 = 65_535;
 /// Most tiles of rays in a dispatch.
@@ -126,7 +128,14 @@ impl Capacity {
     ) -> Self {
         let band = RayGrid { height: grid.height.min(band_rows(grid.width, subgrid, sums_errors)), ..grid };
         let index = tf.bins.len() + tf.knots.len();
-        Self { places: band.places(), points: tf.points.len(), index, pieces: light.texels(), entries, sums_errors }
+        Self {
+            places: band.places(),
+            points: tf.points.len(),
+            index,
+            pieces: light.texels().max(LEAST_PIECES),
+            entries,
+            sums_errors,
+        }
     }
 
     /// The same with memory for as many rays as `other`.
@@ -720,7 +729,7 @@ mod tests {
             assert!(bytes(rows.saturating_add(2 * TILE)) > STATES_LIMIT || width == 1, "{width}, {subgrid}: {rows}");
         }
         assert_eq!(band_rows(100_000_000, 3, true), 3, "a row of pixels is cast whatever it takes");
-        assert_eq!([1920, 3840].map(|width| band_rows(width, 1, false)), [728, 360]);
-        assert_eq!([1920, 3840].map(|width| band_rows(width, 1, true)), [512, 256]);
+        assert_eq!([1920, 3840].map(|width| band_rows(width, 1, false)), [544, 272]);
+        assert_eq!([1920, 3840].map(|width| band_rows(width, 1, true)), [416, 208]);
     }
 }
