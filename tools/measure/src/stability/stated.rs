@@ -19,7 +19,7 @@ pub const REGIMES: &[Regime] = &[
         id: "S49",
         title: "Noise: many uncertain cells at once",
         recipe: "Waves with more and more noise of single voxels, thin opacities, light from the camera; true and stated error of each \
-                 pixel, at three requested errors.",
+                 pixel, at four requested errors.",
         x_label: "noise, share of the value range",
         y_label: "greatest error of a pixel, grey levels of 255",
         run: noise,
@@ -45,7 +45,7 @@ pub const REGIMES: &[Regime] = &[
 ];
 
 /// Requested errors, grey levels of 255.
-const ASKED: [f64; 3] = [0.1, 0.5, 2.0];
+const ASKED: [f64; 4] = [0.1, 0.5, 2.0, 8.0];
 /// Light of the scenes.
 const LIT: &str = r#""shading": {"ambient": 0.2, "diffuse": 0.7, "specular": 0.4, "shininess": 60}"#;
 
@@ -93,7 +93,7 @@ fn outcome(cases: Vec<Case>, note: &str) -> Result<Outcome, ChartError> {
 
 fn noise(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let edge = context.pick(48, 16);
-    let size = context.pick(image_size(64, 48), image_size(20, 15));
+    let size = context.pick(image_size(64, 48), image_size(28, 21));
     let shares = context.pick(&[0.0, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0][..], &[0.0, 0.2, 1.0][..]);
     let cases = shares.iter().map(|&share| {
         let noise = noise_of([edge; 3], 1);
@@ -109,7 +109,7 @@ fn noise(context: &Context<'_>) -> Result<Outcome, ChartError> {
 
 fn gradients(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let edge = context.pick(32, 12);
-    let size = context.pick(image_size(64, 48), image_size(20, 15));
+    let size = context.pick(image_size(64, 48), image_size(28, 21));
     let cycles = context.pick(&[0.05, 0.1, 0.2, 0.3, 0.4, 0.45, 0.5][..], &[0.1, 0.4, 0.5][..]);
     let cases = cycles.iter().map(|&cycles| {
         let wave = move |v: [u64; 3]| {
@@ -127,7 +127,7 @@ fn gradients(context: &Context<'_>) -> Result<Outcome, ChartError> {
 
 fn long_rays(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let lengths = context.pick(&[10, 30, 100, 300, 1000][..], &[10, 300][..]);
-    let size = context.pick(image_size(24, 24), image_size(8, 8));
+    let size = context.pick(image_size(24, 24), image_size(12, 12));
     let cases = lengths.iter().map(|&cells| {
         let dims = [8, 8, cells + 1];
         let noise = noise_of(dims, 2);
