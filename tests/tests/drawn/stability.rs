@@ -230,3 +230,18 @@ fn s47_extreme_numbers() {
 fn s48_long_run() {
     holds("S48");
 }
+
+#[test]
+fn s49_noise() {
+    holds("S49");
+}
+
+#[test]
+fn s50_gradients() {
+    holds("S50");
+}
+
+#[test]
+fn s51_long_rays() {
+    holds("S51");
+}

@@ -18,7 +18,7 @@ pub struct Arguments {
     /// Measure the regimes in which methods of volume rendering fail, and check the gates of the default method
     #[arg(long)]
     pub stability: bool,
-    /// Measure only this regime: S01 to S48; repeat the option for several regimes
+    /// Measure only this regime: S01 to S51; repeat the option for several regimes
     #[arg(long, value_name = "ID", requires = "stability")]
     pub only: Vec<String>,
     /// Write a short report: all plots and findings, few pictures

@@ -3,7 +3,8 @@
 //! For each scene and look:
 //! 1. The reference integrator draws the exact picture once, in `f64`, from the volume stored as floats.
 //! 2. Each method draws the picture cold. This run counts bytes, bricks, samples and cells.
-//! 3. The method draws it warm, with all bricks in memory, until it has been timed often enough. Cost and error belong
+//! 3. Engines that state an error draw it once more, and state it.
+//! 4. The method draws it warm, with all bricks in memory, until it has been timed often enough. Cost and error belong
 //!    to the same picture. Tables that depend only on the transfer function are made before the warm clock starts.
 //!
 //! Processor time is that of the whole process, so nothing else may run in it. Failed methods are left out and named in
@@ -19,7 +20,7 @@ use supervol_runtime::render::options::{Backend, RenderOptions};
 use supervol_runtime::render::process;
 use supervol_runtime::render::renderer::{Renderer, render};
 use supervol_runtime::render::stats::FrameStats;
-use supervol_scene::image::{GREY_LEVELS, Image};
+use supervol_scene::image::{GREY_LEVELS, Image, greatest};
 use supervol_scene::scene::ResolvedScene;
 
 use crate::context::{ChartError, Context};
@@ -84,9 +85,11 @@ pub struct PictureRow {
     pub pictures: Vec<(String, String, Image)>,
 }
 
-/// Cost of one picture.
+/// Cost of one picture, and its stated error.
 struct Cost {
     cold: FrameStats,
+    /// Greatest stated error of a pixel, fraction of full scale.
+    stated: Option<f64>,
     cpu_ms: Vec<f64>,
     wall_ms: Vec<f64>,
 }
@@ -258,7 +261,8 @@ fn measure(stored: &mut Stored<'_>, members: &[&str], method: &MethodSpec) -> Re
     // On a device of its own: a cold picture compiles the shaders.
     let (image, cold) = render(&volume.container, &scene, &options)?;
     volume.check_whole(&image, &cold)?;
-    let mut cost = Cost { cold, cpu_ms: Vec::new(), wall_ms: Vec::new() };
+    let stated = if method.states_its_error() { stated_error(volume, &scene, &options)? } else { None };
+    let mut cost = Cost { cold, stated, cpu_ms: Vec::new(), wall_ms: Vec::new() };
     if method.backend == Backend::Gpu {
         time_gpu(volume, &scene, &options, &mut cost)?;
     } else {
@@ -270,6 +274,13 @@ fn measure(stored: &mut Stored<'_>, members: &[&str], method: &MethodSpec) -> Re
 /// Render options that also predict the error of each pixel.
 fn stating() -> RenderOptions {
     RenderOptions { predict_error: true, host_memory_bytes: HOST_MEMORY_BYTES, ..finest(Backend::Cpu) }
+}
+
+/// Greatest stated error of a pixel, fraction of full scale; `None` if the engine states none.
+fn stated_error(volume: &Volume, scene: &ResolvedScene, options: &RenderOptions) -> Result<Option<f64>, ChartError> {
+    let stating = RenderOptions { predict_error: true, ..options.clone() };
+    let (_, maps, _) = volume.render_with_maps(scene, &stating)?;
+    Ok(maps.errors.map(|errors| greatest(errors.pixels.iter().map(|pixel| f64::from(pixel[0])))))
 }
 
 /// Whether enough pictures have been timed.
@@ -325,6 +336,7 @@ fn point(row: &PictureRow, method: &MethodSpec, image: &Image, cost: &Cost) -> P
         method: method.method.into(),
         parameters: method.parameters.clone(),
         max_error: method.max_error(),
+        stated: cost.stated,
         backend: cold.adapter.clone().unwrap_or_else(|| CPU.into()),
         cpu_ms: cpu.median_ms,
         cpu_ms_spread: cpu.greatest_ms - cpu.least_ms,
@@ -377,6 +389,9 @@ mod tests {
         for look in Look::QUICK {
             let default = find(look, DEFAULT, "--max-error 0.5/255");
             assert!(default.default && default.p999 < 0.5 / 255.0 && default.cpu_ms > 0.0, "{default:?}");
+            let stated = default.stated.unwrap();
+            assert!(default.linf <= stated && stated <= default.max_error.unwrap(), "{default:?}");
+            assert_eq!(find(look, "midpoint samples", "step 1 voxel").stated, None);
             assert_eq!(default.linf, find(look, "level of detail", "level 0").linf);
             assert!(find(look, "midpoint samples", "step 1 voxel").linf > default.linf);
         }

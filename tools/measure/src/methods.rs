@@ -126,6 +126,13 @@ impl MethodSpec {
         is_aimed.then_some(self.max_error_grey_levels / GREY_LEVELS)
     }
 
+    /// Whether its pictures state an error from the exact picture of the stored floats.
+    #[must_use]
+    pub fn states_its_error(&self) -> bool {
+        let is_stored_exactly = self.storage == Storage::Float && self.voxel_error == MaxError::Exact;
+        self.integration == Integrated::Default && is_stored_exactly
+    }
+
     /// Whether the method is measured on this look.
     #[must_use]
     pub fn is_for(&self, look: Look) -> bool {

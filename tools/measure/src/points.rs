@@ -58,10 +58,12 @@ pub struct Point {
     pub default: bool,
     /// Requested error, fraction of full scale; null for methods without error control.
     pub max_error: Option<f64>,
+    /// Stated error: the greatest of any pixel, fraction of full scale; null for methods that state none.
+    pub stated: Option<f64>,
 }
 
 /// The columns of `points.csv`, in order: the keys of `points.json`.
-pub const COLUMNS: [&str; 25] = [
+pub const COLUMNS: [&str; 26] = [
     "scene",
     "transfer_function",
     "method",
@@ -87,6 +89,7 @@ pub const COLUMNS: [&str; 25] = [
     "pareto",
     "default",
     "max_error",
+    "stated",
 ];
 
 /// Backend of the points with comparable processor times.
@@ -167,6 +170,7 @@ pub(crate) mod tests {
             method: method.into(),
             parameters: "step 1, \"fine\"".into(),
             max_error: None,
+            stated: None,
             backend: CPU.into(),
             cpu_ms,
             cpu_ms_spread: 0.1,

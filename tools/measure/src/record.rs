@@ -42,7 +42,7 @@ pub struct RecordedGate {
 /// One regime.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RegimeRecord {
-    /// `S01` to `S48`.
+    /// `S01` to `S51`.
     pub id: String,
     /// The failure, in a few words.
     pub title: String,

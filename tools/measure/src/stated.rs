@@ -29,6 +29,8 @@ pub struct AtLevel {
     pub median_true_grey_levels: f64,
     /// Median stated error.
     pub median_stated_grey_levels: f64,
+    /// Greatest true error, of all pixels.
+    pub largest_true_grey_levels: f64,
     /// Greatest stated error, of all pixels.
     pub largest_stated_grey_levels: f64,
     /// Fraction of the pixels whose stated error is smaller than the whole range of a channel.
@@ -41,6 +43,7 @@ pub struct Pixels {
     level: u8,
     asked: f64,
     errors: Vec<[f64; 2]>,
+    largest_true: f64,
     largest_stated: f64,
     scenes_above: Vec<u64>,
 }
@@ -54,7 +57,7 @@ impl Pixels {
     /// Starts with no pixels of this level, drawn with this requested error, grey levels.
     #[must_use]
     pub fn new(level: u8, asked: f64) -> Self {
-        Self { level, asked, errors: Vec::new(), largest_stated: 0.0, scenes_above: Vec::new() }
+        Self { level, asked, errors: Vec::new(), largest_true: 0.0, largest_stated: 0.0, scenes_above: Vec::new() }
     }
 
     /// Draws scene `number` from this level (or the coarsest one) and compares it with `exact`. Returns the picture.
@@ -84,6 +87,7 @@ impl Pixels {
             let off = greatest([0, 1, 2, 3].map(|c| f64::from(found[c] - exact[c]))) * GREY_LEVELS;
             let stated = f64::from(stated[0]) * GREY_LEVELS;
             is_above |= off > stated + LEAST || stated.is_nan();
+            self.largest_true = self.largest_true.max(off);
             self.largest_stated = self.largest_stated.max(stated);
             if off > LEAST {
                 self.errors.push([off, stated]);
@@ -106,6 +110,7 @@ impl Pixels {
         AtLevel {
             level: self.level,
             asked_grey_levels: self.asked,
+            largest_true_grey_levels: self.largest_true,
             largest_stated_grey_levels: self.largest_stated,
             pixels: self.errors.len() as u64,
             largest_share_of_stated: self.errors.iter().map(|[off, stated]| off / stated).fold(0.0, f64::max),
@@ -132,6 +137,7 @@ mod tests {
         pixels.add(5, &picture, &exact, &image([0.0, 0.05, 1.0]));
         let found = pixels.finish();
         assert_eq!((found.pixels, found.scenes_above_stated.as_slice()), (4, &[5u64][..]));
+        assert!((found.largest_true_grey_levels - 51.0).abs() < 1e-4, "{found:?}");
         assert!((found.largest_share_of_stated - 2.0).abs() < 1e-5 && found.share_with_a_bound == 0.75, "{found:?}");
         assert!((found.median_stated_over_true - 2.0).abs() < 1e-5, "{found:?}");
         let mut none = Pixels::new(1, 0.5);

@@ -5,6 +5,7 @@
 //! in [0, 1]. `alpha` is the opacity over the unit distance.
 
 pub mod edges;
+mod fit;
 pub mod intervals;
 pub mod pieces;
 pub mod render;

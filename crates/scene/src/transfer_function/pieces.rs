@@ -15,15 +15,12 @@
 
 use supervol_format::cast::single;
 
+use super::fit::{Fitter, Segment, channels_between};
 use super::render::with_limit_points;
 use super::{ControlPoint, TransferFunction};
 
 /// Number of channels: extinction, and extinction times red, green, blue.
 pub const CHANNELS: usize = 4;
-/// The shortest piece is the segment between two control points divided by this.
-const LEAST_PARTS: f64 = 65536.0;
-/// Bisection steps for the end of a piece.
-const BISECTIONS: usize = 12;
 /// Columns are padded to a power of two, at least this.
 pub const LEAST_STRIDE: usize = 16;
 
@@ -112,14 +109,14 @@ const ROUNDED_DIFFERENCE: f64 = 2.0 * f32::EPSILON as f64;
 
 /// One piece during construction.
 #[derive(Debug, Clone, Copy)]
-struct Piece {
-    knot: f64,
-    anchor: f64,
+pub(super) struct Piece {
+    pub(super) knot: f64,
+    pub(super) anchor: f64,
     /// Coefficients of 1, y, y^2 for each channel, y the distance from the anchor.
-    channels: [[f64; 3]; CHANNELS],
-    color_slope: f64,
+    pub(super) channels: [[f64; 3]; CHANNELS],
+    pub(super) color_slope: f64,
     /// Whether it begins at a control point.
-    begins_at_point: bool,
+    pub(super) begins_at_point: bool,
 }
 
 impl TransferPieces {
@@ -337,40 +334,7 @@ fn color_step(before: &Piece, after: &Piece, y: f64) -> f64 {
     (1..CHANNELS).map(change).fold(0.0, f64::max)
 }
 
-/// The part of the function between two control points of different values.
-#[derive(Debug, Clone, Copy)]
-struct Segment {
-    ends: [ControlPoint; 2],
-    /// Render values of the ends as rounded to `f32`, in which samples are compared with knots.
-    values: [f64; 2],
-}
-
-impl Segment {
-    /// Extinction and emission at a value.
-    fn at(&self, source: &TransferFunction, value: f64) -> [f64; CHANNELS] {
-        let x = (value - self.values[0]) / (self.values[1] - self.values[0]);
-        channels_between(source, &self.ends, x)
-    }
-
-    fn is_visible(&self) -> bool {
-        self.ends.iter().any(|end| end.alpha > 0.0)
-    }
-
-    /// Greatest change of a colour channel per unit of value.
-    fn color_slope(&self) -> f64 {
-        let change = |c: usize| (self.ends[1].color[c] - self.ends[0].color[c]).abs();
-        (0..3).map(change).fold(0.0, f64::max) / (self.values[1] - self.values[0])
-    }
-}
-
-/// Channels at the share `x` of the way between two control points.
-fn channels_between(source: &TransferFunction, [a, b]: &[ControlPoint; 2], x: f64) -> [f64; CHANNELS] {
-    let kappa = source.kappa(a.alpha + x * (b.alpha - a.alpha));
-    let color = |c: usize| a.color[c] + x * (b.color[c] - a.color[c]);
-    [kappa, kappa * color(0), kappa * color(1), kappa * color(2)]
-}
-
-fn pieces_of(source: &TransferFunction, shift: f64, tolerance: f64) -> Vec<Piece> {
+pub(super) fn pieces_of(source: &TransferFunction, shift: f64, tolerance: f64) -> Vec<Piece> {
     let points = with_limit_points(source.points());
     let values: Vec<f64> = points.iter().map(|p| f64::from(single(p.value - shift))).collect();
     let constant = |knot: f64, anchor: f64, point: ControlPoint| Piece {
@@ -393,91 +357,6 @@ fn pieces_of(source: &TransferFunction, shift: f64, tolerance: f64) -> Vec<Piece
     }
     pieces.push(constant(values[last], values[last], points[last]));
     pieces
-}
-
-/// Cuts the function into pieces in ascending order of value, each as long as one quadratic fits.
-struct Fitter<'a> {
-    source: &'a TransferFunction,
-    /// Segments that are not yet covered by pieces.
-    segments: &'a [Segment],
-    tolerance: f64,
-}
-
-impl Fitter<'_> {
-    /// The next piece, which starts at `begin`; moves `begin` to its end. `None` at the end of the function.
-    fn next_piece(&mut self, begin: &mut f64) -> Option<Piece> {
-        while self.segments.first().is_some_and(|s| s.values[1] <= *begin) {
-            self.segments = &self.segments[1..];
-        }
-        let first = *self.segments.first()?;
-        // The piece covers as many whole segments as fit. For most functions that is none, and it covers a part of the
-        // first segment.
-        let mut end = *begin;
-        for (i, segment) in self.segments.iter().enumerate() {
-            let is_joined = i == 0 || self.segments[i - 1].ends[1] == segment.ends[0];
-            if !is_joined || !self.fits(*begin, segment.values[1]) {
-                break;
-            }
-            end = segment.values[1];
-        }
-        if end == *begin {
-            let (mut low, mut high) = (*begin, first.values[1]);
-            for _ in 0..BISECTIONS {
-                let middle = 0.5 * (low + high);
-                if self.fits(*begin, middle) { low = middle } else { high = middle }
-            }
-            // A piece of the least length is used even if it does not fit.
-            let least = *begin + (first.values[1] - first.values[0]) / LEAST_PARTS;
-            end = f64::from(single(low.max(least).min(first.values[1])));
-            if end <= *begin {
-                end = first.values[1];
-            }
-        }
-        let covered = self.segments.iter().take_while(|s| s.values[0] < end);
-        let color_slope = covered.filter(|s| s.is_visible()).map(Segment::color_slope).fold(0.0, f64::max);
-        let channels = self.fit(*begin, end).map(|[v, s, b]| {
-            let width = end - *begin;
-            [v, s / width, b / (width * width)]
-        });
-        let begins_at_point = *begin == first.values[0];
-        let piece = Piece { knot: *begin, anchor: *begin, channels, color_slope, begins_at_point };
-        *begin = end;
-        Some(piece)
-    }
-
-    fn at(&self, value: f64) -> [f64; CHANNELS] {
-        let i = self.segments.partition_point(|s| s.values[1] < value).min(self.segments.len() - 1);
-        self.segments[i].at(self.source, value)
-    }
-
-    /// Quadratics through both ends and the middle; coefficients of 1, x and x^2, x from 0 to 1.
-    fn fit(&self, begin: f64, end: f64) -> [[f64; 3]; CHANNELS] {
-        // At a step, the right side counts.
-        let first = self.segments[0].at(self.source, begin);
-        let (middle, last) = (self.at(0.5 * (begin + end)), self.at(end));
-        std::array::from_fn(|c| {
-            let bend = 2.0 * (first[c] - 2.0 * middle[c] + last[c]);
-            [first[c], last[c] - first[c] - bend, bend]
-        })
-    }
-
-    /// Whether the quadratics are within the tolerance; tested at nine values of every segment.
-    fn fits(&self, begin: f64, end: f64) -> bool {
-        let quadratics = self.fit(begin, end);
-        let covered = self.segments.iter().take_while(|s| s.values[0] < end);
-        covered.into_iter().all(|segment| {
-            let ends = [segment.values[0].max(begin), segment.values[1].min(end)];
-            (0..=8).all(|i| {
-                let value = ends[0] + (ends[1] - ends[0]) * f64::from(i) / 8.0;
-                let exact = segment.at(self.source, value);
-                let x = (value - begin) / (end - begin);
-                (0..CHANNELS).all(|c| {
-                    let [v, s, b] = quadratics[c];
-                    (v + x * (s + x * b) - exact[c]).abs() <= self.tolerance * exact[0]
-                })
-            })
-        })
-    }
 }
 
 #[cfg(test)]

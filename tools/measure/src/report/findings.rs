@@ -93,35 +93,49 @@ fn comparison_row(c: &Comparison<'_>) -> Vec<String> {
 
 /// The default's curve over all pictures: requested error, measured error, cost.
 pub(super) fn errors_asked_for(points: &[Point]) -> String {
-    let of_look = |look: &[Point], levels: f64| -> Option<[f64; 3]> {
+    let of_look = |look: &[Point], levels: f64| -> Option<[f64; 4]> {
         let at = |levels: f64| {
             let asked =
                 |p: &&Point| p.method == DEFAULT && p.max_error.is_some_and(|e| (e * 255.0 - levels).abs() < 1e-9);
             look.iter().find(asked)
         };
         let (point, default) = (at(levels)?, look.iter().find(|p| p.default)?);
-        Some([point.linf * 255.0, point.p999 * 255.0, point.cpu_ms / default.cpu_ms])
+        let stated = point.stated.unwrap_or(f64::NAN);
+        Some([point.linf * 255.0, point.p999 * 255.0, point.cpu_ms / default.cpu_ms, stated * 255.0])
     };
     let row = |levels: f64| {
-        let mut found: Vec<[f64; 3]> = looks(points).filter_map(|look| of_look(look, levels)).collect();
-        let above = found.iter().filter(|[largest, _, _]| *largest > levels).count();
+        let mut found: Vec<[f64; 4]> = looks(points).filter_map(|look| of_look(look, levels)).collect();
+        let above = found.iter().filter(|[largest, ..]| *largest > levels).count();
+        // Pictures that state nothing are not above it.
+        let above_stated = found.iter().filter(|[largest, .., stated]| largest > stated).count();
         found.sort_by(|a, b| a[2].total_cmp(&b[2]));
         let middle = found.get(found.len() / 2)?[2];
         let greatest = |i: usize| found.iter().map(|f| f[i]).fold(0.0, f64::max);
         let range = format!("{} to {}", number(found[0][2]), number(found[found.len() - 1][2]));
-        let numbers = [number(levels), number(greatest(0)), number(greatest(1)), format!("{above} of {}", found.len())];
-        Some(numbers.into_iter().chain([number(middle), range]).collect::<Vec<String>>())
+        let of_all = |count: usize| format!("{count} of {}", found.len());
+        let errors = [levels, greatest(3), greatest(0), greatest(1)].map(number);
+        let numbers = errors.into_iter().chain([of_all(above), of_all(above_stated)]);
+        Some(numbers.chain([number(middle), range]).collect::<Vec<String>>())
     };
     let rows: Vec<Vec<String>> = ERRORS.into_iter().filter_map(row).collect();
     if rows.is_empty() {
         return paragraph("The default was not measured at several errors in this run.");
     }
     paragraph(
-        "The default drawn at each error that can be asked for (--max-error), over all pictures. Errors are in grey levels of \
-         255. Cost is the processor time of a picture over that of the same picture at the default error: the median, and from \
+        "The default drawn at each error that can be asked for (--max-error), over all pictures: the true error, the one that \
+         a picture states, and pictures whose true error is above either. Errors are in grey levels of 255. Cost is the processor time of a picture over that of the same picture at the default error: the median, and from \
          the least to the greatest.",
     ) + &table(
-        &["asked for", "largest error", "largest 99.9th percentile", "pictures above", "cost, median", "cost"],
+        &[
+            "asked for",
+            "largest stated",
+            "largest true",
+            "largest 99.9th percentile",
+            "pictures above asked",
+            "pictures above stated",
+            "cost, median",
+            "cost",
+        ],
         &rows,
     )
 }
@@ -222,6 +236,8 @@ fn points_table(points: &[Point]) -> String {
         "samples",
         "read",
         "largest",
+        "stated",
+        "asked",
         "99.9 %",
         "RMSE",
         "PSNR dB",
@@ -234,7 +250,9 @@ fn points_table(points: &[Point]) -> String {
     html += "</tr></thead><tbody>\n";
     for p in points {
         let texts = [&p.transfer_function, &p.method, &p.parameters].map(|t| format!("<td>{}</td>", escape(t)));
-        let [time, errors] = [[p.cpu_ms, p.cpu_ms_spread, p.wall_ms], [p.linf, p.p999, p.rmse]].map(|n| n.map(number));
+        let time = [p.cpu_ms, p.cpu_ms_spread, p.wall_ms].map(number);
+        let promised = [p.stated, p.max_error].map(number_or_dash);
+        let errors = [number(p.linf)].into_iter().chain(promised).chain([p.p999, p.rmse].map(number));
         let rest = [
             number_or_dash(p.psnr_db),
             number(p.bias),
@@ -285,7 +303,9 @@ mod tests {
             let (method, max_error) = (DEFAULT.into(), Some(levels / 255.0));
             let is_default = levels == 0.5;
             let base = point("default", cpu_ms, linf / 255.0);
-            Point { method, max_error, default: is_default, transfer_function: look.into(), ..base }
+            // One picture of 9 grey levels states less.
+            let stated = Some((0.9 * levels).max(if linf == 9.0 { 0.0 } else { linf }) / 255.0);
+            Point { method, max_error, stated, default: is_default, transfer_function: look.into(), ..base }
         };
         let points = [
             aimed(8.0, 1.0, 3.0, "a"),
@@ -294,7 +314,7 @@ mod tests {
             aimed(0.5, 6.0, 0.125, "b"),
         ];
         let html = errors_asked_for(&points);
-        for part in [">8<", ">9<", "1 of 2", ">0.5<", ">0.25 to 0.5<", "0 of 2", ">1 to 1<"] {
+        for part in [">8<", ">9<", ">7.2<", "1 of 2", ">0.45<", ">0.5<", ">0.25 to 0.5<", "0 of 2", ">1 to 1<"] {
             assert!(html.contains(part), "no {part} in {html}");
         }
         assert!(errors_asked_for(&[]).contains("not measured"));

@@ -29,7 +29,7 @@ use crate::storage::Storage;
 pub use html::figure;
 use html::{Section, escape, paragraph};
 pub use machine::Circumstances;
-use palette::FAMILIES;
+use palette::{ASKED, FAMILIES, STATED};
 use plots::{Named, Plot, Scaling, Series, Side};
 pub use stability::stability_page;
 
@@ -190,17 +190,27 @@ fn cost_error_figure(points: &[Point]) -> String {
         &format!("{}, {}: error against cost", first.scene, first.transfer_function),
         &cost_error_plot(points).html(),
         "Further left is faster, further down is more accurate; the black staircase joins the methods that no other beats in \
-         both (the Pareto front), and below the dashed line errors cannot be seen.",
+         both (the Pareto front), and below the dashed line errors cannot be seen. Above each point of the default, a blue \
+         diamond is the error that the picture states, and a blue cross the error asked for.",
     )
 }
 
 fn cost_error_plot(points: &[Point]) -> Plot {
     let at = |p: &Point| (p.cpu_ms, p.linf);
-    let series = FAMILIES.iter().map(|(family, look)| Series {
+    let families = FAMILIES.iter().map(|(family, look)| Series {
         name: (*family).into(),
         look: *look,
         points: in_order_of_cost(points, family).into_iter().map(at).collect(),
     });
+    // Above each true error of the default: what the picture states, and what was asked for.
+    let curve = in_order_of_cost(points, DEFAULT);
+    let beside = |(name, look): (&str, palette::Look), error: fn(&Point) -> Option<f64>| Series {
+        name: name.into(),
+        look,
+        points: curve.iter().filter_map(|p| Some((p.cpu_ms, error(p)?))).collect(),
+    };
+    let series = families.chain([beside(STATED, |p| p.stated), beside(ASKED, |p| p.max_error)]);
+    let ladder = |p: &&Point| Some([p.linf, p.stated?, p.max_error?].map(|error| (p.cpu_ms, error)).to_vec());
     let mut front: Vec<(f64, f64)> = points.iter().filter(|p| p.pareto).map(at).collect();
     front.sort_by(|a, b| a.0.total_cmp(&b.0));
     let default = points.iter().find(|p| p.default);
@@ -209,7 +219,7 @@ fn cost_error_plot(points: &[Point]) -> Plot {
         y_label: "largest error, share of full scale".into(),
         scaling: [Scaling::Logarithmic; 2],
         series: series.filter(|s| !s.points.is_empty()).collect(),
-        guides: Vec::new(),
+        guides: curve.iter().filter_map(ladder).collect(),
         front,
         limit: Some((INVISIBLE, "half a grey level".into())),
         ringed: default.map(|p| (p.cpu_ms, p.linf, "default".into())),
@@ -244,7 +254,10 @@ fn ends_of_curve(points: &[Point]) -> Vec<Named> {
 /// Marks and names of the families with points.
 fn legend(points: &[Point]) -> String {
     let is_shown = |family: &str| points.iter().any(|p| p.method == family);
-    let shown: Vec<_> = FAMILIES.iter().copied().filter(|(family, _)| is_shown(family)).collect();
+    let mut shown: Vec<_> = FAMILIES.iter().copied().filter(|(family, _)| is_shown(family)).collect();
+    if points.iter().any(|p| p.stated.is_some()) {
+        shown.extend([STATED, ASKED]);
+    }
     paragraph("Marks mean the same in every figure; lines join one method at different parameters.")
         + &palette::legend(&shown)
 }
@@ -265,6 +278,7 @@ mod tests {
             vec![point(DEFAULT, 1.0, 8e-3), point(DEFAULT, 2.0, 1e-3), point("midpoint samples", 9.0, 1e-2)];
         (points[0].default, points[1].pareto) = (false, true);
         (points[0].max_error, points[1].max_error) = (Some(8.0 / 255.0), Some(0.5 / 255.0));
+        (points[0].stated, points[1].stated) = (Some(1.5e-2), Some(1.2e-3));
         let chart = Chart {
             points,
             pictures: vec![PictureRow {
@@ -294,9 +308,16 @@ mod tests {
         };
         let page = of(Extent::Whole);
         // The default is a curve with named ends; the default error has a ring.
-        for part in
-            ["<svg", "data:image/png;base64,", "&lt;left out&gt;", "supervol chart --quick", ">8/255<", ">0.5/255<"]
-        {
+        for part in [
+            "<svg",
+            "data:image/png;base64,",
+            "&lt;left out&gt;",
+            "supervol chart --quick",
+            ">8/255<",
+            ">0.5/255<",
+            STATED.0,
+            ASKED.0,
+        ] {
             assert!(page.contains(part), "no {part}");
         }
         // A summary shows the same plots, but not all points and pictures.

@@ -71,6 +71,11 @@ pub const FAMILIES: [(&str, Look); 20] = [
     ("GPU backend", loose(PURPLE, Mark::Cross)),
 ];
 
+/// The error that a picture states, in figures of errors.
+pub const STATED: (&str, Look) = ("default: error that the picture states", loose(BLUE, Mark::Diamond));
+/// The requested error, in figures of errors.
+pub const ASKED: (&str, Look) = ("default: error asked for", loose(BLUE, Mark::Cross));
+
 const fn joined(color: RGBColor, mark: Mark) -> Look {
     Look { color, mark, joined: true }
 }

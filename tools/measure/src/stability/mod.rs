@@ -1,6 +1,6 @@
 //! The stability suite: every regime in which a method breaks, with a recipe, a curve into the failure, and a gate.
 //!
-//! A [`Regime`] is one row of the list of regimes (S01 to S48). The report runs them at `Scale::Full`. The tests run
+//! A [`Regime`] is one row of the list of regimes (S01 to S51). The report runs them at `Scale::Full`. The tests run
 //! the same code at `Scale::Small`, with fewer and smaller cases. A gate is a number that the project promises; it is
 //! never loosened to pass. A failing regime is reported as failing and listed in `tests/tests/drawn/known_issues.rs`.
 
@@ -17,6 +17,7 @@ pub(crate) mod parallel;
 pub mod reconstruction;
 pub mod regime;
 pub mod segments;
+mod stated;
 pub mod streaming;
 mod values;
 mod views;
@@ -26,7 +27,7 @@ use self::regime::Regime;
 /// All implemented regimes, by id.
 #[must_use]
 pub fn regimes() -> Vec<&'static Regime> {
-    let groups: [&'static [Regime]; 13] = [
+    let groups: [&'static [Regime]; 14] = [
         borders::REGIMES,
         classification::REGIMES,
         coded::REGIMES,
@@ -38,6 +39,7 @@ pub fn regimes() -> Vec<&'static Regime> {
         lod::REGIMES,
         reconstruction::REGIMES,
         segments::REGIMES,
+        stated::REGIMES,
         streaming::REGIMES,
         values::REGIMES,
     ];

@@ -7,7 +7,7 @@ use crate::context::{ChartError, Context};
 /// One regime.
 #[derive(Debug)]
 pub struct Regime {
-    /// `S01` to `S48`.
+    /// `S01` to `S51`.
     pub id: &'static str,
     /// The failure, in a few words.
     pub title: &'static str,

@@ -6,7 +6,7 @@
 
 use std::ops::{Add, Mul, Sub};
 
-use glam::{DMat3, DVec3};
+use glam::{BVec3, DMat3, DVec3};
 use supervol_format::cast::whole;
 use supervol_scene::clip::IndexRay;
 use supervol_scene::scene::Shading;
@@ -196,15 +196,13 @@ impl<'a> Chord<'a> {
         if brightest(shading) <= 1.0 {
             return;
         }
-        let light = |v: f64| self.unlimited(shading, gradient, v);
+        let is_limited = |v: f64| self.unlimited(shading, gradient, v).cmpge(DVec3::ONE);
         let place = |i: usize| ENDS[0] + (ENDS[1] - ENDS[0]) * i as f64 / LIMIT_SAMPLES as f64;
-        let found: [DVec3; LIMIT_SAMPLES + 1] = std::array::from_fn(|i| light(place(i)));
-        for i in 0..LIMIT_SAMPLES {
-            for channel in 0..3 {
-                let before = found[i][channel] >= 1.0;
-                if before != (found[i + 1][channel] >= 1.0) {
-                    cuts.push(bisect(place(i), place(i + 1), |v| (light(v)[channel] >= 1.0) == before));
-                }
+        let found: [BVec3; LIMIT_SAMPLES + 1] = std::array::from_fn(|i| is_limited(place(i)));
+        for (i, pair) in found.windows(2).enumerate() {
+            for channel in (0..3).filter(|channel| pair[0].test(*channel) != pair[1].test(*channel)) {
+                let before = pair[0].test(channel);
+                cuts.push(bisect(place(i), place(i + 1), |v| is_limited(v).test(channel) == before));
             }
         }
     }
