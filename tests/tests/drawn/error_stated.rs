@@ -79,13 +79,18 @@ fn waves() -> Field {
     })
 }
 
+/// Default error, in grey levels.
+const ASKED: f64 = 0.5;
+/// Greatest error that a pixel of the finest level may state in other modes, where the rounding of values comes on top.
+const MOST_OF_OTHERS: f64 = 1.0;
+
 /// Settings of the pictures that a test draws of one field.
 struct Drawn<'a> {
     backend: Backend,
     levels: &'a [LevelChoice],
     /// Number of random transfer functions per mode.
     functions: usize,
-    /// Greatest error that may be stated for pictures of the finest level, in grey levels.
+    /// Greatest error that a pixel of the finest level may state in mode `dvr`, grey levels.
     most_of_finest: f64,
 }
 
@@ -114,7 +119,8 @@ fn assert_stated(name: &str, field: &Field, drawn: &Drawn<'_>, random: &mut Rand
                 }
                 if level == LevelChoice::Fixed(Lod(0)) {
                     assert!(said.levels_grey_levels == 0.0 && !said.presence_may_change, "{said:?}");
-                    assert!(said.largest_grey_levels < drawn.most_of_finest, "{name}, {mode}: {said:?}");
+                    let most = if mode.contains("dvr") { drawn.most_of_finest } else { MOST_OF_OTHERS };
+                    assert!(said.largest_grey_levels <= most, "{name}, {mode}: {said:?}");
                 }
             }
         }
@@ -141,7 +147,7 @@ fn contents() -> [(&'static str, Field); 5] {
 #[test]
 fn no_pixel_is_farther_off_than_is_stated() {
     let mut random = Random::new(7);
-    let drawn = Drawn { backend: Backend::Cpu, levels: &LEVELS, functions: 4, most_of_finest: 4.0 };
+    let drawn = Drawn { backend: Backend::Cpu, levels: &LEVELS, functions: 4, most_of_finest: ASKED };
     for (name, field) in contents() {
         assert_stated(name, &field, &drawn, &mut random);
     }
@@ -154,7 +160,8 @@ fn no_pixel_of_a_device_is_farther_off_than_is_stated() {
         return;
     }
     let mut random = Random::new(8);
-    let drawn = Drawn { backend: Backend::Gpu, levels: &LEVELS[..3], functions: 2, most_of_finest: 6.0 };
+    // No cell is integrated in `f64`: what noise cannot settle is stated.
+    let drawn = Drawn { backend: Backend::Gpu, levels: &LEVELS[..3], functions: 2, most_of_finest: 2.0 * ASKED };
     for (name, field) in contents() {
         assert_stated(name, &field, &drawn, &mut random);
     }
