@@ -4,10 +4,10 @@
 //! definition of the transfer function.
 //!
 //! In mode `dvr` a ray's segment is cut at the faces of the trilinear cells (integer index coordinates), because the
-//! field bends there. In a cell the field and its gradient are cubics along the ray ([`chord`]). Each *piece* is cut
+//! field bends there. In a cell the field and its gradient are cubics along the ray (`chord`). Each *piece* is cut
 //! again where light has a kink or a step. Between cuts light is smooth. It is sampled at Gauss points, in parts that
 //! are halved until two halvings in turn change nothing, no normal turns far, and no colour can reach 1 between samples
-//! ([`integral`]).
+//! (`integral`).
 //!
 //! *Accuracy.* A ray is off by at most 1e-5 of full scale (0.0026 grey levels), for every channel. The tolerance of a ray
 //! is a tenth of it, shared by its pieces. Tests compare rays with an integration that knows no cells:
