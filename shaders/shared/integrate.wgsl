@@ -482,7 +482,7 @@ fn integrate_line(line: Line) -> Part {
     let turn = greatest_of(abs(of_color));
     let close = error_of_order(at, around, at_a, vec4<f32>(tau, per_kappa, opacity, between.w), turn, twist);
     let of_order = min(close, most + greatest_of(abs(ordered)));
-    // What is missed of a mean shows less in a part that is opaque.
+    // An error of a mean shows less in a part that is opaque.
     let least = max(tau - of_mean, 0.0);
     let error = min(of_mean / max(0.5 * least, 1.0), 1.0) + of_order;
 

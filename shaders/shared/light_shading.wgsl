@@ -99,7 +99,7 @@ struct Turn {
     middle: vec4<f32>,
     end: vec4<f32>,
     anywhere: vec4<f32>,
-    // Of first order, in the mean.
+    // The mean bound of first order.
     mean_first: f32,
     // Whether the gradient nowhere is too short for a normal, and whether it is so everywhere.
     is_known: bool,
@@ -280,7 +280,7 @@ fn shade_part(plain: Part, gradients: mat3x3<f32>, cubic: vec3<f32>, to_eye: vec
     var color = plain.color * mean_of_three(lit.diffuse) + plain.moments.rgb * (lit.diffuse.z - lit.diffuse.x) + of_specular;
     let turn = turn_along(lit, cubic);
     let between = light_between(lit, turn);
-    // What three places miss, by a density that is linear.
+    // Errors of three places, for a density that is linear.
     let of_diffuse = error_of_diffuse(lit, turn, greatest_of(plain.color), greatest_of(abs(plain.moments.rgb)));
     let of_highlight = opacity * between.highlight.missed + abs(plain.moments.w) * between.highlight.of_moment;
     let known = of_diffuse + of_highlight * config.specular * config.light_sum + plain.misplaced * between.change;

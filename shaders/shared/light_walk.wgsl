@@ -173,10 +173,10 @@ struct LightWalk {
     // to the eye.
     left: f32,
     weight: f32,
-    // What the cell may spend by its opacity, and of the reserve; whether both are known.
+    // The cell's allowance: by its opacity, and of the reserve; whether both are known.
     allowed: vec2<f32>,
     has_allowance: bool,
-    // What its finished parts have spent, and the turns that all tried ones took.
+    // Error that its finished parts have spent, and the turns that all tried ones took.
     spent: f32,
     turns: u32,
     // Most cells of a span in this round.
@@ -331,8 +331,8 @@ fn try_part(
         (*walk).has_allowance = !is_span;
     }
     let most = (*walk).allowed.x + (*walk).allowed.y;
-    let is_lit_once = has_flag(FLAG_SHADED) && (opacity + part.error) * weight > min(config.least_shaded, most);
-    let is_lit = is_lit_once || (has_flag(FLAG_SHADED) && s.size < 1.0);
+    let shows = (opacity + part.error) * weight > min(config.least_shaded, most);
+    let is_lit = has_flag(FLAG_SHADED) && (shows || s.size < 1.0);
     if (is_lit && !is_span) {
         part = lit_part(slot, local, s, part, walk);
     } else if (has_flag(FLAG_SHADED)) {
@@ -394,10 +394,11 @@ fn turns_of_try() -> u32 {
     return TURNS_OF_SEARCH + 2u * config.light_count;
 }
 
-// What some cells together may spend, whose contribution is this part: by their opacity, and of the reserve.
+// Allowance of some cells together, whose contribution is this part: by their opacity, and of the reserve.
 fn allowed_of(part: Part, count: f32, walk: ptr<function, LightWalk>) -> vec2<f32> {
     let opacity = max(1.0 - part.transmittance - part.error, 0.0);
-    return vec2<f32>(config.by_opacity * opacity * (*walk).weight, max((*walk).left, LEAST_LEFT * config.reserve) * (RESERVE_SHARE * count));
+    let left = max((*walk).left, LEAST_LEFT * config.reserve);
+    return vec2<f32>(config.by_opacity * opacity * (*walk).weight, left * (RESERVE_SHARE * count));
 }
 
 // Upper bound on the light from behind a part that passes to the eye.

@@ -5,14 +5,9 @@
 //! elsewhere in the compiled shader than in Rust. A `vec3` is always followed by a scalar: then both sides pack alike.
 
 use bytemuck::{Pod, Zeroable};
-use supervol_format::cast::single;
 
-use super::limits;
-use crate::engines::cells::quadrature;
+use super::borrowed;
 use crate::engines::gpu::texels::VoxelStorage;
-use crate::engines::packets::{highlight, shade, turn};
-use crate::engines::rules;
-use crate::lod::deviation::PER_OPACITY;
 
 /// A Rust type with a WGSL name.
 trait WgslType {
@@ -615,89 +610,6 @@ shared_struct! {
     }
 }
 
-/// Constants that stand beside the Rust code they belong to: name, WGSL type, value.
-fn borrowed_constants() -> [(&'static str, &'static str, String); 72] {
-    let (apron, macro_cell) = (supervol_format::brick::APRON, supervol_format::brick::MACRO_CELL);
-    [
-        ("APRON", "i32", apron.to_string()),
-        ("MACRO_CELL", "i32", macro_cell.to_string()),
-        ("BLOCK", "i32", crate::engines::blocks::BLOCK.to_string()),
-        ("KNOT_LIMIT", "u32", format!("{}u", quadrature::KNOT_LIMIT)),
-        ("PAIR_LIMIT", "u32", format!("{}u", quadrature::PAIR_LIMIT)),
-        ("POSITION_ERROR", "f32", format!("{:?}", rules::POSITION_ERROR)),
-        ("GAUSS_OFFSET", "f32", format!("{:?}", single(quadrature::GAUSS_OFFSET))),
-        ("GAUSS_DISTANCE", "f32", format!("{:?}", quadrature::GAUSS_DISTANCE)),
-        ("PAIR_VARIATION", "f32", format!("{:?}", rules::PAIR_VARIATION)),
-        ("PAIRS_PER_VARIATION", "f32", format!("{:?}", rules::PAIRS_PER_VARIATION)),
-        ("PAIR_VARIATION_DEPTH", "f32", format!("{:?}", rules::PAIR_VARIATION_DEPTH)),
-        ("PAIR_NORMAL_CHANGE", "f32", format!("{:?}", rules::PAIR_NORMAL_CHANGE)),
-        ("PAIR_NORMAL_DEPTH", "f32", format!("{:?}", rules::PAIR_NORMAL_DEPTH)),
-        ("MIN_WEIGHT", "f32", format!("{:?}", rules::MIN_WEIGHT)),
-        ("ISO_LIMIT", "u32", format!("{}u", supervol_scene::scene::ISO_LIMIT)),
-        ("FAR", "f32", format!("{:?}", limits::FAR)),
-        ("LEAP_MARGIN", "f32", format!("{:?}", limits::LEAP_MARGIN)),
-        ("LEAST_PART", "f32", format!("{:?}", rules::LEAST_PART)),
-        ("SHORTEST", "f32", format!("{:?}", rules::SHORTEST)),
-        ("PARTS_LIMIT", "f32", format!("{:?}", rules::PARTS_LIMIT)),
-        ("PARTS_PER_ROOT", "f32", format!("{:?}", rules::PARTS_PER_ROOT)),
-        ("LEAST_SHARE", "f32", format!("{:?}", rules::LEAST_SHARE)),
-        ("EASY", "f32", format!("{:?}", rules::EASY)),
-        ("HARD", "f32", format!("{:?}", rules::HARD)),
-        ("AVERAGE_OF_BUMP", "f32", format!("{:?}", rules::AVERAGE_OF_BUMP)),
-        ("AVERAGE_OF_CUBIC", "f32", format!("{:?}", rules::AVERAGE_OF_CUBIC)),
-        ("GREATEST_OF_CUBIC", "f32", format!("{:?}", rules::GREATEST_OF_CUBIC)),
-        ("ORDER_SQUARE", "f32", format!("{:?}", rules::ORDER_SQUARE)),
-        ("SQUARE_OF_BUMP", "f32", format!("{:?}", rules::SQUARE_OF_BUMP)),
-        ("SQUARE_OF_CUBIC", "f32", format!("{:?}", rules::SQUARE_OF_CUBIC)),
-        ("SWING_OF_BUMP", "f32", format!("{:?}", rules::SWING_OF_BUMP)),
-        ("SWING_OF_CUBIC", "f32", format!("{:?}", rules::SWING_OF_CUBIC)),
-        ("ORDER_CUBE", "f32", format!("{:?}", rules::ORDER_CUBE)),
-        ("MOST_OF_ORDER", "f32", format!("{:?}", rules::MOST_OF_ORDER)),
-        ("SERIES_UP_TO", "f32", format!("{:?}", rules::SERIES_UP_TO)),
-        ("ORDER_OF_DEPTH", "f32", format!("{:?}", rules::ORDER_OF_DEPTH)),
-        ("ORDER_OF_TILT", "f32", format!("{:?}", rules::ORDER_OF_TILT)),
-        ("LEAST_TILT", "f32", format!("{:?}", rules::LEAST_TILT)),
-        ("OPAQUE_TILT", "f32", format!("{:?}", rules::OPAQUE_TILT)),
-        ("TILT_LIMIT", "f32", format!("{:?}", rules::TILT_LIMIT)),
-        ("LEAN_SQUARE", "f32", format!("{:?}", rules::LEAN_SQUARE)),
-        ("SPREAD_SQUARE", "f32", format!("{:?}", rules::SPREAD_SQUARE)),
-        ("OF_CURVE", "f32", format!("{:?}", rules::OF_CURVE)),
-        ("OF_CURVES", "f32", format!("{:?}", rules::OF_CURVES)),
-        ("OF_KINK", "f32", format!("{:?}", rules::OF_KINK)),
-        ("OF_UNSETTLED_KINK", "f32", format!("{:?}", rules::OF_UNSETTLED_KINK)),
-        ("OF_BENDS", "f32", format!("{:?}", rules::OF_BENDS)),
-        ("OF_ANY_BENDS", "f32", format!("{:?}", rules::OF_ANY_BENDS)),
-        ("MOMENT_OF_KINK", "f32", format!("{:?}", rules::MOMENT_OF_KINK)),
-        ("OF_STEP", "f32", format!("{:?}", rules::OF_STEP)),
-        ("RESERVE_SHARE", "f32", format!("{:?}", rules::RESERVE_SHARE)),
-        ("PARTS_SHARE", "f32", format!("{:?}", rules::PARTS_SHARE)),
-        ("ROUNDED_BELOW", "f32", format!("{:?}", rules::ROUNDED_BELOW)),
-        ("VALUE_ERROR", "f32", format!("{:?}", rules::VALUE_ERROR)),
-        ("EPSILON", "f32", format!("{:?}", f32::EPSILON)),
-        ("LEAST_NORMAL", "f32", format!("{:?}", f32::MIN_POSITIVE)),
-        ("LEAST_LENGTH", "f32", format!("{:?}", f32::MIN_POSITIVE.sqrt())),
-        ("OVERSHOOT", "f32", format!("{:?}", crate::engines::packets::blocks::OVERSHOOT)),
-        ("OF_FIRST", "f32", format!("{:?}", shade::OF_FIRST)),
-        ("TURN_SECOND", "f32", format!("{:?}", turn::SECOND)),
-        ("TURN_THIRD", "f32", format!("{:?}", turn::THIRD)),
-        ("TURN_FOURTH", "f32", format!("{:?}", turn::FOURTH)),
-        ("KERNEL_AT_END", "f32", format!("{:?}", turn::KERNEL[0])),
-        ("KERNEL_IN_MIDDLE", "f32", format!("{:?}", turn::KERNEL[1])),
-        ("OF_SECOND", "f32", format!("{:?}", turn::OF_SECOND)),
-        ("OF_THIRD", "f32", format!("{:?}", turn::OF_THIRD)),
-        ("AWAY_OF_SQUARE", "f32", format!("{:?}", turn::AWAY[0])),
-        ("AWAY_OF_CUBE", "f32", format!("{:?}", turn::AWAY[1])),
-        ("SMOOTH_FROM", "f32", format!("{:?}", highlight::SMOOTH_FROM)),
-        ("LEAST_COSINE", "f32", format!("{:?}", highlight::LEAST_COSINE)),
-        ("VERTICAL", "f32", format!("{:?}", highlight::VERTICAL)),
-        (
-            "PER_OPACITY",
-            "array<f32, 7>",
-            format!("array<f32, 7>({})", PER_OPACITY.map(|a| format!("{a:?}")).join(", ")),
-        ),
-    ]
-}
-
 /// Every shared struct, in the order in which WGSL must see them.
 #[must_use]
 pub fn structs() -> Vec<StructLayout> {
@@ -729,7 +641,7 @@ pub fn wgsl() -> String {
     let mut text = "// Constants and structs shared with Rust. Written by gpu/layout.rs; do not edit.\n\n".to_owned();
     text.push_str(&constants_wgsl());
     text.push_str("// Explained where Rust defines them: crates/format/src/brick.rs, crates/scene/src/scene/mod.rs, and in crates/runtime/src: lod/deviation.rs, engines/rules.rs, engines/blocks.rs, engines/cells/quadrature.rs, engines/packets (blocks.rs, shade.rs, turn.rs, highlight.rs), engines/gpu/limits.rs.\n");
-    for (name, ty, value) in borrowed_constants() {
+    for (name, ty, value) in borrowed::constants() {
         text.push_str(&format!("const {name}: {ty} = {value};\n"));
     }
     for layout in structs() {

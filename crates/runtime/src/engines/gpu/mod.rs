@@ -4,7 +4,7 @@
 //!
 //! - [`error`], [`hardware`]: errors of the GPU backend; whether the machine may have a hardware GPU;
 //! - [`limits`], `texels`: sizes that several files share; the packing of voxels into texels;
-//! - `layout`: every struct and constant that Rust and WGSL share, defined once;
+//! - `layout`, `borrowed`: every struct and constant that Rust and WGSL share, defined once;
 //! - `shaders`: the WGSL files, in the order in which they are joined;
 //! - `pipelines`, [`device`]: the compute pipelines and their bindings; choice of the adapter, its limits, wgpu's errors
 //!   as ours;
@@ -24,6 +24,8 @@
 //!
 //! Only core WebGPU is required: no optional feature, eight storage buffers, 3D textures of unsigned integers.
 
+#[cfg(feature = "gpu")]
+mod borrowed;
 #[cfg(feature = "gpu")]
 mod bricks;
 #[cfg(feature = "gpu")]

@@ -145,9 +145,8 @@ impl Capacity {
 
     /// Whether it suffices for `other`.
     pub(super) fn holds(&self, other: &Self) -> bool {
-        let has_room = self.places >= other.places && self.points >= other.points && self.index >= other.index;
-        let has_room = has_room && self.pieces >= other.pieces;
-        has_room && (self.sums_errors || !other.sums_errors)
+        let holds_tables = self.points >= other.points && self.index >= other.index && self.pieces >= other.pieces;
+        self.places >= other.places && holds_tables && (self.sums_errors || !other.sums_errors)
     }
 
     /// Tiles of the longest run.

@@ -12,8 +12,8 @@ use supervol_scene::value_map::ValueMap;
 use crate::engines::gpu::limits::PIECE_TEXELS;
 use crate::engines::gpu::texels::VoxelStorage;
 use crate::engines::packets::fetch::Stored;
-use crate::engines::packets::tables::origin_of;
-use crate::engines::rules::{FIT_SHARE, STEEPEST_BIN};
+use crate::engines::packets::tables::pieces_of;
+use crate::engines::rules::STEEPEST_BIN;
 
 /// Children of a node of the search tree.
 const CHILDREN: usize = 4;
@@ -43,8 +43,7 @@ impl PieceTable {
     /// The table of a function for pictures of this error; `shift` is subtracted from every data value.
     #[must_use]
     pub fn new(source: &TransferFunction, shift: f64, max_error: f64) -> Self {
-        let origin = origin_of(source, shift);
-        let pieces = TransferPieces::new(source, shift + f64::from(origin), FIT_SHARE * max_error);
+        let (origin, pieces) = pieces_of(source, shift, max_error);
         let mut places = CHILDREN;
         while places < pieces.count() {
             places *= CHILDREN;

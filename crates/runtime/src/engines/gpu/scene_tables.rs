@@ -91,7 +91,7 @@ pub fn config(
         (scene.mode == Mode::Iso || scene.has_inner_surfaces(), FLAG_SURFACES),
         (sums_errors, FLAG_ERRORS),
     ];
-    let mut config = Config {
+    let config = Config {
         world_x: column(world.x_axis),
         world_y: column(world.y_axis),
         world_z: column(world.z_axis),
@@ -135,21 +135,27 @@ pub fn config(
         wait_words: narrow::<u32>(wait_words(places.slots)),
         tile_words: narrow::<u32>(tile_words(places.slots, places.entries)),
         grids: places.grids,
-        ..Config::zeroed()
+        ..lit(lighting.as_ref(), max_error)
     };
-    if let Some(lighting) = lighting {
-        config.ambient = lighting.ambient;
-        config.diffuse = lighting.diffuse;
-        config.specular = lighting.specular;
-        config.shininess = lighting.shininess;
-        config.gradient_floor = lighting.gradient_floor;
-        config.light_count = narrow::<u32>(lighting.lights.len());
-        config.least_shaded = single(LEAST_SHADED_SHARE * max_error);
-        config.whole_half = whole_half_of(lighting.shininess).unwrap_or(0);
-        config.brackets = Highlight::new(lighting.shininess).greatest;
-        config.light_sum = lighting.lights.iter().map(|light| light.1).sum();
-    }
     Ok(config)
+}
+
+/// A configuration of which only the lighting is set, if there is any.
+fn lit(lighting: Option<&Lighting>, max_error: f64) -> Config {
+    let Some(lighting) = lighting else { return Config::zeroed() };
+    Config {
+        ambient: lighting.ambient,
+        diffuse: lighting.diffuse,
+        specular: lighting.specular,
+        shininess: lighting.shininess,
+        gradient_floor: lighting.gradient_floor,
+        light_count: narrow::<u32>(lighting.lights.len()),
+        least_shaded: single(LEAST_SHADED_SHARE * max_error),
+        whole_half: whole_half_of(lighting.shininess).unwrap_or(0),
+        brackets: Highlight::new(lighting.shininess).greatest,
+        light_sum: lighting.lights.iter().map(|light| light.1).sum(),
+        ..Config::zeroed()
+    }
 }
 
 fn mode_number(mode: Mode) -> Result<u32, GpuError> {

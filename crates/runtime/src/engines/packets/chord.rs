@@ -140,21 +140,21 @@ pub struct Line<S: Simd> {
     /// Bound on its mean distance.
     pub(crate) average: S::F,
     /// Bound on the mean of its square.
-    pub(crate) square: S::F,
+    pub(super) square: S::F,
     /// Greatest integral of the distance r from the beginning to anywhere, and bound on the mean of its size.
-    pub(crate) swing: [S::F; 2],
+    pub(super) swing: [S::F; 2],
     /// Mean of r^2, and of (u - 1/2) r, of one chord.
-    pub(crate) moments: [S::F; 2],
+    pub(super) moments: [S::F; 2],
     /// Whether it replaces several chords, so that r is not one parabola and one cubic: its moments are not known.
-    pub(crate) is_span: bool,
+    pub(super) is_span: bool,
     /// Signed bump and cubic coefficient, of one chord.
-    pub(crate) bow: [S::F; 2],
+    pub(super) bow: [S::F; 2],
     /// Greatest slope of r.
-    pub(crate) turn: S::F,
+    pub(super) turn: S::F,
     /// World length.
-    pub(crate) length: S::F,
+    pub(super) length: S::F,
     /// Bound on the rounding of the field.
-    pub(crate) noise: S::F,
+    pub(super) noise: S::F,
 }
 
 impl<S: Simd> Line<S> {

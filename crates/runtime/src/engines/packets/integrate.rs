@@ -194,7 +194,7 @@ fn integrate_over<S: Simd, L: PieceLookup, const KNOTS: bool>(
             S::select(is_closer, S::min(close, of_order), of_order)
         }
     };
-    // What is missed of a mean shows less in a part that is opaque.
+    // An error of a mean shows less in a part that is opaque.
     let least = S::max(tau - of_mean, zero);
     let seen = of_mean / S::max(S::splat(0.5) * least, one);
     let error = S::min(seen, one) + of_order;

@@ -114,8 +114,7 @@ impl PacketTables {
     /// The tables of a frame.
     pub fn new(scene: &RayScene, source: &TransferFunction, rule: PacketRule, (made_bytes, plans): Made) -> Self {
         let max_error = rule.max_error.clamp(MAX_ERROR_LIMITS[0], MAX_ERROR_LIMITS[1]);
-        let origin = origin_of(source, scene.map.shift);
-        let pieces = TransferPieces::new(source, scene.map.shift + f64::from(origin), FIT_SHARE * max_error);
+        let (origin, pieces) = pieces_of(source, scene.map.shift, max_error);
         let precision = precision_of(max_error, scene.pyramid.layout().core(), rule.sums_errors);
         let for_levels = if rule.sums_errors { made_bytes / LEVELS_SHARE } else { 0 };
         let for_silhouettes = if scene.mode == Mode::Dvr { made_bytes / SILHOUETTES_SHARE } else { 0 };
@@ -248,12 +247,19 @@ impl PacketTables {
 }
 
 /// The middle of the transfer function's window where that lies far from zero for its width: `f32` then resolves it.
-pub(crate) fn origin_of(source: &TransferFunction, shift: f64) -> f32 {
+fn origin_of(source: &TransferFunction, shift: f64) -> f32 {
     let points = source.points();
     let (first, last) = (points[0].value - shift, points[points.len() - 1].value - shift);
     let middle = 0.5 * first + 0.5 * last;
     let is_far = middle.is_finite() && middle.abs() > last - first;
     if is_far { single(middle) } else { 0.0 }
+}
+
+/// The pieces of a transfer function for pictures of this error, and the render value from which they count; `shift` is subtracted from
+/// every data value.
+pub(crate) fn pieces_of(source: &TransferFunction, shift: f64, max_error: f64) -> (f32, TransferPieces) {
+    let origin = origin_of(source, shift);
+    (origin, TransferPieces::new(source, shift + f64::from(origin), FIT_SHARE * max_error))
 }
 
 fn precision_of(max_error: f64, core: usize, sums_errors: bool) -> Precision {

@@ -76,8 +76,8 @@ impl GaussRule {
         Self { places, weights, before }
     }
 
-    /// What is seen of an interval, and by how much this certainly is off: white light would have the opacity as its
-    /// colour.
+    /// Colour and transmittance of an interval, and an error that this certainly has: white light would have the opacity
+    /// as its colour.
     fn part(&self, light: &impl Light, [begin, end]: [f64; 2]) -> (Seen, f64) {
         let samples = self.places.map(|place| light.at(begin + place * (end - begin)));
         let length = light.scale() * (end - begin);
@@ -122,7 +122,7 @@ pub(super) struct Integral<'a, L> {
 }
 
 impl<L: Light> Integral<'_, L> {
-    /// What is seen of the piece between ascending cuts, behind this transmittance.
+    /// Colour and transmittance of the piece between ascending cuts, behind this transmittance.
     pub(super) fn over(&self, cuts: &[f64], front: f64) -> Seen {
         let mut seen = CLEAR;
         for cut in cuts.windows(2).filter(|cut| cut[0] < cut[1]) {
