@@ -45,9 +45,13 @@ until_true() {
 
 shot() { import -silent -window "$window" "$pictures/$1.png"; }
 
-# Whether what is on the screen has changed since a screenshot, and whether it has come to rest.
+# Whether what is on the screen has changed since a screenshot, and whether it has come to rest: the title says that no work
+# goes on, and the screen stays the same.
 has_changed() { shot now && ! cmp -s "$pictures/$1.png" "$pictures/now.png"; }
-is_still() { shot now && sleep 0.7 && shot later && cmp -s "$pictures/now.png" "$pictures/later.png"; }
+is_still() {
+    [ "$(xdotool getwindowname "$window")" = "survey.svol - Supervol" ] || return 1
+    shot now && sleep 0.7 && shot later && cmp -s "$pictures/now.png" "$pictures/later.png"
+}
 
 has_command() { compgen -G "$XDG_CACHE_HOME/supervol/scenes/*.json" >/dev/null; }
 

@@ -30,5 +30,6 @@ impl Viewer {
         panels::dialogs::show(self, &ctx);
         self.record_window_size(&ctx);
         self.send(&ctx);
+        self.show_title(&ctx);
     }
 }

@@ -112,6 +112,8 @@ pub struct Viewer {
     requests: u64,
     /// Requests without an answer, and their times.
     unanswered: VecDeque<(u64, Instant)>,
+    /// Title of the window.
+    title: String,
 }
 
 impl std::fmt::Debug for Viewer {
@@ -161,6 +163,7 @@ impl Viewer {
             launch: Some(launch),
             requests: 0,
             unanswered: VecDeque::new(),
+            title: String::new(),
         }
     }
 
@@ -229,6 +232,17 @@ impl Viewer {
     pub fn is_idle(&self) -> bool {
         let is_drawn = self.picture.as_ref().is_some_and(|p| p.is_converged) && self.is_up_to_date();
         self.busy.is_none() && (self.opened.is_none() || is_drawn && self.sections.are_idle())
+    }
+
+    /// Shows the file's name in the window's title, and whether work is going on, for task bars and scripts.
+    pub(crate) fn show_title(&mut self, ctx: &egui::Context) {
+        let Some(opened) = &self.opened else { return };
+        let name = opened.source.file_name().map(|n| n.to_string_lossy()).unwrap_or_default();
+        let title = if self.is_idle() { format!("{name} - Supervol") } else { format!("{name} (working) - Supervol") };
+        if title != self.title {
+            ctx.send_viewport_cmd(egui::ViewportCommand::Title(title.clone()));
+            self.title = title;
+        }
     }
 
     /// Whether the picture on the screen shows the present scene, converged or not.
@@ -375,8 +389,6 @@ impl Viewer {
             self.saved.add(&opened.source);
             self.saved.write(&self.folders);
         }
-        let name = opened.source.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-        ctx.send_viewport_cmd(egui::ViewportCommand::Title(format!("{name} - Supervol")));
         self.slice = None;
         self.begun = scene.clone();
         self.scene = scene;

@@ -94,7 +94,7 @@ pub struct Session {
     pub folder: tempfile::TempDir,
     first: Scene,
     /// Messages to the window since the last key.
-    told: Vec<String>,
+    pub told: Vec<String>,
 }
 
 impl Session {

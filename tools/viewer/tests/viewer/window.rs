@@ -57,6 +57,21 @@ fn dragging_turns_and_moves_and_the_wheel_brings_nearer() {
     assert!(!session.viewer().latencies_ms().is_empty());
 }
 
+#[test]
+fn the_title_names_the_file_and_says_whether_work_goes_on() {
+    let mut session = Session::of("vessels");
+    let titles = |session: &Session| -> Vec<String> {
+        session.told.iter().filter(|command| command.starts_with("Title(")).cloned().collect()
+    };
+    let [working, done] = [" (working)", ""].map(|work| format!("Title(\"vessels.svol{work} - Supervol\")"));
+    session.rest();
+    assert_eq!(titles(&session), [working.clone(), done.clone()]);
+    session.drag(session.node("Picture").rect().center(), Vec2::new(60.0, 20.0), PointerButton::Primary);
+    session.rest();
+    assert_eq!(titles(&session).last(), Some(&done));
+    assert!(titles(&session)[2..].contains(&working), "a changed scene is worked on");
+}
+
 /// Every key of the list has an effect, and every command has a key.
 #[test]
 fn every_key_does_what_the_list_says() {
