@@ -21,6 +21,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use supervol_format::brick::{APRON, MACRO_CELL};
 use supervol_format::cast::index;
+use supervol_format::cell_errors::CELL_ERROR_BYTES;
 use supervol_format::codec::{Codec, CodecChoice};
 use supervol_format::container::header::{self, Descriptor, Sections};
 use supervol_format::container::manifest::{AxisName, Manifest, Source};
@@ -78,7 +79,7 @@ impl VirtualVolume {
             absence: Absence { nodata: None },
             quantizer: None,
         };
-        let cells = (layout.core() / MACRO_CELL).pow(3) * MACRO_CELL_BYTES;
+        let cells = (layout.core() / MACRO_CELL).pow(3) * (MACRO_CELL_BYTES + CELL_ERROR_BYTES);
         let stride = (layout.stored().pow(3) * field.voxel_type().bytes() + cells) as u64;
         let mut source = Self {
             field,
