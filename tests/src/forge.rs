@@ -5,10 +5,11 @@ use std::sync::Arc;
 
 use supervol_format::codec::{Codec, CodecChoice};
 use supervol_format::container::checksum;
-use supervol_format::container::header::{self, Sections};
+use supervol_format::container::header::{self, Sections, VERSION_BRICK_ERRORS};
 use supervol_format::container::manifest::Manifest;
 use supervol_format::container::seal::seal_brick;
 use supervol_format::container::toc::{self, BrickEntry, ENTRIES_PER_PAGE, ENTRY_BYTES};
+use supervol_format::container::writer::{ContainerWriter, EncodedBrick};
 use supervol_format::{BrickKey, Container, ValueRange};
 
 /// The bytes of a container, and the container before the changes.
@@ -147,22 +148,49 @@ impl Forge {
     }
 }
 
-/// The container in the form of version 1 or 2: all pages of the TOC are full.
+/// The container in the form of an older version. Before version 4, records hold no error bounds of macro cells; before
+/// version 3, all pages of the TOC are full.
 ///
 /// # Panics
 /// If the bytes are not a complete container.
 #[must_use]
 pub fn as_written_by(bytes: &[u8], version: u32) -> Vec<u8> {
-    let container = Container::from_source(Arc::new(bytes.to_vec())).expect("only whole containers are rewritten");
-    let old = container.sections();
+    let bytes = &without_cell_errors(bytes);
+    if version == VERSION_BRICK_ERRORS {
+        return with_version(bytes.clone(), version);
+    }
+    let footer: &[u8; header::PAGE_BYTES] = bytes.last_chunk().expect("a footer page");
+    let (descriptor, old) = header::decode(footer, "footer", 0).expect("it was just written");
     let (toc, manifest) = (old.toc_offset as usize, old.manifest_offset as usize);
     let mut out = bytes[..toc].to_vec();
     out.extend(bytes[toc..manifest].chunks(toc::PAGE_BYTES).flat_map(|page| toc::uncut(page.to_vec())));
     let toc_bytes = (out.len() - toc) as u64;
     out.extend_from_slice(&bytes[manifest..bytes.len() - header::PAGE_BYTES]);
     let sections = Sections { toc_bytes, manifest_offset: old.toc_offset + toc_bytes, ..old };
-    out.extend_from_slice(&header::encode(container.descriptor(), sections));
+    out.extend_from_slice(&header::encode(&descriptor, sections));
     with_version(out, version)
+}
+
+/// The container without the error bounds of macro cells, still with the number of the newest version.
+fn without_cell_errors(bytes: &[u8]) -> Vec<u8> {
+    let container = Container::from_source(Arc::new(bytes.to_vec())).expect("only whole containers are rewritten");
+    let pyramid = container.pyramid();
+    let mut bricks: Vec<_> = (0..pyramid.brick_count())
+        .map(|number| pyramid.key(number).expect("every number below the count is a brick"))
+        .map(|key| (key, container.entry(key).expect("whole")))
+        .collect();
+    // Records keep their order.
+    bricks.sort_by_key(|(_, entry)| entry.offset);
+    let mut writer = ContainerWriter::begin(Vec::new(), container.descriptor().clone()).expect("room");
+    for (key, mut entry) in bricks {
+        let mut record = vec![0; entry.record_bytes() as usize];
+        container.read_at(entry.offset, &mut record).expect("whole");
+        let bounds = container.cell_errors(key, &entry, &record).len();
+        record.truncate(record.len() - bounds);
+        entry.macro_cell_bytes -= bounds as u32;
+        writer.append(EncodedBrick { key, entry, record }).expect("room");
+    }
+    writer.finish(container.manifest()).expect("room")
 }
 
 /// The same bytes with another version number in header and footer.

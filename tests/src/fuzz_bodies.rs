@@ -9,7 +9,7 @@ use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
 use supervol_format::codec::{BrickShape, Codec, CodecChoice, decode_into, encode};
-use supervol_format::container::header::{VERSION_EXACT, VERSION_QUANTIZED};
+use supervol_format::container::header::{VERSION_BRICK_ERRORS, VERSION_EXACT, VERSION_QUANTIZED};
 use supervol_format::{Container, Dims, VoxelBox, VoxelType};
 use supervol_preprocess::{BuildOptions, MaxError};
 use supervol_sources::formats::metaimage::{MetaImageSource, Outside};
@@ -65,7 +65,11 @@ pub fn container(data: &[u8]) {
         let mut record = vec![0; entry.record_bytes() as usize];
         container.read_at(entry.offset, &mut record).expect("a record that was read can be read again");
         let cells = container.macro_cells(key, &entry, &record);
-        assert_eq!(cells.len(), container.pyramid().macro_cells(key).iter().product::<usize>());
+        let count = container.pyramid().macro_cells(key).iter().product::<usize>();
+        assert_eq!(cells.len(), count);
+        let errors = container.read_cell_errors(key, &entry).expect("a record that was read can be read again");
+        assert!(errors.len() == count && errors.iter().all(|&error| error <= entry.error));
+        assert!([0, count].contains(&container.cell_errors(key, &entry, &record).len()));
         if mode & 1 == 1 && !mended {
             let original = seed.original.read_brick(key, &seed.entry(key)).expect("the seed container is whole");
             assert!(voxels == original, "a wrong {key} was handed out");
@@ -83,7 +87,9 @@ fn seed_containers() -> &'static [Forge] {
             std::fs::read(&built.path).expect("the container was just built")
         };
         let [exact, moved] = [MaxError::Exact, MaxError::Value(3.0)].map(bytes_with);
-        let older = [as_written_by(&exact, VERSION_EXACT), as_written_by(&moved, VERSION_QUANTIZED)];
+        // In this order, so that inputs found before keep their meaning.
+        let older = [(&exact, VERSION_EXACT), (&moved, VERSION_QUANTIZED), (&exact, VERSION_BRICK_ERRORS)]
+            .map(|(bytes, version)| as_written_by(bytes, version));
         std::iter::once(exact).chain(older).map(Forge::new).collect()
     })
 }

@@ -10,7 +10,7 @@
 //! - [`space`]: boxes, dims, and the transform between index and world space;
 //! - [`brick`], [`brick_key`], [`pyramid`]: which brick holds which voxels at which level;
 //! - [`value_range`]: least and greatest present value;
-//! - [`macro_cells`]: value ranges of cubes of 8^3 voxels in a brick;
+//! - [`macro_cells`]: value ranges of cubes of 8^3 voxels in a brick; [`cell_errors`]: their error bounds;
 //! - [`codec`]: encoding of brick voxels to bytes, and decoding;
 //! - [`container`]: the `.svol` file, byte by byte;
 //! - [`survey`]: line numbers and map positions of a seismic survey;
@@ -41,6 +41,7 @@ pub mod brick_key;
 pub mod byte_source;
 pub mod canceller;
 pub mod cast;
+pub mod cell_errors;
 pub mod codec;
 pub mod container;
 pub mod coordinates;

@@ -8,8 +8,10 @@
 //!    multiples of the container's step, or of the level's step in the manifest. Voxels of level 0 are multiples of the
 //!    container's step.
 //! 6. Each error bound is exactly the children's largest bound plus this level's greatest difference. If the limit from
-//!    the value ranges is less, it is that limit ([`brick_error`]). At level 0 it is at most the distance that voxels
-//!    may have been moved. Only a comparison with the source shows the real distance ([`crate::compare`]).
+//!    the value ranges is less, it is that limit. The bound of each macro cell is made in the same way from the macro
+//!    cells beneath it, is at most that of its brick, and is rounded up to its byte. At level 0 the bound is at most the
+//!    distance that voxels may have been moved. Only a comparison with the source shows the real distance
+//!    ([`crate::compare`]).
 //! 7. The manifest's values (range, percentiles, histogram, count, errors of levels) agree with the voxels.
 //!
 //! Memory: at most `memory_bytes`. Each thread holds some bricks, the finer ones of a coarser brick, and counts of
@@ -21,19 +23,20 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use rayon::prelude::*;
 use supervol_format::cast::index;
+use supervol_format::cell_errors::{dequantize_cells, quantize};
 use supervol_format::codec::wavelet::DECODING_BYTES_PER_VOXEL;
 use supervol_format::container::header::Descriptor;
 use supervol_format::container::toc::BrickEntry;
 use supervol_format::container::validate::{check_brick, check_coverage};
 use supervol_format::level_reader::LevelReader;
-use supervol_format::{BrickKey, Container, Level, Lod, ValueRange, VoxelBox};
+use supervol_format::{BrickKey, Container, Level, Lod, VoxelBox};
 
 use crate::error::{BuildError, MemoryPurpose};
 use crate::pipeline::encode::cut::cut_brick;
 use crate::pipeline::plan::memory::left_for_data;
 use crate::pipeline::record::manifest::{reduce_of, steps_of};
 use crate::pipeline::reduce::downsample::{Reduce, VoxelBlock, downsample, finer_box};
-use crate::pipeline::reduce::error_bound::{brick_error, step_error};
+use crate::pipeline::reduce::error_bound::{Beneath, step_error};
 use crate::pipeline::reduce::quantizer_of;
 use crate::statistics::{Form, Statistics, Values, finite};
 
@@ -309,18 +312,30 @@ impl Checked<'_> {
     /// Rule 6: the error bound.
     fn check_error(&self, fine: VoxelBlock<'_>) -> Result<(), BuildError> {
         let (descriptor, pyramid) = (self.container.descriptor(), self.container.pyramid());
-        let (mut beneath, mut children_error) = (ValueRange::EMPTY, 0.0f64);
+        let wrong = |e| BuildError::container(self.path, e);
+        let mut beneath = Beneath::new(pyramid, self.key);
         for child in pyramid.children(self.key) {
-            let child = self.container.entry(child).map_err(|e| BuildError::container(self.path, e))?;
-            beneath = beneath.union(child.range_beneath);
-            children_error = children_error.max(child.error);
+            let entry = self.container.entry(child).map_err(wrong)?;
+            // The checksum of this record was compared with the finer level.
+            let of_cells = self.container.read_cell_errors(child, &entry).map_err(wrong)?;
+            beneath.add(pyramid, [self.key, child], &entry, &of_cells);
         }
         let (factors, core) = (pyramid.level_at(self.key.lod()).factors, pyramid.core_box(self.key));
         let step = step_error(descriptor.voxel_type, descriptor.absence, factors, fine, self.block(), core);
-        let expected = brick_error(children_error, step, self.entry.range, beneath, descriptor.voxel_error());
+        let (expected, of_cells) = beneath.errors(&step, self.entry.range, descriptor.voxel_error());
         if self.entry.error != expected {
             return Err(self.broken("error bound", expected.to_string(), self.entry.error.to_string()));
         }
-        Ok(())
+        let expected = dequantize_cells(&quantize(&of_cells, self.entry.error), self.entry.error);
+        let found = self.container.read_cell_errors(self.key, &self.entry).map_err(wrong)?;
+        let has_bounds = self.container.holds_cell_errors(self.key, &self.entry);
+        let differs = expected.iter().zip(&found).position(|(expected, found)| expected != found);
+        match differs.filter(|_| has_bounds) {
+            None => Ok(()),
+            Some(cell) => {
+                let rule = format!("error bound of macro cell {cell}");
+                Err(self.broken(&rule, expected[cell].to_string(), found[cell].to_string()))
+            }
+        }
     }
 }

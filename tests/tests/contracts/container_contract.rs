@@ -6,12 +6,12 @@ use std::sync::atomic::Ordering;
 
 use rayon::prelude::*;
 use supervol_export::extract::{Extraction, extract};
-use supervol_format::container::header::{PAGE_BYTES, VERSION, VERSION_EXACT, VERSION_QUANTIZED};
+use supervol_format::container::header::{PAGE_BYTES, VERSION, VERSION_BRICK_ERRORS, VERSION_EXACT, VERSION_QUANTIZED};
 use supervol_format::container::reader::TAIL_BYTES;
 use supervol_format::container::toc::{BrickEntry, ENTRIES_PER_PAGE};
 use supervol_format::random::{Random, mix};
 use supervol_format::voxel_type::voxels_as_f64;
-use supervol_format::{BrickKey, Container, Lod, VoxelType};
+use supervol_format::{BrickIndex, BrickKey, Container, Lod, VoxelType};
 use supervol_preprocess::lod_axes::LodAxes;
 use supervol_preprocess::verify::verify;
 use supervol_preprocess::{BuildOptions, Existing, MaxError};
@@ -110,7 +110,8 @@ fn check_macro_cells(container: &Container, key: BrickKey, entry: &BrickEntry, g
     }
 }
 
-/// At random points of the brick's region, the sample lies in the range and differs from the source by at most `error`.
+/// At random points of the brick's region, the sample lies in the range and differs from the source by at most the bounds
+/// of the brick and of its macro cell.
 fn check_points(
     container: &Container,
     key: BrickKey,
@@ -123,6 +124,9 @@ fn check_points(
     let scale = container.pyramid().level_at(key.lod()).scale;
     // Rounding error of our own interpolation: eight products and sums of values up to the magnitude.
     let slack = 32.0 * f64::EPSILON * finest.magnitude();
+    let of_cells = container.read_cell_errors(key, entry).unwrap_or_else(|e| panic!("{what}: {e}"));
+    let cells = container.pyramid().macro_cells(key);
+    assert!(of_cells.iter().all(|&error| error <= entry.error), "{what}: {key}: {of_cells:?}");
     let mut random = Random::new(mix(key.bits()));
     for _ in 0..POINTS {
         // Points on a lattice of quarters hit the corners of both grids; other points lie anywhere.
@@ -145,6 +149,12 @@ fn check_points(
         assert!(beneath.min - slack <= stored && stored <= beneath.max + slack, "{what}: {key}: {stored} beneath");
         let distance = (value - exact).abs();
         assert!(distance <= entry.error + slack, "{what}: {key}: {distance} at {p:?} exceeds {}", entry.error);
+        let [x, y, z]: [usize; 3] = std::array::from_fn(|a| {
+            // A point on a face belongs to the cells on both sides.
+            (((p[a] - first[a] as f64 + 0.5) / 8.0).floor() as usize).min(cells[a] - 1)
+        });
+        let of_cell = of_cells[(z * cells[1] + y) * cells[0] + x];
+        assert!(distance <= of_cell + slack, "{what}: {key}: {distance} at {p:?} exceeds {of_cell} of its macro cell");
     }
 }
 
@@ -341,11 +351,18 @@ fn opening_takes_one_request_and_entries_come_together() {
     assert_eq!(requests(), 2, "they are in memory");
 }
 
-/// Versions 1 and 2: the last page of the TOC is full, and version 2 marks quantised voxels.
+/// Versions 1 and 2: the last page of the TOC is full, and version 2 marks quantised voxels. Version 3 has one error bound
+/// for each brick.
 #[test]
 fn containers_of_older_versions_are_read() {
     let field = Field::of(Content::Smooth, [90, 80, 70], VoxelType::I16);
-    for (max_error, version) in [(MaxError::Exact, VERSION_EXACT), (MaxError::Value(3.0), VERSION_QUANTIZED)] {
+    let versions = [
+        (MaxError::Exact, VERSION_EXACT),
+        (MaxError::Value(3.0), VERSION_QUANTIZED),
+        (MaxError::Exact, VERSION_BRICK_ERRORS),
+        (MaxError::Value(3.0), VERSION_BRICK_ERRORS),
+    ];
+    for (max_error, version) in versions {
         let new = built(&field, &BuildOptions { max_error, ..options(16) });
         let bytes = std::fs::read(&new.path).expect("it was just built");
         let path = new.folder.path().join("old.svol");
@@ -354,7 +371,23 @@ fn containers_of_older_versions_are_read() {
         assert_eq!((old.version(), new.container.version()), (version, VERSION));
         assert_eq!((old.descriptor(), old.manifest()), (new.container.descriptor(), new.container.manifest()));
         let keys = || (0..old.pyramid().levels().len()).flat_map(|lod| old.pyramid().keys_of(Lod(lod as u8)));
-        assert!(keys().all(|key| old.entry(key).expect("whole") == new.container.entry(key).expect("whole")));
+        for key in keys() {
+            let [old_entry, new_entry] = [&old, &new.container].map(|container| container.entry(key).expect("whole"));
+            assert_eq!((old_entry.range, old_entry.error), (new_entry.range, new_entry.error), "{key}");
+            let of_cells = old.read_cell_errors(key, &old_entry).expect("readable");
+            assert!(
+                of_cells.iter().all(|&error| error == old_entry.error),
+                "{key}: the brick's bound holds everywhere"
+            );
+        }
+        if version == VERSION_BRICK_ERRORS {
+            let error = Container::from_source(Arc::new(with_version(bytes.clone(), version))).map(|container| {
+                let coarse = BrickKey::new(Lod(1), BrickIndex([0; 3]));
+                container.entry(coarse).expect_err("a record of another length")
+            });
+            assert!(error.expect("the tables are those of version 4").to_string().contains("bytes of macro cells"));
+            continue;
+        }
         // A reader of one version refuses the TOC of the other.
         for (bytes, version) in [(std::fs::read(&path).expect("it is there"), VERSION), (bytes.clone(), version)] {
             let error = Container::from_source(Arc::new(with_version(bytes, version)))

@@ -141,6 +141,28 @@ fn macro_cells() {
     }
 }
 
+/// Bounds of macro cells are not too small, nor larger than they must be.
+#[test]
+fn error_bounds_of_macro_cells() {
+    let key = key(1, VARIED);
+    let container = container();
+    let bounds = container.original.read_cell_errors(key, &container.entry(key)).expect("readable");
+    let cell = bounds.iter().position(|&bound| bound > 0.0).expect("the field is not linear");
+    for (delta, cell) in [(-1i8, cell), (-8, cell), (1, bounds.len() - 1)] {
+        let mut forge = self::container();
+        let mut record = forge.record(key);
+        let at = record.len() - bounds.len() + cell;
+        record[at] = record[at].wrapping_add_signed(delta);
+        forge.set_record(key, &record);
+        assert_names(&forge, &[&format!("error bound of macro cell {cell}"), "LOD 1"]);
+    }
+    // Damage is found by the checksum, before any rule.
+    let mut forge = self::container();
+    let at = forge.entry(key).offset as usize + forge.record(key).len() - 1;
+    forge.bytes[at] ^= 1;
+    assert_names(&forge, &["checksum of its record"]);
+}
+
 #[test]
 fn aprons() {
     let mut forge = container();

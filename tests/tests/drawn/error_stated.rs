@@ -133,10 +133,20 @@ fn assert_stated(name: &str, field: &Field, drawn: &Drawn<'_>, random: &mut Rand
 const LEVELS: [LevelChoice; 4] =
     [LevelChoice::Auto, LevelChoice::Fixed(Lod(0)), LevelChoice::Fixed(Lod(1)), LevelChoice::Fixed(Lod(2))];
 
-fn contents() -> [(&'static str, Field); 5] {
+/// A smooth field with spikes and a step, each in a macro cell of its own.
+fn spikes() -> Field {
+    Field::new([72, 40, 33], VoxelType::F32, |p| match p {
+        [20 | 21, 9, 13] | [52, 31, 4] => 1.0,
+        [40..44, 20..24, 24..28] => 0.0,
+        [x, y, z] => 0.5 + 0.002 * (x + 2 * y + z) as f64,
+    })
+}
+
+fn contents() -> [(&'static str, Field); 6] {
     let field = |content| Field::of(content, [40, 33, 27], VoxelType::U8);
     [
         ("waves", waves()),
+        ("spikes", spikes()),
         ("noise", field(Content::Noise)),
         ("smooth", field(Content::Smooth)),
         ("holes", field(Content::Holes)),
@@ -154,6 +164,31 @@ fn no_pixel_is_farther_off_than_is_stated() {
 }
 
 /// As above, drawn by the GPU.
+/// A spike makes its macro cell uncertain, and leaves the rest of its brick as it is.
+#[test]
+fn a_pixel_beside_the_macro_cell_of_a_spike_states_little() {
+    // One brick of 64^3 at level 1. Its spike lies in macro cell (5, 1, 1); the rest is even along x.
+    let field = Field::new([128; 3], VoxelType::F32, |p| match p {
+        [88, 24, 24] => 1.0,
+        [_, y, z] => 0.002 * (y + z) as f64 / 128.0,
+    });
+    let subject = Subject::new("spike", &field as &dyn VolumeSource, &options(64));
+    let mut renderer = renderer(&subject, Backend::Cpu);
+    // Everything shows a little, and the spike much. Rays go along x, a pixel is as large as a macro cell.
+    let function = r#""transfer_function": {"unit_distance": 1, "points": [{"value": 0, "color": [1, 1, 1], "alpha": 0.001},
+        {"value": 1, "color": [1, 1, 1], "alpha": 0.9}]}"#;
+    let camera = r#""camera": {"eye": [-100, 63.5, 63.5], "target": [0, 63.5, 63.5], "up": [0, 0, 1], "height": 128}"#;
+    let scene = subject.scene(&[camera, r#""image": {"width": 8, "height": 8}"#, function, r#""mode": "dvr""#]);
+    let exact = subject.finest(&scene, Backend::Reference);
+    let (picture, errors, stats) = stated(&mut renderer, &scene, LevelChoice::Fixed(Lod(1)), None);
+    let (beyond, _) = beyond(&picture, &exact, &errors);
+    assert!(beyond <= REFERENCE, "{beyond} above, {:?}", stats.error_stated);
+    let said: Vec<f64> = errors.pixels.iter().map(|error| GREY_LEVELS * f64::from(error[0])).collect();
+    // Two outermost rows also see the even field clamped.
+    let (near, beside) = said.iter().partition::<Vec<_>, _>(|&&said| said > 64.0);
+    assert!(near.len() == 1 && beside.into_iter().all(|&said| said < 4.0), "the pixel of the spike alone: {said:?}");
+}
+
 #[test]
 fn no_pixel_of_a_device_is_farther_off_than_is_stated() {
     if gpu_name().is_none() {

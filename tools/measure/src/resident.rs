@@ -175,5 +175,6 @@ fn decode(container: &Container, key: BrickKey, map: &ValueMap) -> Result<Decode
     let mut voxels = vec![0; container.shape(key).bytes()];
     container.decode_brick(key, &entry, &record, &mut voxels)?;
     let ranges = container.macro_cells(key, &entry, &record).into_iter().map(|range| [range.min, range.max]);
-    Ok(DecodedBrick::from_stored(key, container.shape(key), &voxels, ranges, map, descriptor.absence, None))
+    let decoded = DecodedBrick::from_stored(key, container.shape(key), &voxels, ranges, map, descriptor.absence, None);
+    Ok(decoded.with_macro_errors(container.cell_errors(key, &entry, &record)))
 }

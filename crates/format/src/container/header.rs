@@ -10,8 +10,10 @@ use crate::{BrickLayout, Dims, Geometry, Lod, Pyramid, VoxelType};
 pub const MAGIC: [u8; 8] = *b"\x89SVOL\r\n\x1a";
 /// Versions that this program reads; it writes the last one.
 pub const VERSIONS: std::ops::RangeInclusive<u32> = 1..=VERSION;
-/// Version that this program writes. The last TOC page is cut, and voxels may be moved.
-pub const VERSION: u32 = 3;
+/// Version that this program writes. Records of levels 1 and up hold an error bound for each macro cell.
+pub const VERSION: u32 = 4;
+/// Version with one error bound for each brick. The last TOC page is cut, and voxels may be moved.
+pub const VERSION_BRICK_ERRORS: u32 = 3;
 /// Version with the source's own voxels, bit for bit, and a whole last TOC page.
 pub const VERSION_EXACT: u32 = 1;
 /// Version with moved voxels ([`Descriptor::quantizer`]) and a whole last TOC page. Its own number keeps readers of
@@ -316,7 +318,7 @@ mod tests {
                 "{version} {step}"
             );
         }
-        assert!(matches!(with(&quantized(), 4, 7.0), Err(ContainerError::Version { found: 4, known: 3 })));
+        assert!(matches!(with(&quantized(), 5, 7.0), Err(ContainerError::Version { found: 5, known: 4 })));
     }
 
     /// The table in the module head is the specification: every field must have the offset given there.
@@ -329,7 +331,7 @@ mod tests {
         assert_eq!(page.len(), 4096);
         assert_eq!(page[..8], [0x89, 0x53, 0x56, 0x4f, 0x4c, 0x0d, 0x0a, 0x1a]);
         let u32s: Vec<u32> = (8..40).step_by(4).map(|at| u32_at(&page, at)).collect();
-        assert_eq!(u32s, [3, 4096, 4, 64, 2, 8, 2, 1]);
+        assert_eq!(u32s, [4, 4096, 4, 64, 2, 8, 2, 1]);
         assert_eq!([40, 48, 56].map(|at| u64_at(&page, at)), [100, 65, 17]);
         assert_eq!(f64s_at::<3>(&page, 64), [-0.5, 1024.0, -999.0]);
         assert_eq!(f64s_at::<3>(&page, 88), [1.0, 2.0, 3.0]);
@@ -339,7 +341,7 @@ mod tests {
         assert_eq!([400, 408, 416, 424, 432].map(|at| u64_at(&page, at)), [11, 12, 13, 14, 15]);
         assert!(page[440..4088].iter().all(|b| *b == 0));
         let quantized = encode(&quantized(), Sections::default());
-        assert_eq!((u32_at(&quantized, 8), f64_at(&quantized, 440)), (3, 7.0));
+        assert_eq!((u32_at(&quantized, 8), f64_at(&quantized, 440)), (4, 7.0));
         assert!(quantized[448..4088].iter().all(|b| *b == 0));
         assert_eq!(u64_at(&page, 4088), checksum(&page[..4088]));
     }

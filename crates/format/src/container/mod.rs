@@ -1,5 +1,6 @@
-//! The `.svol` file format, byte by byte. The writer writes version 3; the reader also reads versions 1 and 2. The
-//! versions differ in two things: the quantizer step (offset 440) and the length of the last TOC page.
+//! The `.svol` file format, byte by byte. The writer writes version 4; the reader also reads versions 1 to 3. The
+//! versions differ in three things: the quantizer step (offset 440), the length of the last TOC page, and the error bounds
+//! in brick records.
 //!
 //! ```text
 //! +-------------+-----------------------------+-----------+----------+-------------+
@@ -19,7 +20,7 @@
 //! | offset | size | type | unit | meaning |
 //! |---|---|---|---|---|
 //! | 0 | 8 | bytes | | magic `89 53 56 4f 4c 0d 0a 1a` (`\x89SVOL\r\n\x1a`) |
-//! | 8 | 4 | u32 | | format version: 3; older files: 1 if the step (offset 440) is 0, else 2 |
+//! | 8 | 4 | u32 | | format version: 4; older files: 3; before: 1 if the step (offset 440) is 0, else 2 |
 //! | 12 | 4 | u32 | bytes | size of this page: 4096 |
 //! | 16 | 4 | u32 | | voxel type: 1 u8, 2 i8, 3 u16, 4 i16, 5 u32, 6 i32, 7 f32, 8 f64 |
 //! | 20 | 4 | u32 | voxels | core of a brick: 16, 32, 64 or 128 |
@@ -51,6 +52,11 @@
 //! The payload (see [`crate::codec`]), directly followed by the macro cells (see [`crate::macro_cells`]): two bytes
 //! each, x fastest, for all macro cells of the brick's core. Records follow one another without gaps, in the order in
 //! which the bricks were written. A brick with the codec *uniform* has no record: its offset and lengths are zero.
+//!
+//! From version 4 on, the macro cells of a brick of level 1 or more are followed by their error bounds
+//! ([`crate::cell_errors`]): one byte each, x fastest. They count as part of the macro cells. In older versions, at level
+//! 0, in levels with fewer than 8 voxels along an axis, and in uniform bricks, the error bound of the brick holds in all of
+//! its macro cells.
 //!
 //! # TOC
 //! One entry per brick in entry order ([`crate::Pyramid::entry`]: level by level, finest first, x fastest). Entries are

@@ -9,13 +9,14 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::header::{self, Descriptor, Sections};
+use super::header::{self, Descriptor, Sections, VERSION_BRICK_ERRORS};
 use super::manifest::Manifest;
 use super::opening;
 use super::toc::{self, BrickEntry, ENTRIES_PER_PAGE, ENTRY_BYTES};
 use super::toc_pages::TocPages;
 use super::{ContainerError, checksum};
 use crate::byte_source::{ByteSource, ReadShape};
+use crate::cell_errors::{self, CELL_ERROR_BYTES};
 use crate::codec::{self, BrickShape, Codec};
 use crate::macro_cells::{MACRO_CELL_BYTES, dequantize_cells};
 use crate::voxel_type::Voxel;
@@ -207,9 +208,9 @@ impl Container {
         let offset = self.page_offset(page_number) + at as u64;
         let bytes: &[u8; ENTRY_BYTES] = page[at..at + ENTRY_BYTES].try_into().expect("an entry has its size");
         let entry = BrickEntry::decode(bytes, key, offset)?;
-        check_entry(&self.descriptor, key, &entry, self.sections.toc_offset).map_err(|(expected, found)| {
-            ContainerError::invalid(format!("TOC entry of {key}"), offset, expected, found)
-        })?;
+        check_entry(&self.descriptor, self.version, (key, &entry), self.sections.toc_offset).map_err(
+            |(expected, found)| ContainerError::invalid(format!("TOC entry of {key}"), offset, expected, found),
+        )?;
         Ok(entry)
     }
 
@@ -387,13 +388,73 @@ impl Container {
         if entry.codec == Codec::Uniform {
             return vec![entry.range; self.pyramid().macro_cells(key).iter().product()];
         }
-        dequantize_cells(&record[entry.payload_bytes as usize..], entry.range)
+        let cells: usize = self.pyramid().macro_cells(key).iter().product();
+        let at = entry.payload_bytes as usize;
+        dequantize_cells(&record[at..at + cells * MACRO_CELL_BYTES], entry.range)
+    }
+
+    /// Error bounds of the macro cells in a record, as bytes ([`cell_errors`]), x fastest; empty if the brick's own bound
+    /// holds in all of them.
+    ///
+    /// # Panics
+    /// If the length of `record` is not that of the entry.
+    #[must_use]
+    pub fn cell_errors<'r>(&self, key: BrickKey, entry: &BrickEntry, record: &'r [u8]) -> &'r [u8] {
+        let bytes =
+            if entry.codec == Codec::Uniform { 0 } else { cell_error_bytes(&self.descriptor, self.version, key) };
+        &record[record.len() - bytes..]
+    }
+
+    /// Whether the record of a brick holds error bounds of its macro cells.
+    #[must_use]
+    pub fn holds_cell_errors(&self, key: BrickKey, entry: &BrickEntry) -> bool {
+        entry.codec != Codec::Uniform && cell_error_bytes(&self.descriptor, self.version, key) > 0
+    }
+
+    /// Reads the error bounds of a brick's macro cells, in stored units, x fastest. They are read without the rest of the
+    /// record, so that its checksum is not compared.
+    ///
+    /// # Errors
+    /// If the record cannot be read.
+    pub fn read_cell_errors(&self, key: BrickKey, entry: &BrickEntry) -> Result<Vec<f64>, ContainerError> {
+        read_cell_errors(self.source.as_ref(), (&self.descriptor, self.version), key, entry)
     }
 }
 
 /// Shape of the stored voxels of a brick.
 pub(crate) fn shape_of(descriptor: &Descriptor, key: BrickKey) -> BrickShape {
     BrickShape { voxel_type: descriptor.voxel_type, extent: descriptor.pyramid.stored_extent(key) }
+}
+
+/// Reads the error bounds of a brick's macro cells from a container of this version; see
+/// [`Container::read_cell_errors`].
+///
+/// # Errors
+/// If the record cannot be read.
+pub fn read_cell_errors(
+    source: &dyn ByteSource,
+    (descriptor, version): (&Descriptor, u32),
+    key: BrickKey,
+    entry: &BrickEntry,
+) -> Result<Vec<f64>, ContainerError> {
+    let bytes = cell_error_bytes(descriptor, version, key);
+    if bytes == 0 || entry.codec == Codec::Uniform {
+        return Ok(vec![entry.error; cells_of(descriptor, key)]);
+    }
+    let mut codes = vec![0; bytes];
+    read(source, &key.to_string(), entry.offset + entry.record_bytes() - bytes as u64, &mut codes)?;
+    Ok(cell_errors::dequantize_cells(&codes, entry.error))
+}
+
+/// Number of a brick's macro cells.
+fn cells_of(descriptor: &Descriptor, key: BrickKey) -> usize {
+    descriptor.pyramid.macro_cells(key).iter().product()
+}
+
+/// Bytes of error bounds in the record of a brick.
+fn cell_error_bytes(descriptor: &Descriptor, version: u32, key: BrickKey) -> usize {
+    let has_bounds = version > VERSION_BRICK_ERRORS && cell_errors::are_held(&descriptor.pyramid, key);
+    if has_bounds { cells_of(descriptor, key) * CELL_ERROR_BYTES } else { 0 }
 }
 
 /// Compares a record with its checksum. Bricks with the uniform codec have no record.
@@ -434,8 +495,8 @@ pub fn decode_record(
 /// Checks an entry. An error is what was expected and what was found.
 fn check_entry(
     descriptor: &Descriptor,
-    key: BrickKey,
-    entry: &BrickEntry,
+    version: u32,
+    (key, entry): (BrickKey, &BrickEntry),
     records_end: u64,
 ) -> Result<(), (String, String)> {
     let shape = shape_of(descriptor, key);
@@ -456,7 +517,7 @@ fn check_entry(
     }
     // The largest lossless payload is a raw one, or runs that expand by 1 %; see codec::rle.
     let most = (shape.bytes() + shape.bytes() / 64 + 1024) as u64;
-    let cells = descriptor.pyramid.macro_cells(key).iter().product::<usize>() * MACRO_CELL_BYTES;
+    let cells = cells_of(descriptor, key) * MACRO_CELL_BYTES + cell_error_bytes(descriptor, version, key);
     if u64::from(entry.payload_bytes) > most || entry.payload_bytes == 0 || entry.macro_cell_bytes as usize != cells {
         let expected = format!("a payload of 1 to {most} bytes and {cells} bytes of macro cells");
         return Err((expected, format!("{} and {}", entry.payload_bytes, entry.macro_cell_bytes)));

@@ -5,14 +5,13 @@ use super::reader::shape_of;
 use super::toc::BrickEntry;
 use super::writer::EncodedBrick;
 use crate::codec::{self, Codec, CodecChoice, CodecError, Coding};
-use crate::macro_cells;
-use crate::{BrickKey, ValueRange};
+use crate::{BrickKey, ValueRange, cell_errors, macro_cells};
 
 /// Makes the entry and the record of a brick from its stored voxels. [`check_brick`](super::validate::check_brick)
 /// checks the result.
 ///
 /// `children` is the union of the children's `range_beneath` (empty at level 0), `error` the brick's error bound; both
-/// in stored units.
+/// in stored units. All macro cells have that bound; [`EncodedBrick::set_errors`] gives them their own.
 ///
 /// # Errors
 /// If a codec cannot get memory.
@@ -40,11 +39,14 @@ pub fn seal_brick(
     let payload_bytes = record.len();
     if codec != Codec::Uniform {
         record.extend(macro_cells::quantize(&measured.cells, measured.range));
+        if cell_errors::are_held(&descriptor.pyramid, key) {
+            record.extend(cell_errors::quantize(&vec![error; measured.cells.len()], error));
+        }
     }
     let entry = BrickEntry {
         offset: 0,
         payload_bytes: u32::try_from(payload_bytes).expect("a brick of 132^3 doubles has fewer than 2^32 bytes"),
-        macro_cell_bytes: u32::try_from(record.len() - payload_bytes).expect("16^3 macro cells of two bytes are few"),
+        macro_cell_bytes: u32::try_from(record.len() - payload_bytes).expect("16^3 macro cells of three bytes are few"),
         codec,
         absent: measured.absent,
         uniform: measured.fill.is_some() && !measured.absent,

@@ -25,7 +25,7 @@ pub struct BrickEntry {
     pub offset: u64,
     /// Length of the payload in bytes.
     pub payload_bytes: u32,
-    /// Length of the macro cells behind the payload in bytes.
+    /// Length of the macro cells behind the payload in bytes, their error bounds included.
     pub macro_cell_bytes: u32,
     /// Codec of the payload.
     pub codec: Codec,

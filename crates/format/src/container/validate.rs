@@ -49,7 +49,7 @@ pub fn check_brick(container: &Container, key: BrickKey) -> Result<(BrickEntry, 
     }
     if entry.codec != Codec::Uniform {
         let expected = macro_cells::quantize(&measured.cells, measured.range);
-        let found = &record[entry.payload_bytes as usize..];
+        let found = &record[entry.payload_bytes as usize..][..expected.len()];
         if let Some(cell) = expected.chunks_exact(2).zip(found.chunks_exact(2)).position(|(e, f)| e != f) {
             let pair = |bytes: &[u8]| format!("{:?}", &bytes[2 * cell..2 * cell + 2]);
             return broken(&format!("macro cell {cell}"), pair(&expected), pair(found));

@@ -15,7 +15,8 @@ use super::manifest::Manifest;
 use super::toc::{self, BrickEntry, ENTRIES_PER_PAGE, ENTRY_BYTES};
 use super::{ContainerError, checksum};
 use crate::codec::Codec;
-use crate::{BrickKey, Pyramid, cast};
+use crate::macro_cells::MACRO_CELL_BYTES;
+use crate::{BrickKey, Pyramid, cast, cell_errors};
 
 /// One encoded brick, ready to be written.
 #[derive(Debug, Clone, PartialEq)]
@@ -26,6 +27,25 @@ pub struct EncodedBrick {
     pub entry: BrickEntry,
     /// Payload, directly followed by the macro cells; empty if the codec is uniform.
     pub record: Vec<u8>,
+}
+
+impl EncodedBrick {
+    /// Sets the error bounds of a brick of level 1 or more and of its macro cells, if its record holds these. Stored units.
+    /// No bound of a macro cell is greater than `error`.
+    ///
+    /// # Panics
+    /// If the record holds bounds of another number of macro cells.
+    pub fn set_errors(&mut self, error: f64, of_cells: &[f64]) {
+        self.entry.error = error;
+        let bytes = cell_errors::quantize(of_cells, error);
+        let (held, ranges) = (self.entry.macro_cell_bytes as usize, bytes.len() * MACRO_CELL_BYTES);
+        if self.entry.codec == Codec::Uniform || held == ranges {
+            return;
+        }
+        assert_eq!(held, ranges + bytes.len(), "{}: bytes of its macro cells", self.key);
+        let at = self.record.len() - bytes.len();
+        self.record[at..].copy_from_slice(&bytes);
+    }
 }
 
 /// A container being written to `out`.

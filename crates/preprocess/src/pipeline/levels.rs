@@ -80,6 +80,8 @@ impl Levels<'_> {
 
     /// Writes a coarser level: from memory if it is `kept` there, else from the finer level's bricks.
     fn write_coarser(&self, lod: Lod, kept: Option<NextLevel>) -> Result<(LevelReport, Option<NextLevel>), BuildError> {
+        // The finer level's error bounds are read back.
+        self.record.flush()?;
         let tiles = self.plan.tiles(lod);
         let mut next = self.begin_next(lod, &tiles, kept.as_ref());
         let report = match kept {
@@ -120,7 +122,6 @@ impl Levels<'_> {
         tiles: &[Tile],
         next: &mut Option<NextLevel>,
     ) -> Result<LevelReport, BuildError> {
-        self.record.flush()?;
         let descriptor = &self.plan.descriptor;
         let (voxel_type, absence, pyramid) = (descriptor.voxel_type, descriptor.absence, &descriptor.pyramid);
         let factors = self.plan.level(lod).factors;

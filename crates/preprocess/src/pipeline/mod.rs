@@ -85,7 +85,8 @@ pub fn build(
     let tiles = SourceTiles::new(plan, source, &read, checksum, tiles_left);
     let spares = Spares::default();
     let reducer = Reducer { plan, pool: &pool, spares: &spares };
-    let encoder = Encoder { plan, pool: &pool, entry_of: &|key| record.entry(key) };
+    let cell_errors_of = |key, entry: &_| record.cell_errors(key, entry);
+    let encoder = Encoder { plan, pool: &pool, entry_of: &|key| record.entry(key), cell_errors_of: &cell_errors_of };
     let levels = Levels { plan, reducer, encoder, record: &record, pool: &pool, spares: &spares };
     let levels = levels.write_all(tiles, &mut origin);
 

@@ -66,9 +66,9 @@ pub struct BrickBytes {
 /// Bytes in the host cache of a brick with this many voxels and macro cells.
 #[must_use]
 pub fn decoded_bytes(voxel_type: VoxelType, voxels: u64, macro_cells: u64) -> u64 {
-    // One-byte and two-byte integers keep their size; all other types become f32. A macro cell has two f32.
+    // One-byte and two-byte integers keep their size; all other types become f32. A macro cell has two f32 and a byte.
     let voxel_bytes = voxel_type.bytes().min(4) as u64;
-    voxels * voxel_bytes + macro_cells * 8 + BRICK_OVERHEAD_BYTES
+    voxels * voxel_bytes + macro_cells * 9 + BRICK_OVERHEAD_BYTES
 }
 
 impl BrickBytes {

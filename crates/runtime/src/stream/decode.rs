@@ -53,5 +53,6 @@ fn decode(
     container.decode_brick(key, &entry, record.bytes(), voxels)?;
     let cells = container.macro_cells(key, &entry, record.bytes()).into_iter().map(|r| [r.min, r.max]);
     let absence = container.descriptor().absence;
-    Ok(DecodedBrick::from_stored(key, shape, voxels, cells, map, absence, spare))
+    let decoded = DecodedBrick::from_stored(key, shape, voxels, cells, map, absence, spare);
+    Ok(decoded.with_macro_errors(container.cell_errors(key, &entry, record.bytes())))
 }

@@ -53,6 +53,9 @@ pub struct DecodedBrick {
     /// Least and greatest render value that interpolation can reach in each macro cell of the core, x fastest. `min >
     /// max` means that nothing is present.
     pub macro_ranges: Vec<[f32; 2]>,
+    /// Error bound of each macro cell of the core, x fastest, as bytes ([`supervol_format::cell_errors`]); empty if the
+    /// brick's bound holds in all of them.
+    pub macro_errors: Vec<u8>,
 }
 
 impl DecodedBrick {
@@ -96,7 +99,13 @@ impl DecodedBrick {
         };
         let macro_ranges = refilled(macro_ranges, macro_ranges_stored.map(render_range));
         // A stored extent is at most 132 voxels.
-        Self { key, extent: extent.map(narrow::<u32>), voxels, macro_ranges }
+        Self { key, extent: extent.map(narrow::<u32>), voxels, macro_ranges, macro_errors: Vec::new() }
+    }
+
+    /// The same brick with the error bounds of its macro cells.
+    #[must_use]
+    pub fn with_macro_errors(self, errors: &[u8]) -> Self {
+        Self { macro_errors: errors.to_vec(), ..self }
     }
 
     /// Bytes held by the voxels and the ranges.
@@ -107,7 +116,7 @@ impl DecodedBrick {
             Voxels::U16(v) => size_of_val(&v[..]),
             Voxels::F32(v) => size_of_val(&v[..]),
         };
-        (voxels + size_of_val(&self.macro_ranges[..])) as u64
+        (voxels + size_of_val(&self.macro_ranges[..]) + self.macro_errors.len()) as u64
     }
 }
 

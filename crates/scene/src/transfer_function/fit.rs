@@ -1,6 +1,6 @@
 //! The fit of quadratic pieces to a transfer function, with a bound at every value.
 //!
-//! The bound is proved in docs/bounds.md, section 7: deviations are known at nine values of a segment; what they do between
+//! The bound is proved in docs/bounds.md, section 8: deviations are known at nine values of a segment; what they do between
 //! these follows from the third derivative.
 
 use supervol_format::cast::single;
@@ -149,7 +149,7 @@ impl Fitter<'_> {
         })
     }
 
-    /// Whether the quadratics are certainly within the tolerance, at every value. Bounds: docs/bounds.md, section 7.
+    /// Whether the quadratics are certainly within the tolerance, at every value. Bounds: docs/bounds.md, section 8.
     fn fits(&self, begin: f64, end: f64) -> bool {
         let quadratics = self.fit(begin, end);
         let covered = self.segments.iter().take_while(|s| s.values[0] < end);

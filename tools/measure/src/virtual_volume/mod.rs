@@ -4,8 +4,8 @@
 //! to 65,536^3 voxels and coordinates beyond 2^24. A [`Field`] gives the voxel values.
 //!
 //! Each brick is valid ([`supervol_format::container::validate::check_brick`] holds): aprons hold the neighbours'
-//! voxels, ranges are exact, and errors are bounds. Payloads are raw. Records have a fixed stride: each one starts at
-//! `number of its TOC entry * stride` after the start of the records.
+//! voxels, ranges are exact, and errors are bounds. Payloads are raw. Records have a fixed stride at level 0, and another one at
+//! coarser levels, whose records also hold the error bounds of macro cells. They lie in the order of their TOC entries.
 //!
 //! Fields repeat every [`PERIOD`] bricks of a level. Bricks with congruent positions and the same borders have the same
 //! record. So TOC pages are cheap, although each entry holds the checksum of its record. At most 8^3 records per level
@@ -21,6 +21,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use supervol_format::brick::{APRON, MACRO_CELL};
 use supervol_format::cast::index;
+use supervol_format::cell_errors::CELL_ERROR_BYTES;
 use supervol_format::codec::{Codec, CodecChoice};
 use supervol_format::container::header::{self, Descriptor, Sections};
 use supervol_format::container::manifest::{AxisName, Manifest, Source};
@@ -53,8 +54,8 @@ pub struct VirtualVolume {
     descriptor: Descriptor,
     sections: Sections,
     manifest: Vec<u8>,
-    /// Distance between the starts of two records, bytes.
-    stride: u64,
+    /// Distance between the starts of two records at level 0 and at coarser levels, bytes.
+    strides: [u64; 2],
     sealed: Mutex<HashMap<BrickKey, Arc<Sealed>>>,
     beneath: Mutex<HashMap<BrickKey, ValueRange>>,
     reads: AtomicU64,
@@ -78,14 +79,16 @@ impl VirtualVolume {
             absence: Absence { nodata: None },
             quantizer: None,
         };
-        let cells = (layout.core() / MACRO_CELL).pow(3) * MACRO_CELL_BYTES;
-        let stride = (layout.stored().pow(3) * field.voxel_type().bytes() + cells) as u64;
+        let cells = (layout.core() / MACRO_CELL).pow(3);
+        let voxels = layout.stored().pow(3) * field.voxel_type().bytes();
+        let strides =
+            [MACRO_CELL_BYTES, MACRO_CELL_BYTES + CELL_ERROR_BYTES].map(|per_cell| (voxels + cells * per_cell) as u64);
         let mut source = Self {
             field,
             descriptor,
             sections: Sections::default(),
             manifest: Vec::new(),
-            stride,
+            strides,
             sealed: Mutex::default(),
             beneath: Mutex::default(),
             reads: AtomicU64::new(0),
@@ -108,7 +111,7 @@ impl VirtualVolume {
 
     fn lay_out(&self) -> Sections {
         let bricks = self.descriptor.pyramid.brick_count();
-        let toc_offset = RECORDS_START + bricks * self.stride;
+        let toc_offset = self.record_start(bricks);
         let toc_bytes = toc::bytes_for(bricks, header::VERSION);
         Sections {
             toc_offset,
@@ -117,6 +120,17 @@ impl VirtualVolume {
             manifest_bytes: self.manifest.len() as u64,
             manifest_checksum: checksum(&self.manifest),
         }
+    }
+
+    /// Number of bricks of level 0. Their entries come first.
+    fn finest_bricks(&self) -> u64 {
+        self.descriptor.pyramid.level_at(Lod::FINEST).brick_count()
+    }
+
+    /// Offset of the record of the entry with this number.
+    fn record_start(&self, number: u64) -> u64 {
+        let finest = number.min(self.finest_bricks());
+        RECORDS_START + finest * self.strides[0] + (number - finest) * self.strides[1]
     }
 
     fn describe(&self) -> Manifest {
@@ -236,8 +250,8 @@ impl VirtualVolume {
     /// If the key is not a brick of this volume.
     #[must_use]
     pub fn record_bytes_of(&self, key: BrickKey) -> Range<u64> {
-        let start = RECORDS_START + self.descriptor.pyramid.entry(key) * self.stride;
-        start..start + self.stride
+        let number = self.descriptor.pyramid.entry(key);
+        self.record_start(number)..self.record_start(number + 1)
     }
 
     /// Number of reads so far.
@@ -288,7 +302,7 @@ impl VirtualVolume {
         for number in page * per_page..((page + 1) * per_page).min(count) {
             let mut entry = self.sealed(self.key(number)?)?.entry;
             if entry.codec != Codec::Uniform {
-                entry.offset = RECORDS_START + number * self.stride;
+                entry.offset = self.record_start(number);
             }
             entries.extend_from_slice(&entry.encode());
         }
@@ -336,8 +350,11 @@ impl ByteSource for VirtualVolume {
         if offset < s.toc_offset {
             let count = self.descriptor.pyramid.brick_count();
             let end = bytes.min(s.toc_offset - offset);
-            for number in Self::parts(offset, end, RECORDS_START, self.stride, count) {
-                Self::copy(offset, buffer, RECORDS_START + number * self.stride, &self.record(number)?);
+            let finest = self.finest_bricks();
+            let coarser = Self::parts(offset, end, self.record_start(finest), self.strides[1], count - finest);
+            let numbers = Self::parts(offset, end, RECORDS_START, self.strides[0], finest);
+            for number in numbers.chain(coarser.start + finest..coarser.end + finest) {
+                Self::copy(offset, buffer, self.record_start(number), &self.record(number)?);
             }
         }
         let page_bytes = toc::PAGE_BYTES as u64;

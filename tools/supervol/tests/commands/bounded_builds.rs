@@ -34,14 +34,14 @@ fn bounded_builds_keep_the_bound_and_say_it() {
     let info = || json(&folder.expect(0, &["info", "a.svol", "--json"]));
 
     build(&["--codec", "wavelet"]);
-    assert_eq!((&info()["max_error"], &info()["format_version"]), (&0.0.into(), &3.into()));
+    assert_eq!((&info()["max_error"], &info()["format_version"]), (&0.0.into(), &4.into()));
     let lossless = info()["container_bytes"].as_u64().expect("a size");
 
     let said = build(&["--codec", "wavelet", "--max-error", "0.5"]);
     assert!(said.contains("within 0.5 of the source's"), "{said}");
     folder.expect(0, &["verify", "a.svol"]);
     let found = info();
-    assert_eq!((&found["max_error"], &found["format_version"]), (&0.5.into(), &3.into()));
+    assert_eq!((&found["max_error"], &found["format_version"]), (&0.5.into(), &4.into()));
     assert_eq!(found["parameters"]["max_error"], "0.5");
     assert!(found["levels"][0]["error"].as_f64().is_some_and(|e| 0.4 < e && e <= 0.5), "{}", found["levels"][0]);
     assert!(found["container_bytes"].as_u64().is_some_and(|bytes| bytes < lossless / 2), "{found}");

@@ -10,7 +10,7 @@ use supervol_format::codec::quantize::Quantizer;
 use supervol_format::container::seal::seal_brick;
 use supervol_format::container::toc::BrickEntry;
 use supervol_format::container::writer::EncodedBrick;
-use supervol_format::{BrickKey, Lod, ValueRange};
+use supervol_format::{BrickKey, Lod};
 use supervol_sources::stop::check;
 
 use self::cut::cut_brick;
@@ -18,15 +18,17 @@ use self::ordered::in_order;
 use super::plan::BuildPlan;
 use super::plan::tiles::Tile;
 use super::reduce::downsample::VoxelBlock;
-use super::reduce::error_bound::brick_error;
+use super::reduce::error_bound::{Beneath, StepErrors};
 use crate::error::BuildError;
 
 /// Receiver of encoded bricks.
 pub(super) type TakeBrick<'a> = dyn FnMut(EncodedBrick) -> Result<(), BuildError> + 'a;
-/// Distance of a coarse brick's voxels from those of the finer level, in stored units.
-pub(super) type StepOf<'a> = dyn Fn(BrickKey) -> f64 + Sync + 'a;
+/// Distances of a coarse brick's voxels from those of the finer level, in stored units.
+pub(super) type StepOf<'a> = dyn Fn(BrickKey) -> StepErrors + Sync + 'a;
 /// Entry of a brick that is written already.
 pub(super) type EntryOf<'a> = dyn Fn(BrickKey) -> Result<BrickEntry, BuildError> + Sync + 'a;
+/// Error bounds of the macro cells of a brick that is written already, in stored units.
+pub(super) type CellErrorsOf<'a> = dyn Fn(BrickKey, &BrickEntry) -> Result<Vec<f64>, BuildError> + Sync + 'a;
 
 /// Encoder that uses all threads of a pool.
 pub(super) struct Encoder<'a> {
@@ -34,6 +36,7 @@ pub(super) struct Encoder<'a> {
     pub(super) pool: &'a rayon::ThreadPool,
     /// Entries of the finer level: value range and error beneath a brick.
     pub(super) entry_of: &'a EntryOf<'a>,
+    pub(super) cell_errors_of: &'a CellErrorsOf<'a>,
 }
 
 impl Encoder<'_> {
@@ -62,32 +65,33 @@ impl Encoder<'_> {
         check(&options.canceller)?;
         let (voxel_type, absence) = (descriptor.voxel_type, descriptor.absence);
         let mut voxels = cut_brick(&descriptor.pyramid, key, voxel_type.bytes(), block);
-        let (beneath, children_error) = if step.is_some() { self.beneath(key)? } else { (ValueRange::EMPTY, 0.0) };
+        let beneath = if step.is_some() { self.beneath(key)? } else { Beneath::default() };
         let moved = descriptor.quantizer.filter(|_| step.is_none());
         let snap = |quantizer: Quantizer| quantizer.snap(voxel_type, absence, &mut voxels);
         let moved = moved.map_or(0.0, snap);
-        let mut sealed =
-            seal_brick(descriptor, key, &voxels, options.codec, beneath, moved).map_err(|e| BuildError::Broken {
+        let mut sealed = seal_brick(descriptor, key, &voxels, options.codec, beneath.range, moved).map_err(|e| {
+            BuildError::Broken {
                 path: self.plan.output.into(),
                 rule: format!("encoding of {key}"),
                 expected: "a payload".into(),
                 found: e.to_string(),
-            })?;
+            }
+        })?;
         if let Some(step) = step {
-            let own = sealed.entry.range;
-            sealed.entry.error = brick_error(children_error, step(key), own, beneath, descriptor.voxel_error());
+            let (error, of_cells) = beneath.errors(&step(key), sealed.entry.range, descriptor.voxel_error());
+            sealed.set_errors(error, &of_cells);
         }
         Ok(sealed)
     }
 
-    /// Value range beneath a brick, and the largest error of its children.
-    fn beneath(&self, key: BrickKey) -> Result<(ValueRange, f64), BuildError> {
-        let (mut beneath, mut children_error) = (ValueRange::EMPTY, 0.0f64);
-        for child in self.plan.descriptor.pyramid.children(key) {
-            let child = (self.entry_of)(child)?;
-            beneath = beneath.union(child.range_beneath);
-            children_error = children_error.max(child.error);
+    /// Value range and error bounds beneath a brick.
+    fn beneath(&self, key: BrickKey) -> Result<Beneath, BuildError> {
+        let pyramid = &self.plan.descriptor.pyramid;
+        let mut beneath = Beneath::new(pyramid, key);
+        for child in pyramid.children(key) {
+            let entry = (self.entry_of)(child)?;
+            beneath.add(pyramid, [key, child], &entry, &(self.cell_errors_of)(child, &entry)?);
         }
-        Ok((beneath, children_error))
+        Ok(beneath)
     }
 }

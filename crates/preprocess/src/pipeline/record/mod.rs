@@ -25,7 +25,7 @@ use supervol_format::codec::BrickShape;
 use supervol_format::container::ContainerError;
 use supervol_format::container::header::{self, Descriptor};
 use supervol_format::container::manifest::Source;
-use supervol_format::container::reader::decode_record;
+use supervol_format::container::reader::{decode_record, read_cell_errors};
 use supervol_format::container::toc::{BrickEntry, ENTRY_BYTES};
 use supervol_format::container::writer::{ContainerWriter, EncodedBrick};
 use supervol_format::level_reader::BrickStore;
@@ -109,6 +109,12 @@ impl<'a> Record<'a> {
     /// Entry of a brick that is written already.
     pub(super) fn entry(&self, key: BrickKey) -> Result<BrickEntry, BuildError> {
         self.writer().entry(key).map_err(|e| BuildError::container(self.plan.output, e))
+    }
+
+    /// Error bounds of the macro cells of a brick that has left the process ([`Self::flush`]), in stored units.
+    pub(super) fn cell_errors(&self, key: BrickKey, entry: &BrickEntry) -> Result<Vec<f64>, BuildError> {
+        read_cell_errors(self.container.file(), (&self.plan.descriptor, header::VERSION), key, entry)
+            .map_err(|e| BuildError::container(self.plan.output, e))
     }
 
     /// Writes a brick, and adds it to the frame of its tile and to the report of its level.

@@ -9,19 +9,21 @@
 //! The sum over levels therefore bounds the distance from level 0 wherever all levels between are present. In slivers
 //! beside a hole, a quarter of a voxel wide, a level between can be absent although both ends are present.
 //!
+//! The maximum is known for each macro cell, too. Between two points that follow each other on an axis the difference is
+//! linear along it. So the maximum over the points of a macro cell and the next one on either side is a bound in the cell.
+//!
 //! Voxels of 8 and 16 bits are compared in single precision, wider integers in double. All weights there are multiples
 //! of 1/4, and every product is exact. Floating-point voxels are compared in double precision, and the difference is
 //! increased by its possible rounding error.
 
+use supervol_format::brick::MACRO_CELL;
 use supervol_format::cast::{index, single, whole};
+use supervol_format::container::toc::BrickEntry;
 use supervol_format::vectors::{Vectorized, vectorized};
 use supervol_format::voxel_type::{Absence, Voxel};
-use supervol_format::{ValueRange, VoxelBox, VoxelType, with_voxel};
+use supervol_format::{BrickKey, Pyramid, ValueRange, VoxelBox, VoxelType, with_voxel};
 
 use crate::pipeline::reduce::downsample::VoxelBlock;
-
-/// Lanes of the innermost loop: independent maxima, which the compiler keeps in vector registers.
-const LANES: usize = 16;
 
 /// Floating-point type of the comparison.
 trait Real: Copy + PartialOrd + Default {
@@ -131,6 +133,19 @@ impl TapRun {
     }
 }
 
+/// Macro cells of one axis, in order: for each point, whether it belongs to the cell, or is the next point beside it.
+fn cells_of_points(points: &[f64], c0: u64, c1: u64, factor: u32) -> Vec<Vec<bool>> {
+    // Distance of the outermost core voxel from the next point behind the cell's face.
+    let reach = if factor == 2 { 0.75 } else { 1.0 };
+    (c0..c1)
+        .step_by(MACRO_CELL)
+        .map(|first| {
+            let [low, high] = [first as f64 - reach, (first + MACRO_CELL as u64 - 1) as f64 + reach];
+            points.iter().map(|p| (low..=high).contains(p)).collect()
+        })
+        .collect()
+}
+
 /// Points of one axis in voxels of the coarse level, for core voxels `c0..c1`, ascending.
 fn points(c0: u64, c1: u64, factor: u32) -> Vec<f64> {
     let inner = (c0..c1).flat_map(|c| offsets(factor).iter().map(move |o| c as f64 + o));
@@ -163,7 +178,76 @@ pub fn brick_error(
     children_error.max((children_error + step_error).min(apart))
 }
 
-/// Greatest distance between both interpolants over the region of the coarse brick with this core, in stored units.
+/// Error bound of a macro cell; as [`brick_error`], with the bounds of the children's macro cells in it. It is not greater
+/// than the brick's bound, `of_brick`.
+#[must_use]
+pub fn cell_error(children_error: f64, step_error: f64, of_brick: f64) -> f64 {
+    (children_error + step_error).min(of_brick)
+}
+
+/// Value range and error bounds beneath a brick, in stored units.
+#[derive(Debug, Clone)]
+pub struct Beneath {
+    /// Range of all bricks beneath it.
+    pub range: ValueRange,
+    /// Greatest error bound of a child.
+    pub error: f64,
+    /// Greatest error bound of the children's macro cells in each macro cell of the brick, x fastest.
+    of_cells: Vec<f64>,
+}
+
+impl Default for Beneath {
+    fn default() -> Self {
+        Self { range: ValueRange::EMPTY, error: 0.0, of_cells: Vec::new() }
+    }
+}
+
+impl Beneath {
+    /// Nothing yet beneath this brick.
+    #[must_use]
+    pub fn new(pyramid: &Pyramid, key: BrickKey) -> Self {
+        Self { of_cells: vec![0.0; pyramid.macro_cells(key).iter().product()], ..Self::default() }
+    }
+
+    /// Adds a child of the brick, with the error bounds of its macro cells.
+    pub fn add(&mut self, pyramid: &Pyramid, [key, child]: [BrickKey; 2], entry: &BrickEntry, errors: &[f64]) {
+        self.range = self.range.union(entry.range_beneath);
+        self.error = self.error.max(entry.error);
+        let cells_of_core = pyramid.layout().core() / MACRO_CELL;
+        let factors = pyramid.level_at(key.lod()).factors;
+        let ([nx, ny, _], [cx, cy, _]) = (pyramid.macro_cells(key), pyramid.macro_cells(child));
+        // A macro cell covers whole macro cells of the finer level. Positions count from the brick's first finer cell.
+        let first: [usize; 3] = std::array::from_fn(|a| {
+            let [of_brick, of_child] = [key, child].map(|key| key.brick().0[a]);
+            (of_child - of_brick * factors[a]) as usize * cells_of_core
+        });
+        for (i, &error) in errors.iter().enumerate() {
+            let in_child = [i % cx, i / cx % cy, i / cx / cy];
+            let [x, y, z] = std::array::from_fn(|a| (first[a] + in_child[a]) / factors[a] as usize);
+            let of_cell = &mut self.of_cells[(z * ny + y) * nx + x];
+            *of_cell = of_cell.max(error);
+        }
+    }
+
+    /// Error bounds of the brick and of its macro cells. `own` is the range of the brick's values.
+    #[must_use]
+    pub fn errors(&self, steps: &StepErrors, own: ValueRange, voxel_error: f64) -> (f64, Vec<f64>) {
+        let of_brick = brick_error(self.error, steps.brick, own, self.range, voxel_error);
+        let of_cells = self.of_cells.iter().zip(&steps.cells);
+        (of_brick, of_cells.map(|(&children, &step)| cell_error(children, step, of_brick)).collect())
+    }
+}
+
+/// Greatest distances between both interpolants, in stored units.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct StepErrors {
+    /// Over the region of the brick.
+    pub brick: f64,
+    /// Over the region of each macro cell, x fastest.
+    pub cells: Vec<f64>,
+}
+
+/// Greatest distances between both interpolants over the region of the coarse brick with this core.
 ///
 /// `fine` must hold the finer voxels of the core grown by one coarse voxel, `coarse` the core grown by one voxel. Both
 /// are clipped to their grids.
@@ -175,25 +259,28 @@ pub fn step_error(
     fine: VoxelBlock<'_>,
     coarse: VoxelBlock<'_>,
     core: VoxelBox,
-) -> f64 {
-    match voxel_type {
+) -> StepErrors {
+    let (mut errors, magnitude) = match voxel_type {
         VoxelType::U8 | VoxelType::I8 | VoxelType::U16 | VoxelType::I16 => {
-            step_error_in::<f32>(voxel_type, absence, factors, fine, coarse, core).0
+            step_error_in::<f32>(voxel_type, absence, factors, fine, coarse, core)
         }
-        VoxelType::U32 | VoxelType::I32 => step_error_in::<f64>(voxel_type, absence, factors, fine, coarse, core).0,
-        VoxelType::F32 | VoxelType::F64 => {
-            let (error, magnitude) = step_error_in::<f64>(voxel_type, absence, factors, fine, coarse, core);
-            // Differences near the greatest double overflow, and no bound can be given.
-            if magnitude > f64::MAX / 8.0 {
-                return f64::INFINITY;
-            }
-            // Three nested blends on either side round at most 14 times, each by half a unit in the last place.
-            if error > 0.0 { error + 16.0 * f64::EPSILON * magnitude } else { 0.0 }
+        _ => step_error_in::<f64>(voxel_type, absence, factors, fine, coarse, core),
+    };
+    if voxel_type.is_float() {
+        for error in errors.cells.iter_mut().chain([&mut errors.brick]) {
+            *error = match *error {
+                // Differences near the greatest double overflow, and no bound can be given.
+                _ if magnitude > f64::MAX / 8.0 => f64::INFINITY,
+                // Three nested blends on either side round at most 14 times, each by half a unit in the last place.
+                error if error > 0.0 => error + 16.0 * f64::EPSILON * magnitude,
+                _ => 0.0,
+            };
         }
     }
+    errors
 }
 
-/// The greatest distance, and the greatest absolute value found.
+/// The greatest distances, and the greatest absolute value found.
 fn step_error_in<F: Real>(
     voxel_type: VoxelType,
     absence: Absence,
@@ -201,7 +288,7 @@ fn step_error_in<F: Real>(
     fine: VoxelBlock<'_>,
     coarse: VoxelBlock<'_>,
     core: VoxelBox,
-) -> (f64, f64) {
+) -> (StepErrors, f64) {
     // The parts of both blocks that this brick's region uses.
     let around = VoxelBox { start: core.start.map(|v| v.saturating_sub(1)), end: core.end.map(|v| v + 1) }
         .intersect(coarse.voxels);
@@ -223,11 +310,13 @@ fn step_error_in<F: Real>(
         })
     };
     let (fine_axes, coarse_axes) = (axes(beneath, true), axes(around, false));
+    let cells = std::array::from_fn(|a| cells_of_points(&points[a], core.start[a], core.end[a], factors[a]));
     with_voxel!(voxel_type, V => vectorized(Comparing {
         fine: Slices::<F, V>::new(fine, beneath, absence, (factors[0], &fine_axes[0])),
         coarse: Slices::<F, V>::new(coarse, around, absence, (1, &coarse_axes[0])),
         fine_axes: &fine_axes,
         coarse_axes: &coarse_axes,
+        worst: WorstOfCells::new(cells),
     }))
 }
 
@@ -237,46 +326,90 @@ struct Comparing<'a, F, V> {
     coarse: Slices<'a, F, V>,
     fine_axes: &'a [Vec<Tap>; 3],
     coarse_axes: &'a [Vec<Tap>; 3],
+    worst: WorstOfCells<F>,
 }
 
 impl<F: Real, V: Voxel> Vectorized for Comparing<'_, F, V> {
-    type Output = (f64, f64);
+    type Output = (StepErrors, f64);
 
     #[inline(always)]
-    fn run(mut self) -> (f64, f64) {
-        let mut worst = [F::default(); LANES];
-        for (fine_z, coarse_z) in self.fine_axes[2].iter().zip(&self.coarse_axes[2]) {
+    fn run(mut self) -> (StepErrors, f64) {
+        for (z, (fine_z, coarse_z)) in self.fine_axes[2].iter().zip(&self.coarse_axes[2]).enumerate() {
             self.fine.blend_slice(*fine_z);
             self.coarse.blend_slice(*coarse_z);
-            for (fine_y, coarse_y) in self.fine_axes[1].iter().zip(&self.coarse_axes[1]) {
-                take_distances(self.fine.rows(*fine_y), self.coarse.rows(*coarse_y), &mut worst);
+            for (y, (fine_y, coarse_y)) in self.fine_axes[1].iter().zip(&self.coarse_axes[1]).enumerate() {
+                distances(self.fine.rows(*fine_y), self.coarse.rows(*coarse_y), &mut self.worst.row);
+                self.worst.take_row(y, z);
+            }
+            self.worst.end_slice(z);
+        }
+        let cells = self.worst.of_cells;
+        let brick = cells.iter().copied().fold(0.0, f64::max);
+        (StepErrors { brick, cells }, self.fine.magnitude.max(self.coarse.magnitude))
+    }
+}
+
+/// Greatest distances of the macro cells, from the distances at rows of points along x.
+struct WorstOfCells<F> {
+    /// Points of the macro cells of each axis ([`cells_of_points`]).
+    cells: [Vec<Vec<bool>>; 3],
+    /// Distances at the current row of points.
+    row: Vec<F>,
+    /// Greatest distance at each x point, for each macro cell along y, in an even and in an odd macro cell along z.
+    rows: [Vec<Vec<F>>; 2],
+    /// Greatest distance of each macro cell, x fastest.
+    of_cells: Vec<f64>,
+}
+
+impl<F: Real> WorstOfCells<F> {
+    fn new(cells: [Vec<Vec<bool>>; 3]) -> Self {
+        let [nx, ny, nz] = [0, 1, 2].map(|a| cells[a].len());
+        let row = vec![F::default(); cells[0].first().map_or(0, Vec::len)];
+        let rows = vec![row.clone(); ny];
+        Self { cells, row, rows: [rows.clone(), rows], of_cells: vec![0.0; nx * ny * nz] }
+    }
+
+    /// Takes the current row, that of points y and z. Absent points are NaN, which no comparison takes as greater.
+    #[inline(always)]
+    fn take_row(&mut self, y: usize, z: usize) {
+        for (cell_z, _) in self.cells[2].iter().enumerate().filter(|(_, points)| points[z]) {
+            for (cell_y, _) in self.cells[1].iter().enumerate().filter(|(_, points)| points[y]) {
+                for (worst, &distance) in self.rows[cell_z % 2][cell_y].iter_mut().zip(&self.row) {
+                    *worst = if distance > *worst { distance } else { *worst };
+                }
             }
         }
-        let worst = worst.iter().map(|w| w.to_f64()).fold(0.0, f64::max);
-        (worst, self.fine.magnitude.max(self.coarse.magnitude))
+    }
+
+    /// Ends the macro cells whose last points along z are at point z.
+    fn end_slice(&mut self, z: usize) {
+        let [nx, ny, nz] = [0, 1, 2].map(|a| self.cells[a].len());
+        for cell_z in 0..nz {
+            let points = &self.cells[2][cell_z];
+            if !points[z] || points.get(z + 1) == Some(&true) {
+                continue;
+            }
+            for cell_y in 0..ny {
+                let row = &mut self.rows[cell_z % 2][cell_y];
+                for (cell_x, points) in self.cells[0].iter().enumerate() {
+                    let of_cell = row.iter().zip(points).filter(|(_, is_in)| **is_in).map(|(worst, _)| worst.to_f64());
+                    self.of_cells[(cell_z * ny + cell_y) * nx + cell_x] = of_cell.fold(0.0, f64::max);
+                }
+                row.fill(F::default());
+            }
+        }
     }
 }
 
 /// Two rows to blend, and the weight of the second.
 type RowPair<'a, F> = (&'a [F], &'a [F], F);
 
-/// Updates `worst` with the distances between two blended rows. Absent points are NaN, which no comparison takes as
-/// greater.
+/// Distances between two blended rows.
 #[inline(always)]
-fn take_distances<F: Real>(fine: RowPair<'_, F>, coarse: RowPair<'_, F>, worst: &mut [F; LANES]) {
-    let (fa, fa_rest) = fine.0.as_chunks::<LANES>();
-    let (fb, fb_rest) = fine.1.as_chunks::<LANES>();
-    let (ca, ca_rest) = coarse.0.as_chunks::<LANES>();
-    let (cb, cb_rest) = coarse.1.as_chunks::<LANES>();
-    let greater = |i: usize, worst: F, fa: &[F], fb: &[F], ca: &[F], cb: &[F]| {
-        let distance = F::distance(F::blend(fa[i], fb[i], fine.2), F::blend(ca[i], cb[i], coarse.2));
-        if distance > worst { distance } else { worst }
-    };
-    for (((fa, fb), ca), cb) in fa.iter().zip(fb).zip(ca).zip(cb) {
-        *worst = std::array::from_fn(|i| greater(i, worst[i], fa, fb, ca, cb));
-    }
-    for (i, worst) in worst.iter_mut().enumerate().take(fa_rest.len()) {
-        *worst = greater(i, *worst, fa_rest, fb_rest, ca_rest, cb_rest);
+fn distances<F: Real>(fine: RowPair<'_, F>, coarse: RowPair<'_, F>, out: &mut [F]) {
+    let rows = fine.0.iter().zip(fine.1).zip(coarse.0.iter().zip(coarse.1));
+    for (out, ((&fa, &fb), (&ca, &cb))) in out.iter_mut().zip(rows) {
+        *out = F::distance(F::blend(fa, fb, fine.2), F::blend(ca, cb, coarse.2));
     }
 }
 
@@ -483,7 +616,7 @@ mod tests {
             let absence = Absence::NON_FINITE_ONLY;
             downsample(Reduce::Mean, VoxelType::F32, absence, factors, fine, coarse_box, &mut coarse);
             let block = VoxelBlock { voxels: coarse_box, bytes: &coarse };
-            let bound = step_error(VoxelType::F32, absence, factors, fine, block, coarse_box);
+            let bound = step_error(VoxelType::F32, absence, factors, fine, block, coarse_box).brick;
 
             let as_f64 = |v: &[f32]| v.iter().map(|&v| f64::from(v)).collect::<Vec<_>>();
             let (fine_f64, coarse_f64) = (as_f64(&values), as_f64(bytemuck::cast_slice(&coarse)));
@@ -534,6 +667,97 @@ mod tests {
         let absence = Absence::NON_FINITE_ONLY;
         downsample(Reduce::Mean, VoxelType::F32, absence, [1, 2, 2], fine, coarse_box, &mut coarse);
         let block = VoxelBlock { voxels: coarse_box, bytes: &coarse };
-        assert_eq!(step_error(VoxelType::F32, absence, [1, 2, 2], fine, block, coarse_box), 0.0);
+        assert_eq!(step_error(VoxelType::F32, absence, [1, 2, 2], fine, block, coarse_box).brick, 0.0);
+    }
+
+    /// A field of these values, its mean by these factors, and the errors of a step between them.
+    fn step_of(dims: [u64; 3], factors: [u32; 3], values: &[f32]) -> (Dims, Vec<f32>, StepErrors) {
+        let fine = VoxelBlock { voxels: Dims(dims).full_box(), bytes: bytemuck::cast_slice(values) };
+        let coarse_dims = Dims(std::array::from_fn(|a| dims[a].div_ceil(u64::from(factors[a]))));
+        let coarse_box = coarse_dims.full_box();
+        let mut coarse = vec![0; coarse_box.voxels() * 4];
+        let absence = Absence::NON_FINITE_ONLY;
+        downsample(Reduce::Mean, VoxelType::F32, absence, factors, fine, coarse_box, &mut coarse);
+        let block = VoxelBlock { voxels: coarse_box, bytes: &coarse };
+        let errors = step_error(VoxelType::F32, absence, factors, fine, block, coarse_box);
+        (coarse_dims, bytemuck::cast_slice(&coarse).to_vec(), errors)
+    }
+
+    #[test]
+    fn bounds_of_macro_cells_hold_at_every_point_of_their_regions() {
+        for (dims, factors) in [([38u64, 20, 18], [2u32, 2, 2]), ([18, 21, 12], [2, 1, 1]), ([12, 18, 33], [1, 1, 2])] {
+            let mut values = noise(Dims(dims).full_box().voxels());
+            // Noise of very different strength from place to place.
+            for (i, value) in values.iter_mut().enumerate() {
+                *value *= [0.0, 1.0, 0.01, 5.0][i / 7 % 4];
+            }
+            let (coarse_dims, coarse, errors) = step_of(dims, factors, &values);
+            let as_f64 = |v: &[f32]| v.iter().map(|&v| f64::from(v)).collect::<Vec<_>>();
+            let (fine, coarse) = (as_f64(&values), as_f64(&coarse));
+            let (fine_n, n) = (dims.map(|n| n as usize), coarse_dims.0.map(|n| n as usize));
+            let cells = n.map(|n| n.div_ceil(MACRO_CELL));
+            // Greatest distance in each macro cell, and up to the next points beside it.
+            let mut reached = vec![[0.0f64; 2]; errors.cells.len()];
+            // A grid of quarters contains every corner of both grids and of the macro cells.
+            for at in 0..(4 * n[0] + 1) * (4 * n[1] + 1) * (4 * n[2] + 1) {
+                let [nx, ny] = [4 * n[0] + 1, 4 * n[1] + 1];
+                let p = [at % nx, at / nx % ny, at / nx / ny].map(|s| s as f64 / 4.0 - 0.5);
+                let fine_p = std::array::from_fn(|a| (p[a] + 0.5) * f64::from(factors[a]) - 0.5);
+                let off = (interpolate(fine_n, &fine, fine_p) - interpolate(n, &coarse, p)).abs();
+                for (i, reached) in reached.iter_mut().enumerate() {
+                    let cell = [i % cells[0], i / cells[0] % cells[1], i / cells[0] / cells[1]];
+                    let is_within = |reach: [f64; 3]| {
+                        (0..3).all(|a| {
+                            let first = (MACRO_CELL * cell[a]) as f64;
+                            (first - reach[a]..=first + MACRO_CELL as f64 - 1.0 + reach[a]).contains(&p[a])
+                        })
+                    };
+                    let beside = factors.map(|factor| if factor == 2 { 0.75 } else { 1.0 });
+                    for (reached, reach) in reached.iter_mut().zip([[0.5; 3], beside]) {
+                        *reached = if is_within(reach) { reached.max(off) } else { *reached };
+                    }
+                }
+            }
+            assert_eq!(errors.cells.iter().copied().fold(0.0, f64::max), errors.brick);
+            for (cell, ([inside, around], &bound)) in reached.iter().zip(&errors.cells).enumerate() {
+                assert!(*inside <= bound, "cell {cell} of {dims:?} reaches {inside}, bound {bound}");
+                assert!(bound <= around * (1.0 + 1e-9), "cell {cell} of {dims:?}: bound {bound}, reached {around}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_spike_is_an_error_in_its_macro_cell_alone() {
+        let dims = [64u64, 48, 32];
+        let mut values = vec![3.0f32; Dims(dims).full_box().voxels()];
+        values[(24 * 48 + 8) * 64 + 40] = 103.0;
+        let (_, _, errors) = step_of(dims, [2; 3], &values);
+        // Macro cells are 4 x 3 x 2; the spike lies in the middle of cell (2, 0, 1).
+        for (cell, &error) in errors.cells.iter().enumerate() {
+            assert_eq!(error > 0.0, cell == 2 + 4 * 3, "cell {cell}: {error}");
+        }
+        assert_eq!(errors.brick, errors.cells[14]);
+    }
+
+    #[test]
+    fn macro_cells_take_over_the_bounds_of_the_cells_beneath_them() {
+        let layout = supervol_format::BrickLayout::new(16).expect("16 is a core");
+        let pyramid =
+            Pyramid::new(Dims([80, 40, 20]), layout, &[[2, 2, 1], [2, 2, 2], [2, 1, 1]]).expect("a valid pyramid");
+        let key = BrickKey::new(supervol_format::Lod(2), supervol_format::BrickIndex([1, 0, 0]));
+        let mut beneath = Beneath::new(&pyramid, key);
+        let range = ValueRange { min: 0.0, max: 100.0 };
+        for child in pyramid.children(key) {
+            let mut entry = BrickEntry::decode(&[0; 80], child, 0).expect("zeros are an entry");
+            (entry.range_beneath, entry.error) = (range, 40.0);
+            let [nx, ny, nz] = pyramid.macro_cells(child);
+            let errors: Vec<f64> = (0..nx * ny * nz).map(|i| f64::from(child.brick().0[0]) * 10.0 + i as f64).collect();
+            beneath.add(&pyramid, [key, child], &entry, &errors);
+        }
+        // Level 1 has 40 x 20 x 20 voxels. Along x, only its third brick lies in this one, with one macro cell.
+        let steps = StepErrors { brick: 7.0, cells: vec![7.0, 1.0, 0.0, 50.0] };
+        let (of_brick, of_cells) = beneath.errors(&steps, range, 0.0);
+        assert_eq!((of_brick, pyramid.macro_cells(key)), (47.0, [1, 2, 2]));
+        assert_eq!(of_cells, [23.0 + 7.0, 21.0 + 1.0, 21.0, 47.0]);
     }
 }

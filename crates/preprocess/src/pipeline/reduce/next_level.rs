@@ -9,6 +9,7 @@ use std::fs::File;
 use std::io::{self, Seek, SeekFrom, Write};
 use std::path::Path;
 
+use supervol_format::brick::MACRO_CELL;
 use supervol_format::byte_source::ByteSource;
 use supervol_format::cast::index;
 use supervol_format::container::header::Descriptor;
@@ -16,6 +17,7 @@ use supervol_format::{BrickIndex, BrickKey, Lod, VoxelBox};
 
 use crate::pipeline::plan::tiles::Tile;
 use crate::pipeline::reduce::downsample::VoxelBlock;
+use crate::pipeline::reduce::error_bound::StepErrors;
 
 /// Voxels around a tile's part of the level that its distance from the finer level depends on.
 const REACH: u64 = 1;
@@ -29,8 +31,9 @@ pub(crate) struct NextLevel {
     whole: VoxelBox,
     voxel_bytes: usize,
     voxels: Kept,
-    /// Distance of each brick from the finer level in stored units, x fastest.
-    steps: Vec<f64>,
+    /// Distances of each brick and of its macro cells from the finer level in stored units, x fastest.
+    steps: Vec<StepErrors>,
+    steps_bytes: u64,
 }
 
 /// Storage of the voxels, addressed in bytes.
@@ -90,7 +93,8 @@ impl NextLevel {
             })
         };
         let bytes = level.dims.bytes(descriptor.voxel_type)?;
-        let steps_bytes = level.brick_count() * size_of::<f64>() as u64;
+        let cells = (descriptor.pyramid.layout().core() / MACRO_CELL).pow(3);
+        let steps_bytes = level.brick_count() * (size_of::<StepErrors>() + cells * size_of::<f64>()) as u64;
         if steps_bytes > most_bytes || !finer_tiles.iter().all(whole_bricks) {
             return None;
         }
@@ -111,7 +115,8 @@ impl NextLevel {
             whole: level.dims.full_box(),
             voxel_bytes: descriptor.voxel_type.bytes(),
             voxels,
-            steps: vec![0.0; usize::try_from(level.brick_count()).ok()?],
+            steps: vec![StepErrors::default(); usize::try_from(level.brick_count()).ok()?],
+            steps_bytes,
         })
     }
 
@@ -121,7 +126,7 @@ impl NextLevel {
             Kept::Memory(all) => all.len(),
             Kept::File(_) => 0,
         };
-        (voxels + size_of_val(&self.steps[..])) as u64
+        voxels as u64 + self.steps_bytes
     }
 
     /// Factors of the level relative to the finer one.
@@ -139,11 +144,11 @@ impl NextLevel {
         Part { core: voxels(0), around: voxels(REACH), bricks }
     }
 
-    /// Stores a part: its voxels, and the distance of each of its bricks from the finer level.
+    /// Stores a part: its voxels, and the distances of each of its bricks from the finer level.
     ///
     /// # Errors
     /// If the file cannot be written.
-    pub fn put(&mut self, part: &Part, voxels: VoxelBlock<'_>, steps: Vec<f64>) -> io::Result<()> {
+    pub fn put(&mut self, part: &Part, voxels: VoxelBlock<'_>, steps: Vec<StepErrors>) -> io::Result<()> {
         let size = self.voxel_bytes;
         let row_bytes = part.core.extent()[0] * size;
         let places: Vec<_> = rows(part.core, voxels.voxels).zip(rows(part.core, self.whole)).collect();
@@ -176,9 +181,9 @@ impl NextLevel {
         if part.extent()[0] == self.whole.extent()[0] { part.extent()[1] } else { 1 }
     }
 
-    /// Distance of a brick from the finer level, in stored units.
-    pub fn step(&self, key: BrickKey) -> f64 {
-        self.steps[self.number(key.brick())]
+    /// Distances of a brick from the finer level, in stored units.
+    pub fn step(&self, key: BrickKey) -> StepErrors {
+        self.steps[self.number(key.brick())].clone()
     }
 
     fn number(&self, BrickIndex(brick): BrickIndex) -> usize {
@@ -246,18 +251,23 @@ mod tests {
             let of = |part: VoxelBox| -> Vec<u8> {
                 rows(part, whole).flat_map(|from| voxels[2 * from..][..2 * part.extent()[0]].to_vec()).collect()
             };
+            let step_of = |key: &BrickKey| {
+                let brick = f64::from(key.brick().0[0]);
+                StepErrors { brick, cells: vec![0.5 * brick; 8] }
+            };
             for most_bricks in [8, 16, 1000] {
                 let finer = tiles_of(&descriptor, most_bricks);
                 let folder = tempfile::tempdir().expect("a folder");
                 // In memory, and in a file.
-                let memory = if most_bricks == 16 { level.brick_count() * 8 } else { u64::MAX };
+                let steps_bytes = level.brick_count() * (size_of::<StepErrors>() + 8 * size_of::<f64>()) as u64;
+                let memory = if most_bricks == 16 { steps_bytes } else { u64::MAX };
                 let mut next =
                     NextLevel::begin(&descriptor, Lod::FINEST, &finer, memory, folder.path()).expect("whole bricks");
                 assert_eq!(matches!(next.voxels, Kept::File(_)), most_bricks == 16);
                 for &tile in &finer {
                     let part = next.part_of(&descriptor, tile);
                     let bytes = of(part.around);
-                    let steps = part.bricks.iter().map(|key| f64::from(key.brick().0[0])).collect();
+                    let steps = part.bricks.iter().map(step_of).collect();
                     next.put(&part, VoxelBlock { voxels: part.around, bytes: &bytes }, steps).expect("room for it");
                 }
                 for most_bricks in [3, 1000] {
@@ -271,7 +281,7 @@ mod tests {
                 }
                 let all = Tile { start: [0; 3], end: level.bricks };
                 for key in all.bricks().into_iter().map(|brick| BrickKey::new(Lod(1), brick)) {
-                    assert_eq!(next.step(key), f64::from(key.brick().0[0]), "{key}");
+                    assert_eq!(next.step(key), step_of(&key), "{key}");
                 }
             }
         }
@@ -286,7 +296,9 @@ mod tests {
         };
         assert_eq!(begin(Lod::FINEST, &tiles_of(&descriptor, 4), u64::MAX, folder.path()), None, "one brick along z");
         let tiles = tiles_of(&descriptor, 8);
-        let steps = descriptor.pyramid.level_at(Lod(1)).brick_count() * 8;
+        // Eight macro cells in a brick.
+        let of_brick = (size_of::<StepErrors>() + 8 * size_of::<f64>()) as u64;
+        let steps = descriptor.pyramid.level_at(Lod(1)).brick_count() * of_brick;
         let bytes = begin(Lod::FINEST, &tiles, u64::MAX, folder.path()).expect("bricks are whole");
         assert_eq!(begin(Lod::FINEST, &tiles, bytes, Path::new("/nowhere")), Some(bytes));
         assert_eq!(begin(Lod::FINEST, &tiles, bytes - 1, folder.path()), Some(steps), "in a file");

@@ -85,6 +85,7 @@ mod tests {
             extent,
             voxels: Voxels::F32((0..extent.iter().product::<u32>() as usize).map(value).collect()),
             macro_ranges: vec![[0.5; 2], NOTHING],
+            macro_errors: Vec::new(),
         };
         let full = ValueRange { min: 0.0, max: 1.0 };
         let map = ValueMap::for_container(VoxelType::F32, 1.0, 0.0, None, full);

@@ -15,6 +15,7 @@ use supervol_scene::transfer_function::pieces::TransferPieces;
 use super::blocks::cloud_of_blocks;
 use super::fetch::BrickVoxels;
 use super::leap::AxisDirection;
+use super::levels::BrickDeviation;
 use super::lookup::{FewPieces, ManyPieces};
 use super::order::{RayOrigin, ways_through};
 use super::packet::{ClassifyTask, PacketTransfer, Precision};
@@ -31,7 +32,6 @@ use crate::engines::ray_scene::RayScene;
 use crate::engines::rules::{
     BY_OPACITY, END_SHARE, FIT_SHARE, LEAST_SHADED_SHARE, MAX_ERROR_LIMITS, fit_error, reserve, rounding_error,
 };
-use crate::lod::deviation::Deviation;
 use crate::stream::classify::Skipping;
 use crate::stream::residency::DecodedBrick;
 
@@ -57,7 +57,7 @@ pub struct PacketTables {
     /// Summaries of bricks, in all modes but `dvr`.
     pub(super) summaries: BrickSummaries,
     /// Errors of bricks of coarser levels, if errors are summed up.
-    pub(super) of_levels: PerBrick<Deviation>,
+    pub(super) of_levels: PerBrick<BrickDeviation>,
     /// Whether it is noted what each ray costs.
     pub(super) counts_work: bool,
 }
