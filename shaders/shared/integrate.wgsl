@@ -474,9 +474,15 @@ fn integrate_line(line: Line) -> Part {
     let color = clamp(means.rgb * emitting - ordered, vec3<f32>(0.0), vec3<f32>(opacity));
 
     let of_ends = max(at_a.value.w, 0.0) + max(at_b.value.w, 0.0) + 2.0 * kappa;
-    let of_noise = line.noise * min(at_a.slope + around.bends, of_ends * at.per_rise);
+    let slope = at_a.slope + around.bends;
+    let noise_share = line.noise * at.per_rise;
+    // Beyond its ends the function may grow.
+    let by_moved_ends = (of_ends + 2.0 * line.noise * slope) * at.per_rise * (1.0 + 4.0 * noise_share);
+    let is_long = noise_share <= SHORT_BESIDE_NOISE;
+    let of_noise = line.noise * select(slope, min(slope, by_moved_ends), is_long);
     let of_mean = (error_of_mean(at, around, by_ends) + of_noise) * h;
-    let of_rounded_steps = around.steps * min((2.0 * line.noise + config.narrow) * at.per_rise, 1.0);
+    let misplaced_steps = min((2.0 * line.noise + config.narrow) * at.per_rise, 1.0);
+    let of_rounded_steps = around.steps * select(1.0, misplaced_steps, is_long);
     let shares = min(means.rgb * per_kappa, vec3<f32>(1.0));
     let twist = twist_of_line(at, bends, kinks, shares);
     let turn = greatest_of(abs(of_color));

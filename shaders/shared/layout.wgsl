@@ -123,6 +123,7 @@ const RESERVE_SHARE: f32 = 0.05;
 const PARTS_SHARE: f32 = 0.8;
 const ROUNDED_BELOW: f32 = 0.015625;
 const VALUE_ERROR: f32 = 5e-7;
+const SHORT_BESIDE_NOISE: f32 = 0.25;
 const OF_FIRST: f32 = 0.139;
 const TURN_SECOND: f32 = 1.15471;
 const TURN_THIRD: f32 = 3.0;
@@ -314,12 +315,12 @@ struct Config {
     pair_share: f32,
     // Half the shininess, if it is an integer for which products are used; else 0.
     whole_half: u32,
+    // Bound on what render values are off by the data, because they are rounded.
+    rounding: f32,
+    // Bound on the length that a world-space gradient is off by, for that reason.
+    gradient_noise: f32,
     // Zero.
     padding_0: u32,
-    // Zero.
-    padding_1: u32,
-    // Zero.
-    padding_2: u32,
     // Greatest brackets of a highlight: see engines/packets/highlight.rs.
     brackets: vec4<f32>,
     // The cache textures.

@@ -104,6 +104,8 @@ struct Turn {
     // Whether the gradient nowhere is too short for a normal, and whether it is so everywhere.
     is_known: bool,
     is_dark: bool,
+    // Inverse of the least length of the gradient where it is known, else 0.
+    inverse: f32,
 }
 
 // Bounds along a part from its three gradients and their cubic coefficient.
@@ -121,7 +123,7 @@ fn turn_along(lit: Lit, cubic: vec3<f32>) -> Turn {
     let aside = abs(dot(cubic, axis)) * AWAY_OF_CUBE + abs(dot(bow, axis)) * AWAY_OF_SQUARE;
     let lengths = axis * g - aside;
     let floor = gradient_floor();
-    let is_known = floor < least_of(lengths);
+    let is_known = floor + config.gradient_noise < least_of(lengths);
     let longest = max(max(length(g[0]), length(g[1])), length(g[2]));
     let reach = of_cubic * AWAY_OF_CUBE + of_bow * AWAY_OF_SQUARE;
     let inverses = 1.0 / select(vec3<f32>(1.0), lengths, is_known);
@@ -132,7 +134,8 @@ fn turn_along(lit: Lit, cubic: vec3<f32>) -> Turn {
         derivatives(orders, greatest_of(inverses)),
         first * 0.25 * (inverses.x + inverses.z + 2.0 * inverses.y),
         is_known,
-        longest + reach < floor,
+        longest + reach < floor - config.gradient_noise,
+        select(0.0, greatest_of(inverses), is_known),
     );
 }
 
@@ -290,8 +293,20 @@ fn shade_part(plain: Part, gradients: mat3x3<f32>, cubic: vec3<f32>, to_eye: vec
     let of_part = plain.error * max(between.diffuse.y + between.specular.y, 1.0);
     var part = plain;
     part.color = color;
-    part.error = min(of_place + of_cut, opacity) + of_part;
+    let of_noise = opacity * light_of_noise(turn.inverse);
+    part.error = min(of_place + of_cut, opacity) + of_part + of_noise;
+    part.rounding += of_noise;
     return part;
+}
+
+// Light that the noise of a gradient may change, whose inverse length is at most this: the normal turns by at most twice the share of
+// the noise.
+fn light_of_noise(inverse: f32) -> f32 {
+    // The steepest slope of a power of a cosine is at most the root of the exponent; of exponents below 1 it has no limit.
+    let steepest = select(sqrt(config.shininess), VERTICAL, config.shininess < 1.0);
+    let angle = 2.0 * config.gradient_noise * inverse;
+    let highlight = min(angle * steepest, 1.0) * config.specular * config.light_sum;
+    return min(angle * config.diffuse * config.light_sum + highlight, 1.0);
 }
 
 // Mean of a quadratic from its values at the beginning, the middle and the end.

@@ -291,7 +291,8 @@ fn next_stretch(slot: Slot, ray: LightRay, walk: ptr<function, LightWalk>, state
         let cubic = twist_of(field) * part_way.x * part_way.y * part_way.z;
         let range = range_in(field);
         let wide = range.y - range.x;
-        let noise = VALUE_ERROR * max(abs(range.x), abs(range.y)) + (3.0 * POSITION_ERROR) * wide;
+        let of_place = (3.0 * POSITION_ERROR) * wide;
+        let noise = VALUE_ERROR * max(abs(range.x), abs(range.y)) + of_place + config.rounding;
         let bounds = range + vec2<f32>(-1.0, 1.0) * (OVERSHOOT * wide + noise);
         let line = line_of(LightChord(values, cubic, length * ray.extent_per_t * s.size, noise, bounds));
         if (s.cells == 0.0) {

@@ -9,16 +9,18 @@ use supervol_format::{Container, ValueRange, VoxelType};
 
 use crate::units::{InUnits, VALUE_LIMIT};
 
+/// Integers up to here are numbers of `f32`.
+const EXACT_INTEGERS: f64 = (1u32 << f32::MANTISSA_DIGITS) as f64;
+
 /// Map from stored numbers to render values and data values; one for the whole container.
 ///
 /// The map is exact for integers of up to 16 bits and, without shift and scale, for `f32`. `u32`, `i32` and `f64`
 /// values are rounded to 24 bits of their distance from [`ValueMap::shift`]. The error of a data value d is at most
 /// `2^-24 |d - shift|`, which is at most `2^-23` of the range's width.
 ///
-/// Consequence for a smooth transfer function: let w be the width over which its control points lie, as a share of the
-/// range's width. For w of at least 2^-16 the error is at most half a grey level. Narrower functions show steps: up to
-/// 7 grey levels at 2^-20, more than 100 at 2^-25 (`windows_of_values_that_f32_does_not_resolve` in
-/// `tests/tests/drawn/known_issues.rs`). Near the shift, which is mostly zero, far narrower functions are exact.
+/// In mode `dvr`, pictures of the CPU do not show that: where rounding decides, cells are integrated with the values of the data. A GPU
+/// has the render values alone, and states what rounding may change: with smooth transfer functions over 2^-20 of the range's width it is
+/// up to 4 grey levels off, over 2^-25 more than 100 (`tests/tests/drawn/rounded_values.rs`).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ValueMap {
     /// Render value per stored number; may be negative.
@@ -29,6 +31,8 @@ pub struct ValueMap {
     pub shift: f64,
     /// The stored number that marks an absent voxel, for `U8` and `U16` bricks.
     pub absent: Option<u16>,
+    /// Whether render values are rounded: they may differ from the data by [`ValueMap::ROUNDING`] of themselves.
+    pub is_rounded: bool,
     /// Container scale: data value = container value * scale + offset.
     source_scale: f64,
     /// See `source_scale`.
@@ -38,6 +42,9 @@ pub struct ValueMap {
 }
 
 impl ValueMap {
+    /// Most that a number loses when it is rounded to `f32`, in parts of it.
+    pub const ROUNDING: f32 = 0.5 * f32::EPSILON;
+
     /// The map for a container of this voxel type: data value = container value * `scale` + `offset`.
     ///
     /// `range` is the value range of the whole volume in data units. If it lies far from zero relative to its width,
@@ -54,6 +61,17 @@ impl ValueMap {
         let shift = if middle.is_finite() && middle.abs() > range.width() { middle } else { 0.0 };
         let (source_scale, source_offset) = (scale, offset);
         let bias = integer_bias(voxel_type);
+        let is_rounded = match voxel_type {
+            VoxelType::F64 => true,
+            VoxelType::F32 => source_scale != 1.0 || source_offset != shift,
+            VoxelType::U32 | VoxelType::I32 => {
+                let are_whole = source_scale.fract() == 0.0 && (source_offset - shift).fract() == 0.0;
+                let most = (range.min - shift).abs().max((range.max - shift).abs());
+                !are_whole || range.is_empty() || most > EXACT_INTEGERS
+            }
+            // Their render values are computed from stored numbers, which are exact.
+            VoxelType::U8 | VoxelType::U16 | VoxelType::I8 | VoxelType::I16 => false,
+        };
         let (scale, offset, absent) = match bias {
             Some(bias) => {
                 let (low, high) = voxel_type.limits();
@@ -64,7 +82,7 @@ impl ValueMap {
             // Values of these types become render values when a brick is decoded, in `f64`.
             None => (1.0, 0.0, None),
         };
-        Self { scale, offset, shift, absent, source_scale, source_offset, bias: bias.unwrap_or(0.0) }
+        Self { scale, offset, shift, absent, is_rounded, source_scale, source_offset, bias: bias.unwrap_or(0.0) }
     }
 
     /// Render value of a stored number.
@@ -92,7 +110,13 @@ impl ValueMap {
     #[inline]
     #[must_use]
     pub fn data_of_stored(&self, number: f64) -> f64 {
-        (number - self.bias) * self.source_scale + self.source_offset
+        self.data_of_container(number - self.bias)
+    }
+
+    /// Data value of a number as the container stores it.
+    #[must_use]
+    pub fn data_of_container(&self, value: f64) -> f64 {
+        value * self.source_scale + self.source_offset
     }
 
     /// Render value of a number as the container stores it. Monotone, so that ranges map to ranges.
@@ -101,7 +125,7 @@ impl ValueMap {
     pub fn from_container(&self, voxel_type: VoxelType, value: f64) -> f32 {
         match integer_bias(voxel_type) {
             Some(bias) => self.from_stored_number(single(value + bias)),
-            None => self.from_data(value * self.source_scale + self.source_offset),
+            None => self.from_data(self.data_of_container(value)),
         }
     }
 }

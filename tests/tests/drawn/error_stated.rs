@@ -26,16 +26,16 @@ const MODES: [&str; 5] = [
     r#""mode": "mean""#,
 ];
 /// Error of the reference itself, in grey levels.
-const REFERENCE: f64 = 0.01;
+pub(crate) const REFERENCE: f64 = 0.01;
 
 /// A renderer that states errors.
-fn renderer(subject: &Subject, backend: Backend) -> Renderer {
+pub(crate) fn renderer(subject: &Subject, backend: Backend) -> Renderer {
     let options = RenderOptions { predict_error: true, ..finest(backend) };
     new_renderer(subject, options)
 }
 
 /// A picture, the stated error of each pixel, and the statistics.
-fn stated(
+pub(crate) fn stated(
     renderer: &mut Renderer,
     scene: &ResolvedScene,
     level: LevelChoice,
@@ -49,7 +49,7 @@ fn stated(
 }
 
 /// Greatest excess of a pixel's error over its stated error, and greatest error of all; in grey levels.
-fn beyond(picture: &Image, exact: &Image, errors: &Image) -> (f64, f64) {
+pub(crate) fn beyond(picture: &Image, exact: &Image, errors: &Image) -> (f64, f64) {
     let pixels = picture.pixels.iter().zip(&exact.pixels).zip(&errors.pixels);
     pixels.fold((f64::NEG_INFINITY, 0.0), |(beyond, largest), ((found, exact), stated)| {
         let off = greatest([0, 1, 2, 3].map(|c| f64::from(found[c] - exact[c])));
@@ -80,7 +80,7 @@ fn waves() -> Field {
 }
 
 /// Default error, in grey levels.
-const ASKED: f64 = 0.5;
+pub(crate) const ASKED: f64 = 0.5;
 /// Greatest error that a pixel of the finest level may state in other modes, where the rounding of values comes on top.
 const MOST_OF_OTHERS: f64 = 1.0;
 
@@ -163,7 +163,6 @@ fn no_pixel_is_farther_off_than_is_stated() {
     }
 }
 
-/// As above, drawn by the GPU.
 /// A spike makes its macro cell uncertain, and leaves the rest of its brick as it is.
 #[test]
 fn a_pixel_beside_the_macro_cell_of_a_spike_states_little() {
@@ -189,6 +188,7 @@ fn a_pixel_beside_the_macro_cell_of_a_spike_states_little() {
     assert!(near.len() == 1 && beside.into_iter().all(|&said| said < 4.0), "the pixel of the spike alone: {said:?}");
 }
 
+/// No pixel of a picture by the GPU is, either.
 #[test]
 fn no_pixel_of_a_device_is_farther_off_than_is_stated() {
     if gpu_name().is_none() {

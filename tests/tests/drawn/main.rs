@@ -14,5 +14,6 @@ mod known_issues;
 mod levels_by_error;
 mod pictures_agree;
 mod random_scenes;
+mod rounded_values;
 mod stability;
 mod transfer_files;

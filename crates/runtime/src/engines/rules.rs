@@ -90,6 +90,8 @@ pub fn own_error(mode: Mode, opacity: f64, (max_error, known): (f64, ErrorKnowle
 pub const POSITION_ERROR: f32 = 2e-5;
 /// Bound on the rounding of an interpolated value, in parts of it.
 pub const VALUE_ERROR: f32 = 5e-7;
+/// Noise, in parts of the difference between a line's ends, up to which these tell where on the line a value lies.
+pub const SHORT_BESIDE_NOISE: f32 = 0.25;
 
 // One chord by antiderivatives: see `packets::integrate`, which derives the rule.
 

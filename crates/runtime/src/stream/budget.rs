@@ -21,6 +21,7 @@ use supervol_format::container::reader::CACHED_TOC_PAGES;
 use supervol_format::container::toc;
 use supervol_format::readable::{Mib, counted};
 use supervol_format::{Container, VoxelType};
+use supervol_scene::value_map::{ValueMap, value_map};
 
 use super::state::RECORD_BYTES;
 use crate::stream::cache::host::BRICK_OVERHEAD_BYTES;
@@ -65,9 +66,11 @@ pub struct BrickBytes {
 
 /// Bytes in the host cache of a brick with this many voxels and macro cells.
 #[must_use]
-pub fn decoded_bytes(voxel_type: VoxelType, voxels: u64, macro_cells: u64) -> u64 {
-    // One-byte and two-byte integers keep their size; all other types become f32. A macro cell has two f32 and a byte.
-    let voxel_bytes = voxel_type.bytes().min(4) as u64;
+pub fn decoded_bytes(voxel_type: VoxelType, map: &ValueMap, voxels: u64, macro_cells: u64) -> u64 {
+    // One-byte and two-byte integers keep their size; all other types become f32, beside which they stay if that rounds them. A macro cell
+    // has two f32 and a byte.
+    let stored = voxel_type.bytes() as u64;
+    let voxel_bytes = stored.min(4) + if map.is_rounded { stored } else { 0 };
     voxels * voxel_bytes + macro_cells * 9 + BRICK_OVERHEAD_BYTES
 }
 
@@ -83,7 +86,7 @@ impl BrickBytes {
         // The limit that the container's reader sets for payloads, and two bytes per macro cell.
         let record = stored + stored / 64 + 1024 + 2 * macro_cells;
         let decoding = stored + voxels * DECODING_BYTES_PER_VOXEL as u64;
-        Self { decoded: decoded_bytes(voxel_type, voxels, macro_cells), decoding, record }
+        Self { decoded: decoded_bytes(voxel_type, &value_map(container), voxels, macro_cells), decoding, record }
     }
 }
 

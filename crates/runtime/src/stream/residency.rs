@@ -4,7 +4,7 @@
 //!
 //! Bricks include their apron, x fastest. Macro cells cover the core from its first voxel, x fastest.
 
-use supervol_format::cast::narrow;
+use supervol_format::cast::{narrow, single};
 use supervol_format::codec::BrickShape;
 use supervol_format::container::toc::BrickEntry;
 use supervol_format::voxel_type::{Absence, Voxel};
@@ -41,6 +41,27 @@ impl Voxels {
     }
 }
 
+/// Voxels of one brick as the container stores them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Unrounded {
+    voxel_type: VoxelType,
+    bytes_le: Vec<u8>,
+}
+
+impl Unrounded {
+    /// Data value of a voxel.
+    ///
+    /// # Panics
+    /// If the brick has fewer voxels.
+    #[must_use]
+    pub fn data_value(&self, voxel: usize, map: &ValueMap) -> f64 {
+        let number = with_voxel!(self.voxel_type, V => {
+            V::read_le(&self.bytes_le[voxel * size_of::<V>()..][..size_of::<V>()]).to_f64()
+        });
+        map.data_of_container(number)
+    }
+}
+
 /// One brick in the form that ray casters read.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DecodedBrick {
@@ -53,6 +74,10 @@ pub struct DecodedBrick {
     /// Least and greatest render value that interpolation can reach in each macro cell of the core, x fastest. `min >
     /// max` means that nothing is present.
     pub macro_ranges: Vec<[f32; 2]>,
+    /// Bound on what render values are off by the data, because they are rounded.
+    pub rounding: f32,
+    /// The voxels as the container stores them, if render values are rounded.
+    pub unrounded: Option<Unrounded>,
     /// Error bound of each macro cell of the core, x fastest, as bytes ([`supervol_format::cell_errors`]); empty if the
     /// brick's bound holds in all of them.
     pub macro_errors: Vec<u8>,
@@ -76,8 +101,9 @@ impl DecodedBrick {
     ) -> Self {
         let BrickShape { voxel_type, extent } = shape;
         assert_eq!(bytes_le.len(), shape.bytes(), "{key}: bytes of {extent:?} {voxel_type} voxels");
-        let no_memory = (Voxels::U8(Vec::new()), Vec::new());
-        let (spare, macro_ranges) = spare.map_or(no_memory, |spare| (spare.voxels, spare.macro_ranges));
+        let no_memory = (Voxels::U8(Vec::new()), Vec::new(), None);
+        let (spare, macro_ranges, unrounded) =
+            spare.map_or(no_memory, |spare| (spare.voxels, spare.macro_ranges, spare.unrounded));
         let voxels = match voxel_type {
             VoxelType::U8 => Voxels::U8(refilled(spare.into_u8(), bytes_le.iter().copied())),
             VoxelType::I8 => Voxels::U8(refilled(spare.into_u8(), bytes_le.iter().map(|b| b ^ 0x80))),
@@ -98,8 +124,14 @@ impl DecodedBrick {
             [a.min(b), a.max(b)]
         };
         let macro_ranges = refilled(macro_ranges, macro_ranges_stored.map(render_range));
+        let rounding = if map.is_rounded { rounding_of(&voxels, (voxel_type, bytes_le), map) } else { 0.0 };
+        let unrounded = (rounding > 0.0).then(|| {
+            let memory = unrounded.map_or_else(Vec::new, |unrounded| unrounded.bytes_le);
+            Unrounded { voxel_type, bytes_le: refilled(memory, bytes_le.iter().copied()) }
+        });
         // A stored extent is at most 132 voxels.
-        Self { key, extent: extent.map(narrow::<u32>), voxels, macro_ranges, macro_errors: Vec::new() }
+        let (extent, macro_errors) = (extent.map(narrow::<u32>), Vec::new());
+        Self { key, extent, voxels, macro_ranges, rounding, unrounded, macro_errors }
     }
 
     /// The same brick with the error bounds of its macro cells.
@@ -108,7 +140,7 @@ impl DecodedBrick {
         Self { macro_errors: errors.to_vec(), ..self }
     }
 
-    /// Bytes held by the voxels and the ranges.
+    /// Bytes held by the voxels, rounded and not, and by the ranges.
     #[must_use]
     pub fn bytes(&self) -> u64 {
         let voxels = match &self.voxels {
@@ -116,8 +148,20 @@ impl DecodedBrick {
             Voxels::U16(v) => size_of_val(&v[..]),
             Voxels::F32(v) => size_of_val(&v[..]),
         };
-        (voxels + size_of_val(&self.macro_ranges[..]) + self.macro_errors.len()) as u64
+        let unrounded = self.unrounded.as_ref().map_or(0, |unrounded| unrounded.bytes_le.len());
+        (voxels + unrounded + size_of_val(&self.macro_ranges[..]) + self.macro_errors.len()) as u64
     }
+}
+
+/// Greatest distance of these render values from the data, rounded up.
+fn rounding_of(voxels: &Voxels, (voxel_type, bytes_le): (VoxelType, &[u8]), map: &ValueMap) -> f32 {
+    let Voxels::F32(rounded) = voxels else { return 0.0 };
+    let most = with_voxel!(voxel_type, V => {
+        let exact = bytes_le.chunks_exact(size_of::<V>()).map(|b| map.data_of_container(V::read_le(b).to_f64()));
+        // Absent voxels are NaN, which no maximum takes.
+        rounded.iter().zip(exact).fold(0.0, |most: f64, (&rounded, exact)| most.max((map.to_data(rounded) - exact).abs()))
+    });
+    single(most) * (1.0 + f32::EPSILON)
 }
 
 /// Fills the memory of another vector with these items.

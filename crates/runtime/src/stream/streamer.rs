@@ -558,7 +558,7 @@ impl Streamer {
     fn bytes_of(&self, key: FieldBrick) -> u64 {
         let shape = self.container.shape(key.brick);
         let cells: usize = self.container.pyramid().macro_cells(key.brick).iter().product();
-        decoded_bytes(shape.voxel_type, shape.voxels() as u64, cells as u64)
+        decoded_bytes(shape.voxel_type, &self.map, shape.voxels() as u64, cells as u64)
     }
 
     pub(crate) fn fail(&mut self, key: FieldBrick, reason: String) {

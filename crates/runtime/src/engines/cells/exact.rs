@@ -2,8 +2,9 @@
 //! rounding decides on which side of a step an even field lies, where a normal turns over.
 //!
 //! The transfer function is that of the scene, over data values. The chord is cut at the values at which it bends or steps.
-//! Each part is integrated by one pair of Gauss points and by two, and halved until both agree and the normal certainly turns
-//! little, or the part hardly shows. What is left is far below any error that can be asked for, but has no proven bound.
+//! Each part is integrated by one pair of Gauss points and by two, and halved until both agree, the normal certainly turns
+//! little, and colours are certainly cut off at 1 in all of it or in none, or the part hardly shows. What is left is far below any error
+//! that can be asked for, but has no proven bound.
 
 use glam::{DMat3, DVec3};
 use supervol_format::BrickKey;
@@ -16,7 +17,7 @@ use super::cell::{
 use super::quadrature::GAUSS_OFFSET;
 use super::shade::Lighting;
 use super::visit::{BrickVisit, LevelVisit, StoredVoxel};
-use crate::stream::residency::{DecodedBrick, Voxels};
+use crate::stream::residency::{DecodedBrick, Unrounded, Voxels};
 
 /// Difference of one pair and two pairs that counts as agreement: a fifteenth of it is left.
 const AGREEMENT: f64 = 1e-6;
@@ -63,31 +64,39 @@ pub(crate) fn exact_cell(
     let (index, t) = visit.chord_at_base(base, t);
     let chord = match visit.voxels() {
         _ if t[0] >= t[1] => None,
-        Voxels::U8(voxels) => ExactChord::new(&visit, (voxels, index), t),
-        Voxels::U16(voxels) => ExactChord::new(&visit, (voxels, index), t),
-        Voxels::F32(voxels) => ExactChord::new(&visit, (voxels, index), t),
+        Voxels::U8(voxels) => ExactChord::new(&visit, (voxels, None), (index, t)),
+        Voxels::U16(voxels) => ExactChord::new(&visit, (voxels, None), (index, t)),
+        Voxels::F32(voxels) => ExactChord::new(&visit, (voxels, brick.unrounded.as_ref()), (index, t)),
     };
     let (color, transmittance) = chord.map_or((DVec3::ZERO, 1.0), |chord| chord.seen());
     [color.x, color.y, color.z, transmittance].map(single)
 }
 
 impl<'a> ExactChord<'a> {
-    /// The chord of a ray through a cell; `None` beside a hole.
+    /// The chord of a ray through a cell; `None` beside a hole. If the voxels are rounded, `unrounded` has the others.
     fn new<T: StoredVoxel>(
         visit: &'a BrickVisit<'_>,
-        (voxels, index): (&[T], [i64; 3]),
-        [t0, t1]: [f64; 2],
+        (voxels, unrounded): (&[T], Option<&Unrounded>),
+        (index, [t0, t1]): ([i64; 3], [f64; 2]),
     ) -> Option<Self> {
         let (level, map) = (&visit.level, &visit.level.scene.map);
         let [a, b] = [t0, t1].map(|t| visit.cell_planes.fractions(level.axis_ray, t, index));
         let base = visit.base(index);
-        let data = |voxel: T| voxel.data_value(map);
-        let corners = present(visit.corners_by(voxels, base, data), a, b)?;
+        let corners_at = |base: usize| {
+            visit.corner_voxels(base).map(|voxel| {
+                let value = voxels[voxel].data_value(map);
+                match unrounded {
+                    Some(unrounded) if !value.is_nan() => unrounded.data_value(voxel, map),
+                    _ => value,
+                }
+            })
+        };
+        let corners = present(corners_at(base), a, b)?;
         let cubic = cubic_of_cell(&corners, a, b);
         let lighting = level.setup.lighting;
         let gradient = lighting.and_then(|_| {
             let [x, y, z] = visit.steps().map(|step| {
-                let [after, before] = [base + step, base - step].map(|base| visit.corners_by(voxels, base, data));
+                let [after, before] = [base + step, base - step].map(corners_at);
                 let differences = std::array::from_fn(|i| 0.5 * (after[i] - before[i]));
                 Some(cubic_of_cell(&present(differences, a, b)?, a, b))
             });
@@ -153,7 +162,8 @@ impl<'a> ExactChord<'a> {
         let halves = behind(front, back);
         let change = (halves.0 - whole.0).abs().max_element().max((halves.1 - whole.1).abs());
         let agrees = change < AGREEMENT && before.is_some_and(|before| before < AGREEMENT);
-        let is_settled = agrees && (1.0 - halves.1 < AGREEMENT || !self.turns_far([begin, end]));
+        let opacity = 1.0 - halves.1;
+        let is_settled = agrees && (opacity < AGREEMENT || self.is_evenly_lit([begin, end], opacity));
         if is_settled || halvings == 0 {
             return halves;
         }
@@ -199,21 +209,38 @@ impl<'a> ExactChord<'a> {
         if length == 0.0 || length < f64::from(lighting.gradient_floor) {
             return color;
         }
-        let normal = gradient / -length;
+        let [diffuse, specular] = self.light_of(lighting, gradient / -length);
+        (color * diffuse + specular).clamp(DVec3::ZERO, DVec3::ONE)
+    }
+
+    /// Diffuse light with the ambient one, and specular light, on a surface with this normal.
+    fn light_of(&self, lighting: &Lighting, normal: DVec3) -> [f64; 2] {
         let (mut diffuse, mut specular) = (f64::from(lighting.ambient), 0.0);
         for &(to_light, half, intensity) in &self.lights {
             diffuse += f64::from(lighting.diffuse) * normal.dot(to_light).abs() * intensity;
             let shine = normal.dot(half).abs().powf(f64::from(lighting.shininess));
             specular += f64::from(lighting.specular) * shine * intensity;
         }
-        (color * diffuse + specular).clamp(DVec3::ZERO, DVec3::ONE)
+        [diffuse, specular]
     }
 
-    /// Whether the normal may turn far over a part, by at most the way of the gradient over its least length, or there may be one in
-    /// some of it only.
-    fn turns_far(&self, [begin, end]: [f64; 2]) -> bool {
-        let (Some(lighting), Some(cubics)) = (self.lighting, &self.gradient) else { return false };
-        let most = NORMAL_CHANGE / (f64::from(lighting.shininess) / WIDE_SHININESS).max(1.0).sqrt();
+    /// Whether all of a part with this opacity has a normal that turns little, and colours that are cut off or are not; or none of it has
+    /// a normal.
+    fn is_evenly_lit(&self, part: [f64; 2], opacity: f64) -> bool {
+        let (Some(lighting), Some(cubics)) = (self.lighting, &self.gradient) else { return true };
+        match self.turn(lighting, cubics, part) {
+            Turn::Dark => true,
+            Turn::Unknown => false,
+            Turn::Within(angle) => {
+                let shininess = f64::from(lighting.shininess);
+                let most = NORMAL_CHANGE / (shininess / WIDE_SHININESS).max(1.0).sqrt();
+                2.0 * angle <= most && opacity * self.cut_in_part(lighting, part, angle) < AGREEMENT
+            }
+        }
+    }
+
+    /// Angle between the normal in the middle of a part and that anywhere in it, at most: the way of the gradient over its least length.
+    fn turn(&self, lighting: &Lighting, cubics: &[[Real; 4]; 3], [begin, end]: [f64; 2]) -> Turn {
         let (u, half) = (0.5 * (begin + end), 0.5 * (end - begin));
         let length = |of: fn(&[f64; 4], f64) -> f64| {
             (self.world_from_index * DVec3::from_array(cubics.map(|cubic| of(&cubic, u)))).length()
@@ -224,9 +251,61 @@ impl<'a> ExactChord<'a> {
         let third = length(|k, _| 6.0 * k[3]);
         let away = half * (slope + half * (bow + half * third));
         let floor = f64::from(lighting.gradient_floor);
-        // Without a normal anywhere, there is nothing to turn.
-        long + away >= floor && (long - away < floor || 2.0 * away > most * (long - away))
+        if long + away < floor {
+            Turn::Dark
+        } else if long - away < floor || away >= long {
+            Turn::Unknown
+        } else {
+            Turn::Within(away / (long - away))
+        }
     }
+
+    /// Greatest effect on a colour if a part is cut off at 1 in some of it only: 0 if all of it is, or none.
+    fn cut_in_part(&self, lighting: &Lighting, [begin, end]: [f64; 2], angle: f64) -> f64 {
+        let middle = 0.5 * (begin + end);
+        let Some(gradient) = self.gradient_at(middle) else { return 0.0 };
+        let [diffuse, specular] = self.light_of(lighting, gradient.normalize_or_zero());
+        let light: f64 = self.lights.iter().map(|&(.., intensity)| intensity).sum();
+        // The steepest slope of a power of a cosine is at most the root of the exponent; of exponents below 1 it has no limit.
+        let shininess = f64::from(lighting.shininess);
+        let steepest = if shininess < 1.0 { f64::INFINITY } else { shininess.sqrt() };
+        let dimmer = angle * light * f64::from(lighting.diffuse);
+        let duller = light * f64::from(lighting.specular) * (angle * steepest).min(1.0);
+        let [least, most] = self.colors([begin, end]);
+        let low = least * (diffuse - dimmer).max(0.0) + (specular - duller).max(0.0);
+        let high = most * (diffuse + dimmer) + specular + duller;
+        (high - 1.0).min(1.0 - low).max_element().max(0.0)
+    }
+
+    /// Least and greatest colour of a part between two control points, channel by channel: colours are linear in the value there.
+    fn colors(&self, [begin, end]: [f64; 2]) -> [DVec3; 2] {
+        let value = |u: f64| cubic_at(&self.cubic, u).clamp(self.range[0], self.range[1]);
+        let middle = value(0.5 * (begin + end));
+        let points = self.transfer_function.points();
+        let next = points.partition_point(|point| point.value <= middle);
+        let color: DVec3 = self.transfer_function.classify(middle).0.into();
+        let (Some(before), Some(after)) = (next.checked_sub(1).map(|i| points[i]), points.get(next)) else {
+            return [color; 2];
+        };
+        let intervals = monotone_intervals(&self.cubic);
+        let turns = intervals.as_slice().iter().copied().filter(|&u| begin < u && u < end);
+        let [a, b] = [before, *after].map(|point| DVec3::from(point.color));
+        turns.chain([begin, end]).fold([color; 2], |[least, most], u| {
+            let share = ((value(u) - before.value) / (after.value - before.value)).clamp(0.0, 1.0);
+            let color = a.lerp(b, share);
+            [least.min(color), most.max(color)]
+        })
+    }
+}
+
+/// Turn of the normal in a part.
+enum Turn {
+    /// None of it has a normal.
+    Dark,
+    /// Some of it may have none.
+    Unknown,
+    /// Angle from the normal in the middle, at most, in radians.
+    Within(f64),
 }
 
 /// Adds the places at which a cubic has a value. `ends`: those of its monotone intervals.

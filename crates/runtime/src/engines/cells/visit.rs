@@ -307,25 +307,15 @@ impl<'a> BrickVisit<'a> {
     #[must_use]
     pub fn corners<T: StoredVoxel>(&self, voxels: &[T], base: usize) -> [f32; 8] {
         let map = &self.level.scene.map;
-        self.corners_by(voxels, base, |voxel| voxel.render_value(map))
+        self.corner_voxels(base).map(|voxel| voxels[voxel].render_value(map))
     }
 
-    /// The same in another form of the values.
+    /// Places in the brick's array of the eight corners of the cell whose first one is `base`.
     #[inline]
-    pub(crate) fn corners_by<T: StoredVoxel, V>(&self, voxels: &[T], base: usize, form: impl Fn(T) -> V) -> [V; 8] {
+    pub(crate) fn corner_voxels(&self, base: usize) -> [usize; 8] {
         let [dy, dz] = self.strides;
-        let value = |i: usize| form(voxels[i]);
         let rows = [base, base + dy, base + dz, base + dy + dz];
-        [
-            value(rows[0]),
-            value(rows[0] + 1),
-            value(rows[1]),
-            value(rows[1] + 1),
-            value(rows[2]),
-            value(rows[2] + 1),
-            value(rows[3]),
-            value(rows[3] + 1),
-        ]
+        [rows[0], rows[0] + 1, rows[1], rows[1] + 1, rows[2], rows[2] + 1, rows[3], rows[3] + 1]
     }
 
     /// Central differences at the eight corners, index space of the level, `[axis][corner]`; NaN if a tap is absent.

@@ -15,6 +15,9 @@ use crate::engines::rules::{END_SHARE, ErrorKnowledge, LEAST_AIMED, fit_error, o
 use crate::engines::totals::ErrorsByReason;
 use crate::lod::deviation::{Deviations, FinishedRay};
 
+/// Error of a pixel of which nothing is known, 1 is white.
+const WHOLE: f64 = 1.0;
+
 /// Errors of the rays of a band.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BandErrors {
@@ -101,7 +104,12 @@ impl Picture {
         // Roots and Gauss pairs, like surfaces, aim at the requested error; their errors are not summed up.
         let is_bounded = !self.has_surfaces && self.light.is_resolved;
         let known = if is_bounded { ErrorKnowledge::Bounded } else { ErrorKnowledge::Aimed };
-        let aimed = if self.light.is_resolved { max_error } else { max_error.max(LEAST_AIMED) };
+        let aimed = match self.light.is_resolved {
+            true => max_error,
+            // On which side of a step a rounded value lies is not known.
+            false if self.is_rounded => WHOLE,
+            false => max_error.max(LEAST_AIMED),
+        };
         let value = match self.mode {
             Mode::Mip | Mode::Minip | Mode::Mean if length <= 0.0 => f64::NAN,
             Mode::Mean => first / length,

@@ -359,12 +359,12 @@ shared_struct! {
         pair_share: f32,
         /// Half the shininess, if it is an integer for which products are used; else 0.
         whole_half: u32,
+        /// Bound on what render values are off by the data, because they are rounded.
+        rounding: f32,
+        /// Bound on the length that a world-space gradient is off by, for that reason.
+        gradient_noise: f32,
         /// Zero.
         padding_0: u32,
-        /// Zero.
-        padding_1: u32,
-        /// Zero.
-        padding_2: u32,
         /// Greatest brackets of a highlight: see engines/packets/highlight.rs.
         brackets: [f32; 4],
         /// The cache textures.

@@ -38,6 +38,8 @@ pub struct Picture {
     pub(super) parts: Option<RayParts>,
     /// Number that is subtracted from every data value.
     pub(crate) shift: f64,
+    /// Whether render values are rounded.
+    pub(super) is_rounded: bool,
     /// Whether there are surfaces inside the volume.
     pub(crate) has_surfaces: bool,
 }
@@ -83,6 +85,7 @@ impl Picture {
                 &scene.clip,
             ),
             shift,
+            is_rounded: volume.value_map.is_rounded,
             has_surfaces: scene.has_inner_surfaces(),
         }
     }

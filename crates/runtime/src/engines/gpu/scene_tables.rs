@@ -135,14 +135,18 @@ pub fn config(
         wait_words: narrow::<u32>(wait_words(places.slots)),
         tile_words: narrow::<u32>(tile_words(places.slots, places.entries)),
         grids: places.grids,
-        ..lit(lighting.as_ref(), max_error)
+        rounding: rounding_of(map, volume.value_range),
+        ..lit(lighting.as_ref(), volume, max_error)
     };
     Ok(config)
 }
 
 /// A configuration of which only the lighting is set, if there is any.
-fn lit(lighting: Option<&Lighting>, max_error: f64) -> Config {
+fn lit(lighting: Option<&Lighting>, volume: &GpuVolume<'_>, max_error: f64) -> Config {
     let Some(lighting) = lighting else { return Config::zeroed() };
+    let gradient = volume.geometry.world_from_index_gradient();
+    // A difference over two voxels counts by half, and two values are off. On coarser levels a voxel is longer.
+    let per_value = single(gradient.x_axis.length() + gradient.y_axis.length() + gradient.z_axis.length());
     Config {
         ambient: lighting.ambient,
         diffuse: lighting.diffuse,
@@ -154,8 +158,18 @@ fn lit(lighting: Option<&Lighting>, max_error: f64) -> Config {
         whole_half: whole_half_of(lighting.shininess).unwrap_or(0),
         brackets: Highlight::new(lighting.shininess).greatest,
         light_sum: lighting.lights.iter().map(|light| light.1).sum(),
+        gradient_noise: per_value * rounding_of(volume.value_map, volume.value_range),
         ..Config::zeroed()
     }
+}
+
+/// Bound on what render values of this range are off by the data.
+fn rounding_of(map: &ValueMap, range: ValueRange) -> f32 {
+    if !map.is_rounded || range.is_empty() {
+        return 0.0;
+    }
+    let greatest = map.from_data(range.min).abs().max(map.from_data(range.max).abs());
+    greatest * (ValueMap::ROUNDING * (1.0 + f32::EPSILON))
 }
 
 fn mode_number(mode: Mode) -> Result<u32, GpuError> {

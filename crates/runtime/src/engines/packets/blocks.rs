@@ -85,6 +85,8 @@ mod tests {
             extent,
             voxels: Voxels::F32((0..extent.iter().product::<u32>() as usize).map(value).collect()),
             macro_ranges: vec![[0.5; 2], NOTHING],
+            rounding: 0.0,
+            unrounded: None,
             macro_errors: Vec::new(),
         };
         let full = ValueRange { min: 0.0, max: 1.0 };

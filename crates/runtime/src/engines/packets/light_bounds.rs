@@ -27,16 +27,18 @@ struct Case {
     to_lights: Vec<DVec3>,
     /// Ambient, diffuse and specular light, and the shininess.
     material: [f64; 4],
-    /// Colour in the middle, and its change over the part; and how the density of opacity changes.
+    /// Colour in the middle, and its change over the part; and how the density of opacity changes: linearly, and as behind this depth.
     colors: [[f64; 2]; 3],
     change: f64,
+    depth: f64,
 }
 
 const TO_EYE: DVec3 = DVec3::Z;
 
 impl Case {
     fn random(random: &mut impl FnMut() -> f64) -> Self {
-        let size = [1.0, 1.0, 0.1, 1e-3][(random() * 4.0) as usize];
+        // The last is below the floor: there is no normal.
+        let size = [1.0, 1.0, 0.1, 1e-3, 1e-7][(random() * 5.0) as usize];
         let turn = [0.02, 0.1, 0.3, 1.0, 4.0][(random() * 5.0) as usize];
         let cubic = [0.0, 0.1, 1.0][(random() * 3.0) as usize];
         let mut vector = |size: f64| DVec3::new(random() - 0.5, random() - 0.5, random() - 0.5) * 2.0 * size;
@@ -57,6 +59,7 @@ impl Case {
             material: [0.5 * random(), random(), 0.6 * random(), shininess],
             colors,
             change: if is_flat { 0.0 } else { 3.0 * (random() - 0.5) },
+            depth: [0.0, 0.0, 1.0, 10.0][(random() * 4.0) as usize] * random(),
         }
     }
 
@@ -117,6 +120,9 @@ impl Case {
     /// D and S at u, from their definition.
     fn light(&self, lighting: &Lighting, u: f64) -> [f64; 2] {
         let gradient = self.gradient_at(u);
+        if gradient.length() < f64::from(lighting.gradient_floor) {
+            return [1.0, 0.0];
+        }
         let normal = gradient / gradient.length();
         let (mut diffuse, mut specular) = (f64::from(lighting.ambient), 0.0);
         for (to_light, intensity) in &lighting.lights {
@@ -136,9 +142,12 @@ impl Case {
         let mut truth =
             Truth { sums: [0.0; CHANNELS], moments: [0.0; CHANNELS], lit: [0.0; 3], misplaced: 0.0, colors: 0.0 };
         let mut densities = Vec::new();
+        let place = |i: usize| (i as f64 + 0.5) / TERMS as f64;
+        let weight = |u: f64| (1.0 + self.change * (u - 0.5)) * (-self.depth * u).exp();
+        let all: f64 = (0..TERMS).map(|i| weight(place(i))).sum();
         for i in 0..TERMS {
-            let u = (i as f64 + 0.5) / TERMS as f64;
-            let part = OPACITY * (1.0 + self.change * (u - 0.5)) / TERMS as f64;
+            let u = place(i);
+            let part = OPACITY * weight(u) / all;
             let [diffuse, specular] = self.light(&lighting, u);
             let mut density = [part; CHANNELS];
             for c in 0..3 {

@@ -648,7 +648,7 @@ impl<S: Simd, L: PieceLookup> Round<'_, S, L> {
         let cubic = cell.twist() * scale * (travelled[0] * travelled[1] * travelled[2]);
         let size = S::max(S::abs(values[0]), S::abs(values[2]));
         let of_place = cell.steepness() * S::splat(brick.scale.abs() * POSITION_ERROR);
-        let noise = S::mul_add(size, S::splat(VALUE_ERROR), of_place);
+        let noise = S::mul_add(size, S::splat(VALUE_ERROR), of_place + S::splat(brick.rounding));
         let corners = cell.range().map(|corner| S::mul_add(corner, scale, offset));
         let (low, high) = (S::min(corners[0], corners[1]), S::max(corners[0], corners[1]));
         let margin = S::mul_add(high - low, S::splat(OVERSHOOT), noise);

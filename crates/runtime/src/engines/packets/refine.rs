@@ -279,8 +279,8 @@ impl<L: PieceLookup> Refine<'_, L> {
         if let Some(lighting) = self.lighting {
             let cube = trial.size * trial.size * trial.size;
             let cubic = for_three!(a => cuts.gradients[a][3] * cube);
-            let Shaded { color, error, .. } = lighting.shade::<S>(&part, &along, &cubic);
-            (part.color, part.error) = (color, error);
+            let Shaded { color, error, rounding, .. } = lighting.shade::<S>(&part, &along, &cubic);
+            (part.color, part.error, part.rounding) = (color, error, part.rounding + rounding);
         }
         cuts.end_part(&trial, &part, &along[2]);
     }

@@ -9,15 +9,16 @@
 //! - D and S are no quadratics: [`super::turn`];
 //! - the density is not linear ([`Part::misplaced`]): as much light in a wrong place as D and S change over that way;
 //! - `|n.l|` has a kink where the light passes from one side to the other, f where it is cut off at 1, and light may jump where
-//!   the gradient vanishes.
+//!   the gradient vanishes;
+//! - gradients of rounded values are off by as much as these ([`PacketLighting::with_rounded_values`]).
 //!
 //! Gradients are interpolated differences over two voxels (`cells::shade` explains this definition). The 32 voxels
 //! around a cell are gathered once, and along the ray the gradient is one cubic per axis.
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec3, Vec3};
 use supervol_format::Geometry;
 
-use super::highlight::{Highlight, HighlightBounds, LEAST_COSINE};
+use super::highlight::{Highlight, HighlightBounds, LEAST_COSINE, VERTICAL};
 use super::integrate::Part;
 use super::simd::{Simd, exp_minus, for_three, minus_ln};
 use super::turn::{OF_THIRD, Turn};
@@ -45,6 +46,8 @@ pub struct PacketLighting<'a> {
     whole_half: Option<u32>,
     /// Bounds of the change of highlights.
     pub highlight: Highlight,
+    /// Bound on the length that a gradient is off by, because values are rounded.
+    noise: f32,
 }
 
 /// Half of a shininess, if it is an integer for which multiplications are used.
@@ -127,7 +130,15 @@ impl<'a> PacketLighting<'a> {
             light,
             highlight: Highlight::new(lighting.shininess),
             whole_half: whole_half_of(lighting.shininess),
+            noise: 0.0,
         }
+    }
+
+    /// The lighting for stored numbers that may be off by this much, each: a difference by twice that.
+    #[must_use]
+    pub fn with_rounded_values(self, rounding: f32) -> Self {
+        let lengths = self.world_from_differences.map(|column| Vec3::from_array(column).length());
+        Self { noise: 2.0 * rounding * lengths.iter().sum::<f32>(), ..self }
     }
 
     /// Unit vectors toward the eye, against rays of these directions, in cells per world length.
@@ -192,7 +203,7 @@ impl<'a> PacketLighting<'a> {
         let mut color = for_three!(c => {
             S::mul_add(part.color[c], mean_diffuse, S::mul_add(part.moments[c + 1], rise, of_specular))
         });
-        let turn = Turn::<S>::along(along, cubic, self.floor());
+        let turn = Turn::<S>::along(along, cubic, self.floors());
         let lit = self.light_between::<S>(along, &turn);
         // What three places miss, by a density that is linear.
         let strongest = greatest_of::<S>(part.color);
@@ -205,7 +216,33 @@ impl<'a> PacketLighting<'a> {
         let of_place = S::select(turn.is_dark, zero, S::select(turn.is_known, of_place, one));
         let of_cut = self.cut::<S>(part, &lit, &mut color);
         let of_part = part.error * lit.gain();
-        Shaded { color, error: S::min(of_place + of_cut, opacity) + of_part, of_part }
+        let mut error = S::min(of_place + of_cut, opacity) + of_part;
+        let mut rounding = zero;
+        if self.has_noise() {
+            rounding = opacity * self.light_of_noise::<S>(turn.inverse);
+            error = error + rounding;
+        }
+        Shaded { color, error, of_part, rounding }
+    }
+
+    /// Whether gradients are off because values are rounded.
+    #[inline(always)]
+    pub fn has_noise(&self) -> bool {
+        self.noise > 0.0
+    }
+
+    /// Light that the noise of a gradient may change, whose inverse length is at most this: the normal turns by at most twice the share
+    /// of the noise.
+    #[inline(always)]
+    pub fn light_of_noise<S: Simd>(&self, inverse: S::F) -> S::F {
+        let one = S::splat(1.0);
+        let [_, diffuse, specular] = self.strengths();
+        // The steepest slope of a power of a cosine is at most the root of the exponent; of exponents below 1 it has no limit.
+        let shininess = self.lighting.shininess;
+        let steepest = if shininess < 1.0 { VERTICAL } else { shininess.sqrt() };
+        let angle = S::splat(2.0 * self.noise) * inverse;
+        let highlight = S::min(angle * S::splat(steepest), one) * S::splat(specular);
+        S::min(S::mul_add(angle, S::splat(diffuse), highlight), one)
     }
 
     /// Bounds of the light anywhere between three positions.
@@ -305,6 +342,13 @@ impl<'a> PacketLighting<'a> {
         error * opacity
     }
 
+    /// Lengths of a gradient below which there certainly is no normal, and above which there is one.
+    #[inline(always)]
+    pub fn floors(&self) -> [f32; 2] {
+        let floor = self.floor();
+        [floor - self.noise, floor + self.noise]
+    }
+
     /// Length of a gradient below which there is no normal.
     #[inline(always)]
     pub fn floor(&self) -> f32 {
@@ -346,6 +390,8 @@ pub struct Shaded<S: Simd> {
     /// Bound on the error of colour and opacity, and what of it does not come from the light.
     pub error: S::F,
     pub of_part: S::F,
+    /// Share of the error that rounded values make of the light.
+    pub rounding: S::F,
 }
 
 /// Bounds of the light along a part.

@@ -108,7 +108,7 @@ impl CellShader<'_> {
     ) -> ([S::F; 3], S::F) {
         let one = S::splat(1.0);
         let lit = self.lighting.at::<S, 3>(&along.gradients, to_eye);
-        let Shaded { mut color, mut error, of_part } = self.lighting.shade::<S>(part, &lit, &along.cubics);
+        let Shaded { mut color, mut error, of_part, .. } = self.lighting.shade::<S>(part, &lit, &along.cubics);
         // If the other errors leave room, only the light is improved.
         let is_unsettled = S::lt(one, error * per_error) & S::lt(of_part * per_error, S::splat(REST_SHARE)) & shows;
         if S::bits(is_unsettled) != 0 {

@@ -290,6 +290,7 @@ pub(super) fn packet_brick<'a>(
         centre: 0.0,
         scale: 1.0,
         offset: 0.0,
+        rounding: brick.rounding,
         span: 1,
         absent: scene.map.absent,
         lighting: None,

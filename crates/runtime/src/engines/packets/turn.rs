@@ -57,6 +57,8 @@ pub struct Turn<S: Simd> {
     pub is_known: S::M,
     /// Lanes where it is so everywhere.
     pub is_dark: S::M,
+    /// Inverse of the least length of the gradient where it is known, else 0.
+    pub inverse: S::F,
 }
 
 /// Bounds of the normal's derivatives, from bounds of the gradient's and the inverse of its least length.
@@ -87,10 +89,10 @@ pub fn simpson_misses<S: Simd>([begin, middle, end]: [S::F; 3]) -> S::F {
 }
 
 impl<S: Simd> Turn<S> {
-    /// Bounds along a part from the gradient at its beginning, middle and end, and its cubic coefficient; below `floor` there is
-    /// no normal.
+    /// Bounds along a part from the gradient at its beginning, middle and end, and its cubic coefficient. There certainly is a normal
+    /// above the second of `floors`, and none below the first.
     #[inline(always)]
-    pub fn along(light: &[LightAt<S>; 3], cubic: &[S::F; 3], floor: f32) -> Self {
+    pub fn along(light: &[LightAt<S>; 3], cubic: &[S::F; 3], floors: [f32; 2]) -> Self {
         let (one, two) = (S::splat(1.0), S::splat(2.0));
         let [begin, middle, end] = for_three!(i => light[i].gradient);
         let bow = for_three!(a => two * ((begin[a] - middle[a]) + (end[a] - middle[a])));
@@ -106,18 +108,20 @@ impl<S: Simd> Turn<S> {
         let [of_square, of_cube] = AWAY.map(S::splat);
         let aside = S::mul_add(S::abs(dot::<S>(cubic, &axis)), of_cube, S::abs(dot::<S>(&bow, &axis)) * of_square);
         let lengths = for_three!(i => dot::<S>(&light[i].gradient, &axis) - aside);
-        let floor = S::splat(floor);
-        let is_known = S::lt(floor, least_of::<S>(lengths));
+        let [dark, bright] = floors.map(S::splat);
+        let is_known = S::lt(bright, least_of::<S>(lengths));
         let squares = for_three!(i => dot::<S>(&light[i].gradient, &light[i].gradient));
         let reach = S::mul_add(of_cubic, of_cube, of_bow * of_square);
-        let is_dark = S::lt(S::sqrt(greatest_of::<S>(squares)) + reach, floor);
+        let is_dark = S::lt(S::sqrt(greatest_of::<S>(squares)) + reach, dark);
         let inverses = for_three!(i => one / S::select(is_known, lengths[i], one));
+        let inverse = greatest_of::<S>(inverses);
         Self {
             places: for_three!(i => derivatives::<S>(orders, inverses[i])),
             mean_first: first * S::splat(0.25) * (inverses[0] + inverses[2] + inverses[1] + inverses[1]),
-            anywhere: derivatives::<S>(orders, greatest_of::<S>(inverses)),
+            anywhere: derivatives::<S>(orders, inverse),
             is_known,
             is_dark,
+            inverse: S::select(is_known, inverse, S::splat(0.0)),
         }
     }
 

@@ -74,12 +74,17 @@ impl TurningCells {
         let per_opacity = one / S::max(opacity, S::splat(f32::MIN_POSITIVE));
         let [begin, middle, end] = along.gradients;
         let cubics = for_three!(a => cubic_through::<S>([begin[a], middle[a], end[a]], along.cubics[a]));
-        let steep = part.moments[0] * per_opacity * twelve;
-        let change = S::min(S::max(steep, S::splat(-STEEPEST)), S::splat(STEEPEST));
-        let flattened = S::abs(steep - change) * S::splat(1.0 / 8.0);
+        let plain = for_three!(c => part.color[c] * per_opacity);
+        // Colours are flattened with the opacity: cutting one off at the other would not be light.
+        let (change, mut flattened) = flattened_to::<S>(part.moments[0] * per_opacity * twelve, one);
+        let mut changes = plain;
+        for c in 0..3 {
+            let (change, by) = flattened_to::<S>(part.moments[c + 1] * per_opacity * twelve, plain[c]);
+            (changes[c], flattened) = (change, S::max(flattened, by));
+        }
         let mut cells = Self {
-            plain: for_three!(c => stored::<S>(part.color[c] * per_opacity)),
-            changes: for_three!(c => stored::<S>(part.moments[c + 1] * per_opacity * twelve)),
+            plain: plain.map(stored::<S>),
+            changes: changes.map(stored::<S>),
             opacity: stored::<S>(opacity),
             change: stored::<S>(change),
             misplaced: stored::<S>(S::mul_add(part.misplaced, per_opacity, flattened)),
@@ -102,6 +107,14 @@ impl TurningCells {
     pub fn outcome<S: Simd>(&self) -> ([S::F; 3], S::F) {
         (for_three!(c => S::load(&self.color[c])), S::load(&self.error))
     }
+}
+
+/// Change over a cell of a density of this mean, so that it is nowhere below 0, and how far that moves its integral.
+#[inline(always)]
+fn flattened_to<S: Simd>(steep: S::F, mean: S::F) -> (S::F, S::F) {
+    let most = S::splat(STEEPEST) * mean;
+    let change = S::min(S::max(steep, S::splat(0.0) - most), most);
+    (change, S::abs(steep - change) * S::splat(1.0 / 8.0))
 }
 
 #[inline(always)]
@@ -145,12 +158,14 @@ struct AtPlaces<S: Simd> {
     is_dark: S::M,
     /// Bounds of the first two derivatives of the normal.
     turn: [S::F; 2],
+    /// Inverse of the least length of the gradient where it is known, else 0.
+    inverse: S::F,
 }
 
 impl<S: Simd> AtPlaces<S> {
     /// The gradient around places, from its coefficients.
     #[inline(always)]
-    fn new(cubics: &[[S::F; 4]; 3], at: S::F, floor: f32) -> Self {
+    fn new(cubics: &[[S::F; 4]; 3], at: S::F, floors: [f32; 2]) -> Self {
         let (zero, one) = (S::splat(0.0), S::splat(1.0));
         let gradient = for_three!(a => cubic_at::<S>(cubics[a], at));
         let two_at = at + at;
@@ -165,11 +180,17 @@ impl<S: Simd> AtPlaces<S> {
         let away = S::splat(HALF) * S::mul_add(bow, S::splat(0.5 * HALF), slope_there);
         let long = length::<S>(&gradient);
         let least = long - away;
-        let floor = S::splat(floor);
-        let is_known = S::lt(floor, least);
+        let [dark, bright] = floors.map(S::splat);
+        let is_known = S::lt(bright, least);
         let inverse = one / S::select(is_known, least, one);
         let [n1, n2, ..] = derivatives::<S>([slope, bow, zero], inverse);
-        Self { gradient, is_known, is_dark: S::lt(long + away, floor), turn: [n1, n2] }
+        Self {
+            gradient,
+            is_known,
+            is_dark: S::lt(long + away, dark),
+            turn: [n1, n2],
+            inverse: S::select(is_known, inverse, zero),
+        }
     }
 }
 
@@ -198,18 +219,22 @@ fn light<S: Simd>(lighting: &PacketLighting<'_>, cells: &TurningCells, lane: usi
     let (mut sums, mut missed, mut change_of_light) = ([zero; 3], zero, zero);
     for first in (0..PLACES).step_by(S::LANES) {
         let at = load_from::<S>(&MIDDLES, first);
-        let around = AtPlaces::<S>::new(&cubics, at, lighting.floor());
+        let around = AtPlaces::<S>::new(&cubics, at, lighting.floors());
         let [lit] = lighting.at::<S, 1>(&[around.gradient], &to_eye);
         let from_middle = at - S::splat(0.5);
         let density = S::mul_add(from_middle, change, one);
         let emission = for_three!(c => S::mul_add(from_middle, changes[c], plain[c]));
         for c in 0..3 {
             let color = S::mul_add(emission[c], lit.diffuse, density * lit.specular);
-            sums[c] = sums[c] + S::min(color, density);
+            // Without light nothing is cut off: that a line of emission reaches over that of opacity is no light.
+            sums[c] = sums[c] + S::select(around.is_dark, emission[c], S::min(color, density));
         }
         let stretch = LightStretch { around: &around, lit: &lit, density, emission, steepest, variation };
         let of_stretch = stretch.missed(lighting);
         missed = missed + of_stretch.error;
+        if lighting.has_noise() {
+            missed = S::mul_add(density, lighting.light_of_noise::<S>(around.inverse), missed);
+        }
         change_of_light = change_of_light + of_stretch.change;
     }
     let misplaced = cells.misplaced[lane] * S::sum(change_of_light) * STRETCH;

@@ -9,7 +9,7 @@ use super::lookup::{Channels, PieceLookup, Place};
 use super::simd::{Simd, for_three};
 use crate::engines::rules::{
     LEAST_TILT, MOMENT_OF_KINK, OF_ANY_BENDS, OF_BENDS, OF_CURVE, OF_CURVES, OF_KINK, OF_STEP, OF_UNSETTLED_KINK,
-    OPAQUE_TILT, ORDER_OF_DEPTH, ORDER_OF_TILT, SERIES_UP_TO, TILT_LIMIT,
+    OPAQUE_TILT, ORDER_OF_DEPTH, ORDER_OF_TILT, SERIES_UP_TO, SHORT_BESIDE_NOISE, TILT_LIMIT,
 };
 
 /// Positions of a line in a table: all of it that is kept from one stage to the next.
@@ -340,7 +340,13 @@ impl<S: Simd, const KNOTS: bool> Around<S, KNOTS> {
     /// for a field from end to end, the integral over values changes at its ends, and the way per value.
     #[inline(always)]
     pub fn error_of_noise(&self, at: &LineInTable<S>, a: &Channels<S>, of_ends: S::F) -> S::F {
-        at.line.noise * S::min(a.slope + self.bends, of_ends * at.per_rise)
+        let (one, noise) = (S::splat(1.0), at.line.noise);
+        let slope = a.slope + self.bends;
+        let share = noise * at.per_rise;
+        // Beyond its ends the function may grow.
+        let of_ends = S::mul_add(noise + noise, slope, of_ends);
+        let by_ends = of_ends * at.per_rise * S::mul_add(S::splat(4.0), share, one);
+        noise * S::select(S::le(share, S::splat(SHORT_BESIDE_NOISE)), S::min(slope, by_ends), slope)
     }
 
     /// Bound on the error of a mean by steps that rounding misplaces.
@@ -350,7 +356,8 @@ impl<S: Simd, const KNOTS: bool> Around<S, KNOTS> {
             return S::splat(0.0);
         }
         let noise = at.line.noise + at.line.noise + S::splat(limits.narrow);
-        self.steps * S::min(noise * at.per_rise, S::splat(1.0))
+        let is_long = S::le(at.line.noise * at.per_rise, S::splat(SHORT_BESIDE_NOISE));
+        self.steps * S::select(is_long, S::min(noise * at.per_rise, S::splat(1.0)), S::splat(1.0))
     }
 
     /// Bound on what is missed of the effect of order.

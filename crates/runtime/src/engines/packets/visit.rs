@@ -133,7 +133,7 @@ impl CastTile<'_> {
     pub(super) fn cast_resident(&mut self, key: BrickKey, resident: Resident<'_>) {
         match resident {
             Resident::Brick(brick) => self.cast_brick(key, brick),
-            Resident::Uniform(value) => self.cast_uniform(value),
+            Resident::Uniform(value) => self.cast_uniform(key, value),
             Resident::Nothing | Resident::TooCoarse | Resident::UseParent | Resident::Missing => {}
         }
     }
@@ -148,16 +148,37 @@ impl CastTile<'_> {
         }
     }
 
-    /// All rays see one value all the way.
-    fn cast_uniform(&mut self, value: f32) {
+    /// Extinction and emission of a value.
+    fn channels_at(&self, value: f32) -> [f32; CHANNELS] {
         let pieces = &self.tables.pieces;
         let value = value - self.tables.origin;
         let piece = pieces.column(Column::Knot, 0)[..pieces.count()].iter().rposition(|&k| k <= value).unwrap_or(0);
         let y = value - pieces.column(Column::Anchor, 0)[piece];
-        let [kappa, emission @ ..]: [f32; CHANNELS] = std::array::from_fn(|c| {
+        std::array::from_fn(|c| {
             let of = |column| pieces.column(column, c)[piece];
             of(Column::Value) + y * (2.0 * of(Column::HalfSlope) + y * 3.0 * of(Column::ThirdBend))
-        });
+        })
+    }
+
+    /// Extinction and emission of a brick that has one render value. If that is rounded, the container's own value decides on which side
+    /// of a step it lies.
+    fn channels_of_uniform(&self, key: BrickKey, value: f32) -> [f32; CHANNELS] {
+        let scene = &self.frame.scene;
+        let known = if scene.map.is_rounded { self.view.entry(key) } else { None };
+        match known {
+            Some(known) => {
+                let transfer_function = &scene.data_transfer_function;
+                let (color, alpha) = transfer_function.classify(scene.map.data_of_container(known.entry.range.min));
+                let kappa = transfer_function.kappa(alpha);
+                [kappa, kappa * color[0], kappa * color[1], kappa * color[2]].map(single)
+            }
+            None => self.channels_at(value),
+        }
+    }
+
+    /// All rays see one value all the way.
+    fn cast_uniform(&mut self, key: BrickKey, value: f32) {
+        let [kappa, emission @ ..] = self.channels_of_uniform(key, value);
         if kappa <= 0.0 {
             return;
         }
@@ -204,6 +225,7 @@ impl CastTile<'_> {
         let lighting = frame.scene.lighting.as_ref().map(|lighting| {
             let level_scale = frame.scene.pyramid.level_at(key.lod()).scale;
             PacketLighting::new(lighting, &frame.scene.geometry, level_scale, packet_brick.scale)
+                .with_rounded_values(packet_brick.rounding)
         });
         let cloud = plan.leaps.then_some(&plan.cloud);
         let walked = packet_brick.walked.with_cloud(cloud);

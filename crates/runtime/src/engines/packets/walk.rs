@@ -121,6 +121,8 @@ pub struct PacketBrick<'a> {
     pub scale: f32,
     /// See `scale`.
     pub offset: f32,
+    /// Bound on what values are off by the data.
+    pub rounding: f32,
     /// Cells integrated together, if one rule settles them: 1 or one of [`SPANS`](super::span::SPANS).
     pub span: usize,
     /// Stored number of holes.
