@@ -100,7 +100,7 @@ mod tests {
         }
         assert_eq!(quantize(&[0.0, 7.0], 7.0), [0, 255]);
         assert_eq!(quantize(&[0.0], 0.0), [0]);
-        // Where no bound is known, none is: neither a small one, nor NaN.
+        // An unknown bound stays unknown: it becomes neither a small one, nor NaN.
         let infinite = quantize(&[0.0, 1.0, f64::INFINITY], f64::INFINITY);
         assert_eq!(dequantize_cells(&infinite, f64::INFINITY), [0.0, f64::INFINITY, f64::INFINITY]);
         // Denormal numbers have no such steps, but bounds still.

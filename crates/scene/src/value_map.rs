@@ -9,6 +9,8 @@ use supervol_format::{Container, ValueRange, VoxelType};
 
 use crate::units::{InUnits, VALUE_LIMIT};
 
+/// Most that a number loses when it is rounded to `f32`, in parts of it.
+const ROUNDING: f32 = 0.5 * f32::EPSILON;
 /// Integers up to here are numbers of `f32`.
 const EXACT_INTEGERS: f64 = (1u32 << f32::MANTISSA_DIGITS) as f64;
 
@@ -31,7 +33,7 @@ pub struct ValueMap {
     pub shift: f64,
     /// The stored number that marks an absent voxel, for `U8` and `U16` bricks.
     pub absent: Option<u16>,
-    /// Whether render values are rounded: they may differ from the data by [`ValueMap::ROUNDING`] of themselves.
+    /// Whether render values are rounded: they may differ from the data by half a unit in their last place.
     pub is_rounded: bool,
     /// Container scale: data value = container value * scale + offset.
     source_scale: f64,
@@ -42,9 +44,6 @@ pub struct ValueMap {
 }
 
 impl ValueMap {
-    /// Most that a number loses when it is rounded to `f32`, in parts of it.
-    pub const ROUNDING: f32 = 0.5 * f32::EPSILON;
-
     /// The map for a container of this voxel type: data value = container value * `scale` + `offset`.
     ///
     /// `range` is the value range of the whole volume in data units. If it lies far from zero relative to its width,
@@ -111,6 +110,16 @@ impl ValueMap {
     #[must_use]
     pub fn data_of_stored(&self, number: f64) -> f64 {
         self.data_of_container(number - self.bias)
+    }
+
+    /// Bound on what render values of this range of data values are off by, because they are rounded.
+    #[must_use]
+    pub fn rounding_within(&self, range: ValueRange) -> f32 {
+        if !self.is_rounded || range.is_empty() {
+            return 0.0;
+        }
+        let greatest = self.from_data(range.min).abs().max(self.from_data(range.max).abs());
+        greatest * (ROUNDING * (1.0 + f32::EPSILON))
     }
 
     /// Data value of a number as the container stores it.

@@ -95,7 +95,7 @@ fn assert_stated(backend: Backend, most: Option<f64>) {
     }
 }
 
-/// Where rounding decides, cells are integrated with the values of the data.
+/// Cells are integrated with the values of the data if rounding decides.
 #[test]
 fn rounded_values_cost_no_accuracy() {
     assert_stated(Backend::Cpu, Some(ASKED));

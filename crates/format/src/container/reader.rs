@@ -386,11 +386,10 @@ impl Container {
     #[must_use]
     pub fn macro_cells(&self, key: BrickKey, entry: &BrickEntry, record: &[u8]) -> Vec<ValueRange> {
         if entry.codec == Codec::Uniform {
-            return vec![entry.range; self.pyramid().macro_cells(key).iter().product()];
+            return vec![entry.range; cells_of(&self.descriptor, key)];
         }
-        let cells: usize = self.pyramid().macro_cells(key).iter().product();
-        let at = entry.payload_bytes as usize;
-        dequantize_cells(&record[at..at + cells * MACRO_CELL_BYTES], entry.range)
+        let end = record.len() - self.cell_errors(key, entry, record).len();
+        dequantize_cells(&record[entry.payload_bytes as usize..end], entry.range)
     }
 
     /// Error bounds of the macro cells in a record, as bytes ([`cell_errors`]), x fastest; empty if the brick's own bound
@@ -400,15 +399,13 @@ impl Container {
     /// If the length of `record` is not that of the entry.
     #[must_use]
     pub fn cell_errors<'r>(&self, key: BrickKey, entry: &BrickEntry, record: &'r [u8]) -> &'r [u8] {
-        let bytes =
-            if entry.codec == Codec::Uniform { 0 } else { cell_error_bytes(&self.descriptor, self.version, key) };
-        &record[record.len() - bytes..]
+        &record[record.len() - cell_error_bytes(&self.descriptor, self.version, (key, entry))..]
     }
 
     /// Whether the record of a brick holds error bounds of its macro cells.
     #[must_use]
     pub fn holds_cell_errors(&self, key: BrickKey, entry: &BrickEntry) -> bool {
-        entry.codec != Codec::Uniform && cell_error_bytes(&self.descriptor, self.version, key) > 0
+        cell_error_bytes(&self.descriptor, self.version, (key, entry)) > 0
     }
 
     /// Reads the error bounds of a brick's macro cells, in stored units, x fastest. They are read without the rest of the
@@ -437,8 +434,8 @@ pub fn read_cell_errors(
     key: BrickKey,
     entry: &BrickEntry,
 ) -> Result<Vec<f64>, ContainerError> {
-    let bytes = cell_error_bytes(descriptor, version, key);
-    if bytes == 0 || entry.codec == Codec::Uniform {
+    let bytes = cell_error_bytes(descriptor, version, (key, entry));
+    if bytes == 0 {
         return Ok(vec![entry.error; cells_of(descriptor, key)]);
     }
     let mut codes = vec![0; bytes];
@@ -451,9 +448,10 @@ fn cells_of(descriptor: &Descriptor, key: BrickKey) -> usize {
     descriptor.pyramid.macro_cells(key).iter().product()
 }
 
-/// Bytes of error bounds in the record of a brick.
-fn cell_error_bytes(descriptor: &Descriptor, version: u32, key: BrickKey) -> usize {
-    let has_bounds = version > VERSION_BRICK_ERRORS && cell_errors::are_held(&descriptor.pyramid, key);
+/// Bytes of error bounds in the record of a brick. Bricks with the uniform codec have no record.
+fn cell_error_bytes(descriptor: &Descriptor, version: u32, (key, entry): (BrickKey, &BrickEntry)) -> usize {
+    let has_record = entry.codec != Codec::Uniform;
+    let has_bounds = has_record && version > VERSION_BRICK_ERRORS && cell_errors::are_held(&descriptor.pyramid, key);
     if has_bounds { cells_of(descriptor, key) * CELL_ERROR_BYTES } else { 0 }
 }
 
@@ -517,7 +515,7 @@ fn check_entry(
     }
     // The largest lossless payload is a raw one, or runs that expand by 1 %; see codec::rle.
     let most = (shape.bytes() + shape.bytes() / 64 + 1024) as u64;
-    let cells = cells_of(descriptor, key) * MACRO_CELL_BYTES + cell_error_bytes(descriptor, version, key);
+    let cells = cells_of(descriptor, key) * MACRO_CELL_BYTES + cell_error_bytes(descriptor, version, (key, entry));
     if u64::from(entry.payload_bytes) > most || entry.payload_bytes == 0 || entry.macro_cell_bytes as usize != cells {
         let expected = format!("a payload of 1 to {most} bytes and {cells} bytes of macro cells");
         return Err((expected, format!("{} and {}", entry.payload_bytes, entry.macro_cell_bytes)));

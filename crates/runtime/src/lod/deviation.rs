@@ -112,23 +112,7 @@ impl Deviation {
         self.kappa_max.is_infinite()
     }
 
-    /// Largest excess of the drawn optical depth over the exact one. The ray crosses `length` of the brick and keeps
-    /// the share `through` of its light.
-    #[must_use]
-    pub fn thinner(&self, length: f64, through: f64) -> f64 {
-        (self.thinner * length).min(-through.ln())
-    }
-
-    /// Largest deviation of such a ray, as a share of the transmittance in front of the brick.
-    #[must_use]
-    pub fn of_ray(&self, length: f64, through: f64) -> f64 {
-        let opacity = 1.0 - through;
-        let sums = PER_OPACITY.iter().zip(self.per_length).map(|(a, b)| a * opacity + b * length);
-        let integral = sums.fold(f64::INFINITY, f64::min);
-        (integral * self.thinner(length, through).exp()).min(self.of_nothing(length))
-    }
-
-    /// The same, if nothing of the brick is drawn.
+    /// Largest deviation of a ray that crosses `length` of the brick, if nothing of it is drawn; as a share of the transmittance in front.
     #[must_use]
     pub fn of_nothing(&self, length: f64) -> f64 {
         -(-self.kappa_max * length).exp_m1()
@@ -142,7 +126,7 @@ impl Deviation {
     }
 }
 
-/// Deviation summed up over the macro cells of a brick that a ray crosses; mode `dvr`.
+/// Deviation summed up over the macro cells of a brick that a ray crosses, or that of the brick as one cell; mode `dvr`.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct CrossedCells {
     /// Sum of b times length, for each a of [`PER_OPACITY`].
@@ -162,12 +146,19 @@ impl CrossedCells {
         self.depth += cell.kappa_max * length;
     }
 
-    /// As [`Deviation::thinner`].
+    /// The deviation of a brick of which a ray crosses this length.
+    fn of_brick(length: f64, brick: &Deviation) -> Self {
+        let mut crossed = Self::default();
+        crossed.add(length, brick);
+        crossed
+    }
+
+    /// Largest excess of the drawn optical depth over the exact one. The ray keeps the share `through` of its light.
     fn thinner(&self, through: f64) -> f64 {
         self.thinner.min(-through.ln())
     }
 
-    /// As [`Deviation::of_ray`].
+    /// Largest deviation of such a ray, as a share of the transmittance in front of the brick.
     fn of_ray(&self, through: f64) -> f64 {
         let opacity = 1.0 - through;
         let sums = PER_OPACITY.iter().zip(self.per_length).map(|(a, sum)| a * opacity + sum);
@@ -216,15 +207,26 @@ impl RayDeviation {
         if before == 0.0 {
             return;
         }
-        self.bound = self.bound.min(self.sum + before);
-        let in_front = (before * self.thinner.exp()).min(1.0);
-        if let Some(after) = after {
-            let through = after / before;
-            self.sum += in_front * deviation.of_ray(length, through);
-            self.thinner += deviation.thinner(length, through);
-        } else {
-            self.sum += in_front * deviation.of_nothing(length);
+        match after {
+            Some(after) => self.note_drawn(before, after, &CrossedCells::of_brick(length, deviation)),
+            None => {
+                let in_front = self.note_before(before);
+                self.sum += in_front * deviation.of_nothing(length);
+            }
         }
+    }
+
+    /// Light that may come from behind this transmittance, at most. Where the ray ends here, the light left is the bound.
+    fn note_before(&mut self, before: f64) -> f64 {
+        self.bound = self.bound.min(self.sum + before);
+        (before * self.thinner.exp()).min(1.0)
+    }
+
+    fn note_drawn(&mut self, before: f64, after: f64, crossed: &CrossedCells) {
+        let in_front = self.note_before(before);
+        let through = after / before;
+        self.sum += in_front * crossed.of_ray(through);
+        self.thinner += crossed.thinner(through);
     }
 
     /// `dvr`: adds a brick whose deviation is known in each macro cell; as [`Self::note_brick`].
@@ -232,11 +234,7 @@ impl RayDeviation {
         if before == 0.0 || crossed.depth == 0.0 {
             return;
         }
-        self.bound = self.bound.min(self.sum + before);
-        let in_front = (before * self.thinner.exp()).min(1.0);
-        let through = after / before;
-        self.sum += in_front * crossed.of_ray(through);
-        self.thinner += crossed.thinner(through);
+        self.note_drawn(before, after, crossed);
     }
 
     /// `dvr`, `iso`: deviation of a ray that has at most the light `behind` left at its end.
@@ -688,7 +686,8 @@ mod tests {
         assert!(!moved.is_finest_exact() && of(0.0).is_none(), "no voxel of that brick has moved");
         let off = of(0.5);
         assert_eq!((off.value, off.beneath, off.presence_may_change), (0.5, own.widened(0.5), false));
-        assert!(off.of_ray(4.0, 0.5) > 0.0 && off.of_ray(4.0, 0.5) < 0.02, "{off:?}");
+        let of_ray = CrossedCells::of_brick(4.0, &off).of_ray(0.5);
+        assert!(of_ray > 0.0 && of_ray < 0.02, "{off:?}");
         // A value just below the transfer function's foot may in truth be above it.
         let foot = deviations_of(&format!("{{{}}}", function(&[(60.2, 0.0), (100.0, 0.5)])), 0.5);
         let of_foot = foot.of(finest, &entry(own, own, 0.5), Holes::None);

@@ -16,9 +16,11 @@
 //! manifest. They reduce the cache, but never cause a refusal.
 
 use supervol_format::cast::narrow;
+use supervol_format::cell_errors::CELL_ERROR_BYTES;
 use supervol_format::codec::wavelet::DECODING_BYTES_PER_VOXEL;
 use supervol_format::container::reader::CACHED_TOC_PAGES;
 use supervol_format::container::toc;
+use supervol_format::macro_cells::MACRO_CELL_BYTES;
 use supervol_format::readable::{Mib, counted};
 use supervol_format::{Container, VoxelType};
 use supervol_scene::value_map::{ValueMap, value_map};
@@ -64,14 +66,16 @@ pub struct BrickBytes {
     pub record: u64,
 }
 
+/// Bytes in the host cache of a macro cell: its range and its error bound.
+const CELL_BYTES: u64 = (size_of::<[f32; 2]>() + CELL_ERROR_BYTES) as u64;
+
 /// Bytes in the host cache of a brick with this many voxels and macro cells.
 #[must_use]
 pub fn decoded_bytes(voxel_type: VoxelType, map: &ValueMap, voxels: u64, macro_cells: u64) -> u64 {
-    // One-byte and two-byte integers keep their size; all other types become f32, beside which they stay if that rounds them. A macro cell
-    // has two f32 and a byte.
+    // One-byte and two-byte integers keep their size; all other types become f32, beside which they stay if that rounds them.
     let stored = voxel_type.bytes() as u64;
     let voxel_bytes = stored.min(4) + if map.is_rounded { stored } else { 0 };
-    voxels * voxel_bytes + macro_cells * 9 + BRICK_OVERHEAD_BYTES
+    voxels * voxel_bytes + macro_cells * CELL_BYTES + BRICK_OVERHEAD_BYTES
 }
 
 impl BrickBytes {
@@ -83,8 +87,8 @@ impl BrickBytes {
         let voxels = (layout.stored() as u64).pow(3);
         let macro_cells = (layout.core() as u64).div_ceil(supervol_format::brick::MACRO_CELL as u64).pow(3);
         let stored = voxels * voxel_type.bytes() as u64;
-        // The limit that the container's reader sets for payloads, and two bytes per macro cell.
-        let record = stored + stored / 64 + 1024 + 2 * macro_cells;
+        // The limit that the container's reader sets for payloads, and the ranges and error bounds of macro cells.
+        let record = stored + stored / 64 + 1024 + (MACRO_CELL_BYTES + CELL_ERROR_BYTES) as u64 * macro_cells;
         let decoding = stored + voxels * DECODING_BYTES_PER_VOXEL as u64;
         Self { decoded: decoded_bytes(voxel_type, &value_map(container), voxels, macro_cells), decoding, record }
     }

@@ -12,7 +12,7 @@ use supervol_format::cast::single;
 use supervol_scene::transfer_function::TransferFunction;
 
 use super::cell::{
-    Real, cubic_at, cubic_extremes, cubic_of_cell, monotone_intervals, monotone_root, replace_unreached,
+    Parameters, Real, cubic_at, cubic_extremes, cubic_of_cell, monotone_intervals, monotone_root, replace_unreached,
 };
 use super::quadrature::GAUSS_OFFSET;
 use super::shade::Lighting;
@@ -43,6 +43,8 @@ struct ExactChord<'a> {
     world_from_index: DMat3,
     /// Data values.
     cubic: [Real; 4],
+    /// Ends of the intervals in which it rises or falls.
+    turns: Parameters<4>,
     /// Least and greatest value.
     range: [f64; 2],
     /// One cubic for each index axis; `None`: unshaded.
@@ -107,13 +109,15 @@ impl<'a> ExactChord<'a> {
             let to_light = to_light.as_dvec3();
             (to_light, (to_light + to_eye).normalize_or_zero(), f64::from(intensity))
         });
-        let (low, high) = cubic_extremes(&cubic, monotone_intervals(&cubic).as_slice());
+        let turns = monotone_intervals(&cubic);
+        let (low, high) = cubic_extremes(&cubic, turns.as_slice());
         Some(Self {
             transfer_function: &level.scene.data_transfer_function,
             lighting,
             lights: lights.collect(),
             world_from_index: level.setup.world_from_level_gradient.as_dmat3(),
             cubic,
+            turns,
             range: [low, high],
             gradient,
             length: t1 - t0,
@@ -130,13 +134,12 @@ impl<'a> ExactChord<'a> {
     /// Both ends, the crossings of the field with control points, and the places at which the light has a kink, because the normal is
     /// at right angles to a light or to a highlight; ascending.
     fn cuts(&self) -> Vec<f64> {
-        let intervals = monotone_intervals(&self.cubic);
         let points = self.transfer_function.points();
         let first = points.partition_point(|point| point.value < self.range[0]);
         let inside = points[first..].iter().take_while(|point| point.value <= self.range[1]);
         let mut cuts = vec![0.0, 1.0];
         for value in inside.map(|point| point.value) {
-            add_crossings(&mut cuts, &self.cubic, intervals.as_slice(), value);
+            add_crossings(&mut cuts, &self.cubic, self.turns.as_slice(), value);
         }
         if let Some(gradient) = &self.gradient {
             for direction in self.lights.iter().flat_map(|&(to_light, half, _)| [to_light, half]) {
@@ -287,8 +290,7 @@ impl<'a> ExactChord<'a> {
         let (Some(before), Some(after)) = (next.checked_sub(1).map(|i| points[i]), points.get(next)) else {
             return [color; 2];
         };
-        let intervals = monotone_intervals(&self.cubic);
-        let turns = intervals.as_slice().iter().copied().filter(|&u| begin < u && u < end);
+        let turns = self.turns.as_slice().iter().copied().filter(|&u| begin < u && u < end);
         let [a, b] = [before, *after].map(|point| DVec3::from(point.color));
         turns.chain([begin, end]).fold([color; 2], |[least, most], u| {
             let share = ((value(u) - before.value) / (after.value - before.value)).clamp(0.0, 1.0);

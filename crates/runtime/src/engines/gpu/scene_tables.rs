@@ -135,7 +135,7 @@ pub fn config(
         wait_words: narrow::<u32>(wait_words(places.slots)),
         tile_words: narrow::<u32>(tile_words(places.slots, places.entries)),
         grids: places.grids,
-        rounding: rounding_of(map, volume.value_range),
+        rounding: map.rounding_within(volume.value_range),
         ..lit(lighting.as_ref(), volume, max_error)
     };
     Ok(config)
@@ -158,18 +158,9 @@ fn lit(lighting: Option<&Lighting>, volume: &GpuVolume<'_>, max_error: f64) -> C
         whole_half: whole_half_of(lighting.shininess).unwrap_or(0),
         brackets: Highlight::new(lighting.shininess).greatest,
         light_sum: lighting.lights.iter().map(|light| light.1).sum(),
-        gradient_noise: per_value * rounding_of(volume.value_map, volume.value_range),
+        gradient_noise: per_value * volume.value_map.rounding_within(volume.value_range),
         ..Config::zeroed()
     }
-}
-
-/// Bound on what render values of this range are off by the data.
-fn rounding_of(map: &ValueMap, range: ValueRange) -> f32 {
-    if !map.is_rounded || range.is_empty() {
-        return 0.0;
-    }
-    let greatest = map.from_data(range.min).abs().max(map.from_data(range.max).abs());
-    greatest * (ValueMap::ROUNDING * (1.0 + f32::EPSILON))
 }
 
 fn mode_number(mode: Mode) -> Result<u32, GpuError> {
