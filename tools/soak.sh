@@ -27,7 +27,14 @@ fi
 work="$(mktemp -d)"
 disk="$work/disk"
 mkdir "$disk"
-trap 'umount "$disk" 2>/dev/null || true; rm -rf "$work"' EXIT
+
+# A background child that a signal ends before it has become the program runs this trap, too: it must remove nothing.
+clean() {
+    [ "$BASHPID" = "$$" ] || return 0
+    umount "$disk" 2>/dev/null || true
+    rm -rf "$work"
+}
+trap clean EXIT
 cd "$work"
 
 say() { printf '%s\n' "$*"; }
