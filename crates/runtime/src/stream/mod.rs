@@ -7,6 +7,7 @@
 //! - [`classify`]: bricks that need no reading, by their entries in the table of contents;
 //! - [`budget`], [`capacity`]: bytes for the cache, the states and what is on its way;
 //! - [`field`]: keys of bricks, states and slots: a field (channel, time step) and a brick;
+//! - [`packed`]: voxels in fewer bits, without loss;
 //! - [`counters`]: sums of what streaming, rays and devices did.
 
 pub mod budget;
@@ -19,6 +20,7 @@ pub mod field;
 pub mod io;
 pub mod loader;
 mod on_its_way;
+pub mod packed;
 pub mod priority;
 pub mod residency;
 pub mod state;
