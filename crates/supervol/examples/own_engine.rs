@@ -79,7 +79,7 @@ impl Engine for Slabs {
         for key in std::mem::take(&mut self.left) {
             match view.lookup(key) {
                 Resident::Brick(brick) => {
-                    self.take(brick);
+                    self.take(&brick.read());
                     used.push(key);
                 }
                 Resident::Missing => self.left.push(key),

@@ -106,7 +106,7 @@ pub fn at_level(lod: Lod) -> CpuQuality {
 
 impl BrickView for ResidentBricks {
     fn lookup(&self, key: BrickKey) -> Resident<'_> {
-        self.bricks.get(&key).map_or(Resident::Missing, Resident::Brick)
+        self.bricks.get(&key).map_or(Resident::Missing, Resident::from)
     }
 }
 

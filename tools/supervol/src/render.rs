@@ -26,6 +26,7 @@ use supervol_runtime::render::renderer::NO_DEVICE;
 use supervol_runtime::render::stats::FrameStats;
 use supervol_runtime::render::volume::PlacedVolume;
 use supervol_runtime::stream::classify::Skipping;
+use supervol_runtime::stream::held::BrickForm;
 use supervol_scene::camera_path;
 use supervol_scene::camera_path::CameraPath;
 use supervol_scene::image::ImageFormat;
@@ -119,6 +120,9 @@ pub struct Arguments {
     /// Skip bricks that are invisible; the picture is the same with on and off
     #[arg(long, value_enum, default_value = "on")]
     skipping: SkippingName,
+    /// Form of bricks in host memory, for tests and measurements; the picture is the same
+    #[arg(long, value_enum, default_value = "by-budget", hide = true)]
+    brick_form: BrickFormName,
     /// Number of threads: 1 to 1024 [default: all processors]
     #[arg(long, value_parser = quantity::threads)]
     threads: Option<NonZero<usize>>,
@@ -238,6 +242,13 @@ impl Decorate {
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
+enum BrickFormName {
+    ByBudget,
+    Plain,
+    Packed,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
 enum SkippingName {
     On,
     Off,
@@ -267,6 +278,11 @@ impl Arguments {
             host_memory_bytes: self.host_memory,
             process_bytes: process::bytes_beside_pictures(self.threads.map(NonZero::get)),
             cache_bytes: None,
+            brick_form: match self.brick_form {
+                BrickFormName::ByBudget => BrickForm::ByBudget,
+                BrickFormName::Plain => BrickForm::Plain,
+                BrickFormName::Packed => BrickForm::Packed,
+            },
             gpu_memory_bytes: self.gpu_memory,
             threads: self.threads.map(NonZero::get),
             skipping: match self.skipping {

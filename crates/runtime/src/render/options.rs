@@ -12,6 +12,7 @@ use crate::lod::LodChoice;
 use crate::render::error::RenderError;
 use crate::render::process::bytes_beside_pictures;
 use crate::stream::classify::Skipping;
+use crate::stream::held::BrickForm;
 
 /// Choice of the device or integrator that draws.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -79,6 +80,8 @@ pub struct RenderOptions {
     pub process_bytes: u64,
     /// Part of these for decoded bricks, at most; `None`: all that is left.
     pub cache_bytes: Option<u64>,
+    /// Form of bricks in the host cache; the picture is the same. Any but the default is for tests and measurements.
+    pub brick_form: BrickForm,
     /// Bytes that the frame may hold on a graphics device. `None`: [`GpuDevice::default_memory`]; if the device has no
     /// room for that, half of it, and so on.
     ///
@@ -119,6 +122,7 @@ impl std::fmt::Debug for RenderOptions {
             .field("host_memory_bytes", &self.host_memory_bytes)
             .field("process_bytes", &self.process_bytes)
             .field("cache_bytes", &self.cache_bytes)
+            .field("brick_form", &self.brick_form)
             .field("gpu_memory_bytes", &self.gpu_memory_bytes)
             .field("threads", &self.threads)
             .field("skipping", &self.skipping)
@@ -140,6 +144,7 @@ impl Default for RenderOptions {
             host_memory_bytes: 512 << 20,
             process_bytes: 0,
             cache_bytes: None,
+            brick_form: BrickForm::ByBudget,
             gpu_memory_bytes: None,
             threads: None,
             skipping: Skipping::On,

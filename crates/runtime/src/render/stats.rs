@@ -74,8 +74,10 @@ pub struct FrameStats {
     pub host_cache_bytes: u64,
     /// Most bytes of bricks in the host cache at once.
     pub host_cache_peak_bytes: u64,
-    /// Bytes that the host cache may hold.
+    /// Bytes that the host cache may hold, and with it the unpacked bricks beside it.
     pub host_cache_budget_bytes: u64,
+    /// Most bytes of unpacked bricks beside the host cache at once; 0 while bricks are plain.
+    pub host_unpacked_peak_bytes: u64,
     /// Bytes that the frame may hold in host memory.
     pub host_budget_bytes: u64,
     /// Bytes held on the graphics device.
@@ -225,8 +227,9 @@ impl FrameStats {
             .collect();
         self.streaming = streamer.counters();
         self.host_cache_bytes = cache.bytes();
+        self.host_unpacked_peak_bytes = streamer.unpacked.peak_bytes();
         self.host_cache_peak_bytes = cache.peak_bytes();
-        self.host_cache_budget_bytes = cache.budget_bytes();
+        self.host_cache_budget_bytes = streamer.plan.cache_bytes;
         self.bricks_failed = states.total(StateKind::Failed);
         self.failures = states.failures().to_vec();
         let drawn = streamer.drawn_errors();
@@ -255,8 +258,8 @@ mod tests {
         image_width image_height backend no_gpu_because adapter_is_software instructions adapter threads
         mode level converged passes bands bricks_total bricks_by_state bricks_by_level uses misses page_ins
         repeated_page_ins evictions cancelled states_forgotten reads merged_reads failed_reads bytes_read
-        bytes_decoded retried_reads read_ms wait_ms decode_ms plan_ms upload_ms render_ms total_ms handed_over_ms cpu_ms
-        peak_rss_bytes host_cache_bytes host_cache_peak_bytes host_cache_budget_bytes host_budget_bytes
+        bytes_decoded bricks_packed bricks_unpacked retried_reads read_ms wait_ms decode_ms plan_ms upload_ms render_ms total_ms handed_over_ms cpu_ms
+        peak_rss_bytes host_cache_bytes host_cache_peak_bytes host_cache_budget_bytes host_unpacked_peak_bytes host_budget_bytes
         gpu_bytes gpu_budget_bytes gpu_page_ins gpu_anomalies upload_bytes gpu_written_bytes gpu_read_bytes
         gpu_submits gpu_dispatches gpu_dispatch_ms_max gpu_lost_because rays
         rays_terminated_early samples cells cells_refined cells_exact macro_cells macro_cells_skipped

@@ -69,6 +69,10 @@ sums! {
         pub bytes_read: u64,
         /// Bytes of voxels decoded, as stored.
         pub bytes_decoded: u64,
+        /// Bricks packed when they came, because the bricks of a frame do not fit into the host cache otherwise.
+        pub bricks_packed: u64,
+        /// Packed bricks unpacked for rays.
+        pub bricks_unpacked: u64,
         /// Reads repeated because the failure might be temporary.
         pub retried_reads: u64,
         /// Time in reads, summed over the reading threads.

@@ -11,6 +11,7 @@ use supervol_scene::value_map::ValueMap;
 
 use super::io::Record;
 use crate::stream::field::FieldBrick;
+use crate::stream::held::{HeldBrick, PackedBrick};
 use crate::stream::residency::DecodedBrick;
 
 /// A record that was read, with its TOC entry.
@@ -26,17 +27,39 @@ pub struct Encoded {
     pub spare: Option<DecodedBrick>,
 }
 
-/// Decodes bricks, in the order given.
+/// Decodes bricks, in the order given. `packs`: those that become smaller are packed.
 #[must_use]
 pub fn decode_bricks(
     container: &Container,
     map: &ValueMap,
     bricks: Vec<Encoded>,
-) -> Vec<(FieldBrick, Result<DecodedBrick, ContainerError>)> {
+    packs: bool,
+) -> Vec<(FieldBrick, Result<HeldBrick, ContainerError>)> {
     bricks
         .into_par_iter()
-        .map_init(Vec::new, |voxels, brick| (brick.key, decode(container, map, brick, voxels)))
+        .map_init(
+            || (Vec::new(), None),
+            |(voxels, plain), mut brick| {
+                if packs {
+                    brick.spare = plain.take().or(brick.spare);
+                }
+                let key = brick.key;
+                let decoded = decode(container, map, brick, voxels);
+                (key, decoded.map(|decoded| if packs { packed(decoded, plain) } else { HeldBrick::Plain(decoded) }))
+            },
+        )
         .collect()
+}
+
+/// Packs a brick if that makes it smaller; leaves the memory of its voxels to the next one.
+fn packed(decoded: DecodedBrick, spare: &mut Option<DecodedBrick>) -> HeldBrick {
+    match PackedBrick::new(&decoded) {
+        Some(packed) => {
+            *spare = Some(decoded);
+            HeldBrick::Packed(packed)
+        }
+        None => HeldBrick::Plain(decoded),
+    }
 }
 
 /// Decodes one brick; `voxels` is scratch space reused from brick to brick.

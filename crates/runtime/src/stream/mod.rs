@@ -7,7 +7,7 @@
 //! - [`classify`]: bricks that need no reading, by their entries in the table of contents;
 //! - [`budget`], [`capacity`]: bytes for the cache, the states and what is on its way;
 //! - [`field`]: keys of bricks, states and slots: a field (channel, time step) and a brick;
-//! - [`packed`]: voxels in fewer bits, without loss;
+//! - [`packed`]: voxels in fewer bits, without loss; [`held`]: bricks in either form; [`form`]: which form is used;
 //! - [`counters`]: sums of what streaming, rays and devices did.
 
 pub mod budget;
@@ -17,6 +17,9 @@ pub mod classify;
 pub mod counters;
 pub mod decode;
 pub mod field;
+pub mod form;
+mod forms;
+pub mod held;
 pub mod io;
 pub mod loader;
 mod on_its_way;

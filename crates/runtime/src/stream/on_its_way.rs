@@ -11,9 +11,10 @@ use super::io::{RecordRequest, merge};
 use super::loader::{Loader, QUEUE_LIMIT};
 use super::state::BrickState;
 use crate::stream::cache::KeyMap;
+use crate::stream::cache::host::BRICK_OVERHEAD_BYTES;
 use crate::stream::counters::milliseconds;
 use crate::stream::field::FieldBrick;
-use crate::stream::residency::DecodedBrick;
+use crate::stream::held::HeldBrick;
 use crate::stream::streamer::{Fetched, Load, Room, StreamError, Streamer};
 
 /// Bricks that each thread decodes before it checks the time.
@@ -33,6 +34,7 @@ impl Streamer {
                 bytes <= limit
             };
             let count = self.due.iter().take(QUEUE_LIMIT - pending).take_while(fits).count();
+            let count = self.with_room_for_plain(count);
             let count = if self.in_flight_bytes == 0 && pending < QUEUE_LIMIT { count.max(1) } else { count };
             if count == 0 {
                 return Ok(());
@@ -121,23 +123,28 @@ impl Streamer {
         }
         let sizes: Vec<u64> = encoded.iter().map(|brick| self.loading[&brick.key].bytes).collect();
         for (brick, spare) in encoded.iter_mut().zip(self.cache.take_spares(&sizes)) {
-            brick.spare = spare;
+            brick.spare = spare.and_then(HeldBrick::into_plain);
         }
         let start = Instant::now();
-        let bricks = decode::decode_bricks(&self.container, &self.map, encoded);
+        let bricks = decode::decode_bricks(&self.container, &self.map, encoded, self.form.is_packed());
         self.counters.decode_ms += milliseconds(start.elapsed());
         bricks.into_iter().for_each(|(key, brick)| self.settle(key, brick, fetched));
     }
 
     /// Puts a loaded brick into the cache, or marks it as failed.
-    fn settle(&mut self, key: FieldBrick, brick: Result<DecodedBrick, ContainerError>, fetched: &mut Fetched) {
+    fn settle(&mut self, key: FieldBrick, brick: Result<HeldBrick, ContainerError>, fetched: &mut Fetched) {
         let load = self.loading.remove(&key).expect("it was on its way");
         self.cache.release(load.bytes);
         let is_wanted = self.wanted.contains_key(&key);
         match brick {
             Ok(brick) => {
                 self.counters.bytes_decoded += self.container.shape(key.brick).bytes() as u64;
-                self.cache.insert(key, brick, load.bytes);
+                let bytes = match &brick {
+                    HeldBrick::Plain(_) => load.bytes,
+                    HeldBrick::Packed(packed) => packed.bytes() + BRICK_OVERHEAD_BYTES,
+                };
+                self.counters.bricks_packed += u64::from(matches!(brick, HeldBrick::Packed(_)));
+                self.cache.insert(key, brick, bytes);
                 self.states.in_host(key);
                 // The transfer function may have changed since the request.
                 if self.class_of(key, &load.entry) == Class::TooCoarse {

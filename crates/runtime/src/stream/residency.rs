@@ -12,6 +12,7 @@ use supervol_format::{BrickKey, VoxelType, with_voxel};
 use supervol_scene::value_map::ValueMap;
 
 use crate::lod::deviation::Holes;
+use crate::stream::held::BrickRef;
 
 /// Voxels of one brick, apron included, x fastest.
 #[derive(Debug, Clone, PartialEq)]
@@ -179,7 +180,7 @@ fn words(bytes_le: &[u8], flip: u16) -> impl Iterator<Item = u16> {
 #[derive(Debug, Clone, Copy)]
 pub enum Resident<'a> {
     /// The brick itself.
-    Brick(&'a DecodedBrick),
+    Brick(BrickRef<'a>),
     /// All voxels, apron included, have this render value.
     Uniform(f32),
     /// The brick contributes nothing: it is absent, or invisible under the transfer function. In all modes but `dvr`,
@@ -191,6 +192,12 @@ pub enum Resident<'a> {
     UseParent,
     /// The brick is not resident: the ray waits for it.
     Missing,
+}
+
+impl<'a> From<&'a DecodedBrick> for Resident<'a> {
+    fn from(brick: &'a DecodedBrick) -> Self {
+        Self::Brick(BrickRef::Plain(brick))
+    }
 }
 
 /// The bricks that a pass may read; constant during the pass.

@@ -22,14 +22,16 @@ use crate::stop::Stop;
 use crate::stream::budget::{HostPlan, decoded_bytes};
 use crate::stream::cache::KeyMap;
 use crate::stream::cache::host::{HostCache, Standing, Victims};
+use crate::stream::cache::unpacked::UnpackedBricks;
 use crate::stream::capacity::{Candidate, Supply, admit, needs_victims};
 use crate::stream::classify::{Class, Classifier, holes_in};
 use crate::stream::counters::{StreamCounters, milliseconds};
 use crate::stream::field::{Field, FieldBrick};
+use crate::stream::form::FormPolicy;
+use crate::stream::held::HeldBrick;
 use crate::stream::io;
 use crate::stream::loader::{Finished, Loader};
 use crate::stream::priority::{BrickOrder, Rank, Ranked};
-use crate::stream::residency::DecodedBrick;
 use crate::stream::state::{BrickState, StateTable};
 pub use crate::stream::view::{HostView, OnMissing};
 
@@ -105,14 +107,22 @@ pub struct Streamer {
     order: BrickOrder,
     pub(crate) plan: HostPlan,
     pub(crate) states: StateTable,
-    pub(crate) cache: HostCache<DecodedBrick>,
+    pub(crate) cache: HostCache<HeldBrick>,
+    /// Plain forms of packed bricks that rays entered last.
+    pub(crate) unpacked: UnpackedBricks,
+    /// Form of the bricks that come.
+    pub(crate) form: FormPolicy,
+    /// Plain bytes of the bricks that this frame used.
+    pub(crate) working_set_bytes: u64,
+    /// Repeated page-ins before this frame.
+    pub(crate) repeated_before: u64,
     /// Bricks that are never evicted.
-    kept: KeyMap<()>,
+    pub(crate) kept: KeyMap<()>,
     /// Bricks that are too coarse, but in another state than `TooCoarse`: they stand in for children, or were read for
     /// another picture.
     pub(crate) stand_ins: KeyMap<()>,
     /// Bricks whose error bound has been counted in this frame.
-    drawn: KeyMap<()>,
+    pub(crate) drawn: KeyMap<()>,
     /// Bricks wanted by the last request.
     pub(crate) wanted: KeyMap<()>,
     /// Bricks left in `Queued` by the last request.
@@ -178,6 +188,10 @@ impl Streamer {
             plan,
             states: StateTable::new(levels),
             cache: HostCache::new(plan.cache_bytes),
+            unpacked: UnpackedBricks::default(),
+            form: FormPolicy::default(),
+            working_set_bytes: 0,
+            repeated_before: 0,
             kept: KeyMap::default(),
             stand_ins: KeyMap::default(),
             drawn: KeyMap::default(),
@@ -202,20 +216,13 @@ impl Streamer {
 
     /// Changes the memory plan: drops bricks that no longer fit. Nothing is being loaded afterwards.
     pub fn set_plan(&mut self, plan: HostPlan) {
-        self.cancel_all_but(KeyMap::default());
-        while !self.is_idle() {
-            self.receive_some(None, &mut Fetched::default());
-        }
         self.plan = plan;
-        let dropped = self.cache.set_budget(plan.cache_bytes, |key| self.kept.contains_key(&key));
-        for key in dropped {
-            self.states.evict(key);
-            self.kept.remove(&key);
-        }
+        self.divide_cache();
     }
 
     /// Begins a frame: bricks that failed long enough ago may be tried again.
     pub fn begin_frame(&mut self) {
+        self.choose_form();
         self.attempts.extend(self.states.begin_frame());
         self.drawn.clear();
         self.drawn_errors = DrawnErrors::default();
@@ -276,7 +283,8 @@ impl Streamer {
     /// The bricks that the ray caster may read in this pass: the container's one field.
     #[must_use]
     pub fn view(&self, on_missing: OnMissing) -> HostView<'_> {
-        HostView::new(Field::FIRST, &self.container, &self.states, &self.cache, &self.stand_ins, on_missing)
+        let held = (&self.cache, &self.unpacked);
+        HostView::new(Field::FIRST, &self.container, &self.states, held, &self.stand_ins, on_missing)
     }
 
     /// Records the bricks that the pass used, and the number of its misses.
@@ -291,6 +299,8 @@ impl Streamer {
                 && let Ok(entry) = self.container.entry(key.brick)
             {
                 self.count_error(key, &entry);
+                let is_held = self.cache.get(key).is_some();
+                self.working_set_bytes += if is_held { self.bytes_of(key) } else { 0 };
             }
         }
         self.counters.plan_ms += milliseconds(start.elapsed());
@@ -555,7 +565,7 @@ impl Streamer {
     }
 
     /// Bytes that a brick takes in the cache.
-    fn bytes_of(&self, key: FieldBrick) -> u64 {
+    pub(super) fn bytes_of(&self, key: FieldBrick) -> u64 {
         let shape = self.container.shape(key.brick);
         let cells: usize = self.container.pyramid().macro_cells(key.brick).iter().product();
         decoded_bytes(shape.voxel_type, &self.map, shape.voxels() as u64, cells as u64)
@@ -574,7 +584,7 @@ impl Streamer {
 
     /// The host cache.
     #[must_use]
-    pub fn cache(&self) -> &HostCache<DecodedBrick> {
+    pub fn cache(&self) -> &HostCache<HeldBrick> {
         &self.cache
     }
 
@@ -584,6 +594,7 @@ impl Streamer {
         let mut sum = self.counters;
         sum.add(self.cache.counters());
         sum.add(self.states.counters());
+        sum.bricks_unpacked += self.unpacked.unpacked();
         sum
     }
 

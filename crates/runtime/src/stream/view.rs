@@ -6,8 +6,10 @@ use super::classify::holes_in;
 use super::state::{BrickState, StateTable};
 use crate::stream::cache::KeyMap;
 use crate::stream::cache::host::HostCache;
-use crate::stream::field::Field;
-use crate::stream::residency::{BrickView, DecodedBrick, KnownEntry, Resident};
+use crate::stream::cache::unpacked::UnpackedBricks;
+use crate::stream::field::{Field, FieldBrick};
+use crate::stream::held::{BrickRef, HeldBrick};
+use crate::stream::residency::{BrickView, KnownEntry, Resident};
 
 /// Answer to a ray that meets a brick that is not resident.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -25,7 +27,8 @@ pub struct HostView<'a> {
     field: Field,
     container: &'a Container,
     states: &'a StateTable,
-    cache: &'a HostCache<DecodedBrick>,
+    cache: &'a HostCache<HeldBrick>,
+    unpacked: &'a UnpackedBricks,
     stand_ins: &'a KeyMap<()>,
     on_missing: OnMissing,
 }
@@ -36,11 +39,11 @@ impl<'a> HostView<'a> {
         field: Field,
         container: &'a Container,
         states: &'a StateTable,
-        cache: &'a HostCache<DecodedBrick>,
+        (cache, unpacked): (&'a HostCache<HeldBrick>, &'a UnpackedBricks),
         stand_ins: &'a KeyMap<()>,
         on_missing: OnMissing,
     ) -> Self {
-        Self { field, container, states, cache, stand_ins, on_missing }
+        Self { field, container, states, cache, unpacked, stand_ins, on_missing }
     }
 
     /// The field of these bricks.
@@ -53,6 +56,15 @@ impl<'a> HostView<'a> {
     #[must_use]
     pub fn on_missing(&self) -> OnMissing {
         self.on_missing
+    }
+
+    /// The brick in the cache, in the form that it has there.
+    #[inline]
+    fn held(&self, key: FieldBrick) -> Option<BrickRef<'_>> {
+        Some(match self.cache.get(key)? {
+            HeldBrick::Plain(brick) => BrickRef::Plain(brick),
+            HeldBrick::Packed(packed) => BrickRef::Packed(key, packed, self.unpacked),
+        })
     }
 
     /// Answer for a brick that is in this state and not in the cache.
@@ -74,7 +86,7 @@ impl BrickView for HostView<'_> {
         if !self.stand_ins.is_empty() && self.stand_ins.contains_key(&key) {
             return Resident::TooCoarse;
         }
-        if let Some(brick) = self.cache.get(key) {
+        if let Some(brick) = self.held(key) {
             return Resident::Brick(brick);
         }
         match self.states.state(key) {
@@ -86,7 +98,7 @@ impl BrickView for HostView<'_> {
     #[inline]
     fn stand_in(&self, brick: BrickKey) -> Resident<'_> {
         let key = self.field.brick(brick);
-        self.cache.get(key).map_or_else(|| self.answer(self.states.state(key)), Resident::Brick)
+        self.held(key).map_or_else(|| self.answer(self.states.state(key)), Resident::Brick)
     }
 
     fn entry(&self, key: BrickKey) -> Option<KnownEntry> {

@@ -44,7 +44,7 @@ struct FarBrick {
 
 impl BrickView for FarBrick {
     fn lookup(&self, key: BrickKey) -> Resident<'_> {
-        if key == self.key { Resident::Brick(&self.brick) } else { Resident::Nothing }
+        if key == self.key { Resident::from(&self.brick) } else { Resident::Nothing }
     }
 }
 

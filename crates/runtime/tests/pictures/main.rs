@@ -22,6 +22,7 @@ mod gpu_twin_list;
 mod gpu_twins;
 mod gpu_walk_twins;
 mod inner_surfaces;
+mod packed_bricks;
 mod packet_modes;
 mod picking;
 mod reference_accuracy;

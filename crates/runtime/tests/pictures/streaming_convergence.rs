@@ -18,6 +18,7 @@ use supervol_runtime::render::renderer::render;
 use supervol_runtime::render::stats::FrameStats;
 use supervol_runtime::stream::budget::MADE_LIMIT;
 use supervol_runtime::stream::classify::Skipping;
+use supervol_runtime::stream::held::BrickForm;
 use supervol_scene::image::Image;
 
 use crate::{containers, support};
@@ -33,6 +34,7 @@ const FINEST: RenderOptions = RenderOptions {
     host_memory_bytes: 512 << 20,
     process_bytes: 0,
     cache_bytes: None,
+    brick_form: BrickForm::ByBudget,
     gpu_memory_bytes: Some(0),
     threads: None,
     skipping: Skipping::On,

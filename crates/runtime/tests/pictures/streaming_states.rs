@@ -63,7 +63,7 @@ fn check(streamer: &Streamer, keys: &[FieldBrick]) {
         in_host += u64::from(kind == StateKind::InHost);
         let resident = view.stand_in(key.brick);
         let as_promised = match kind {
-            StateKind::InHost => matches!(resident, Resident::Brick(brick) if brick.key == key.brick),
+            StateKind::InHost => matches!(resident, Resident::Brick(brick) if brick.facts().key == key.brick),
             StateKind::Nothing => matches!(resident, Resident::Nothing),
             StateKind::Uniform => matches!(resident, Resident::Uniform(_)),
             StateKind::Failed => matches!(resident, Resident::UseParent),

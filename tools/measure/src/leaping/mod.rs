@@ -117,6 +117,7 @@ pub fn run(context: &Context<'_>, options: &Options<'_>) -> Result<Vec<Measured>
         let keys: Vec<BrickKey> = pyramid.keys_of(Lod::FINEST).collect();
         let met = |key: &BrickKey| match resident.lookup(*key) {
             Resident::Brick(brick) => {
+                let brick = brick.facts();
                 let start = pyramid.core_box(*key).start.map(|s| s as f64);
                 let core = brick.extent.map(|n| n as usize - 2 * APRON);
                 let rays = rays.iter().filter_map(|(ray, t)| local_ray(ray, *t, start, core)).collect();

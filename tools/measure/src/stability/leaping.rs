@@ -320,7 +320,7 @@ fn through_volume(volume: &Volume, scene: &ResolvedScene) -> Result<Findings, Ch
     let of_brick = |key: &BrickKey| {
         let Resident::Brick(brick) = bricks.lookup(*key) else { return Findings::default() };
         let start = volume.container.pyramid().core_box(*key).start.map(|s| s as f64);
-        through_brick(&rays, brick, start, &map, &transfer_function)
+        through_brick(&rays, &brick.read(), start, &map, &transfer_function)
     };
     Ok(keys.par_iter().map(of_brick).reduce(Findings::default, Findings::add))
 }

@@ -75,7 +75,8 @@ fn cast_part<V: BrickView + ?Sized>(
                 return;
             }
             Resident::Brick(brick) => {
-                let visit = BrickVisit::new(LevelVisit::new(&frame.scene, ray, key), brick, key);
+                let brick = brick.read();
+                let visit = BrickVisit::new(LevelVisit::new(&frame.scene, ray, key), &brick, key);
                 visit.march(exit, &*frame.integrator, state, &mut feedback.counters);
             }
             Resident::Uniform(value) => {

@@ -52,6 +52,7 @@ use crate::stop::Stop;
 use crate::stream::classify::Skipping;
 use crate::stream::counters::{DeviceCounters, milliseconds};
 use crate::stream::field::{Field, FieldBrick};
+use crate::stream::held::{BrickRef, ReadBrick};
 use crate::stream::residency::DecodedBrick;
 
 /// Handling of the answers in the page table when a scene is set.
@@ -373,10 +374,11 @@ impl GpuRenderer {
     ///
     /// # Errors
     /// As [`Self::insert`].
-    pub fn insert_all(&mut self, bricks: &[&DecodedBrick]) -> Result<(), GpuError> {
+    pub fn insert_all(&mut self, bricks: &[BrickRef<'_>]) -> Result<(), GpuError> {
         // Texels of as many bricks as there are threads are held at once.
         for bricks in bricks.chunks(rayon::current_num_threads()) {
             let begin = Instant::now();
+            let bricks: Vec<ReadBrick<'_>> = bricks.iter().map(|brick| brick.read()).collect();
             let contents = bricks.par_iter().map(|brick| self.contents_of(brick)).collect::<Result<Vec<_>, _>>()?;
             self.stats.counters.upload_ms += milliseconds(begin.elapsed());
             for (brick, contents) in bricks.iter().zip(&contents) {

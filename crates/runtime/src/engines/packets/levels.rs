@@ -143,6 +143,7 @@ impl CastTile<'_> {
         let mut found = BrickDeviation { of_brick, ..unknown };
         let has_transmittance = self.frame.scene.has_transmittance();
         if let Resident::Brick(brick) = resident
+            && let brick = brick.facts()
             && brick.macro_errors.len() == brick.macro_ranges.len()
             && has_transmittance
             && holes == Holes::None

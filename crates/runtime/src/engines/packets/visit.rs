@@ -132,7 +132,7 @@ impl CastTile<'_> {
     /// Rays gather light in what there is of a brick.
     pub(super) fn cast_resident(&mut self, key: BrickKey, resident: Resident<'_>) {
         match resident {
-            Resident::Brick(brick) => self.cast_brick(key, brick),
+            Resident::Brick(brick) => self.cast_brick(key, &brick.read()),
             Resident::Uniform(value) => self.cast_uniform(key, value),
             Resident::Nothing | Resident::TooCoarse | Resident::UseParent | Resident::Missing => {}
         }
@@ -141,7 +141,7 @@ impl CastTile<'_> {
     /// Rays gather values, or meet surfaces, in what there is of a brick.
     pub(super) fn gather_resident(&mut self, key: BrickKey, resident: Resident<'_>) {
         match resident {
-            Resident::Brick(brick) => self.gather_brick(key, brick),
+            Resident::Brick(brick) => self.gather_brick(key, &brick.read()),
             Resident::Uniform(value) => self.gather_uniform(key, value),
             Resident::Nothing | Resident::TooCoarse | Resident::UseParent => self.gather_nothing(),
             Resident::Missing => {}

@@ -146,7 +146,7 @@ impl LoadedVolume {
         let coarsest_values = match self.streamer.view(OnMissing::UseParent).stand_in(coarsest) {
             Brick::Brick(brick) => {
                 self.is_spread_read = true;
-                values_of(brick, &map)
+                values_of(&brick.read(), &map)
             }
             // It may become visible under the next transfer function. The ends of its range are values of it.
             _ => container.entry(coarsest).map_or(vec![], |entry| {

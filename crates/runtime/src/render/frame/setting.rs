@@ -72,7 +72,9 @@ pub fn streamer_for(
 ) -> Streamer {
     let order = BrickOrder::front_to_back(&scene.camera, &InUnits::of(container).geometry);
     let classifier = classifier_for(container, scene, options);
-    Streamer::new(container.clone(), value_map(container), classifier, order, plan)
+    let mut streamer = Streamer::new(container.clone(), value_map(container), classifier, order, plan);
+    streamer.set_form(options.brick_form);
+    streamer
 }
 
 /// Classifier of bricks for frames of this scene.

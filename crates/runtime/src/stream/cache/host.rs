@@ -258,6 +258,20 @@ impl<T> HostCache<T> {
         self.peak_bytes = self.peak_bytes.max(self.bytes);
     }
 
+    /// Replaces a brick by another form of it.
+    ///
+    /// # Panics
+    /// If it is not in the cache, or no room was made for what it takes more.
+    pub fn replace(&mut self, key: FieldBrick, brick: T, bytes: u64) {
+        let free = self.free_bytes();
+        let held =
+            self.bricks.get_mut(&key).unwrap_or_else(|| panic!("{key} is to be replaced but is not in the cache"));
+        assert!(bytes <= held.bytes + free, "{key} is to have {bytes} bytes, but only {free} more are free");
+        self.bytes = self.bytes - held.bytes + bytes;
+        (held.brick, held.bytes) = (brick, bytes);
+        self.peak_bytes = self.peak_bytes.max(self.bytes + self.reserved);
+    }
+
     /// Bytes held.
     #[must_use]
     pub fn bytes(&self) -> u64 {

@@ -1,9 +1,11 @@
-//! Cache of decoded bricks in [`host`] memory; a graphics device copies from there.
+//! Cache of decoded bricks in [`host`] memory; a graphics device copies from there. Packed ones are read through a store of
+//! [`unpacked`] ones.
 //!
 //! A cache holds the data it is given, within a number of bytes, and reports what it dropped. It reads no file, ranks
 //! nothing and knows no brick state: the streamer does.
 
 pub mod host;
+pub mod unpacked;
 
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};

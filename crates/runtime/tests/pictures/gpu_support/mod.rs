@@ -214,7 +214,7 @@ impl BrickView for TestVolume {
             Some(PageEntry::TooCoarse) => Resident::TooCoarse,
             Some(PageEntry::Uniform(value)) => Resident::Uniform(*value),
             Some(PageEntry::Failed) => Resident::UseParent,
-            Some(PageEntry::Missing) | None => self.bricks.get(&key).map_or(Resident::Missing, Resident::Brick),
+            Some(PageEntry::Missing) | None => self.bricks.get(&key).map_or(Resident::Missing, Resident::from),
         }
     }
 }

@@ -184,7 +184,7 @@ impl Bricked {
 
 impl BrickView for Bricked {
     fn lookup(&self, key: BrickKey) -> Resident<'_> {
-        self.bricks.get(&key).map_or(Resident::Missing, Resident::Brick)
+        self.bricks.get(&key).map_or(Resident::Missing, Resident::from)
     }
 }
 

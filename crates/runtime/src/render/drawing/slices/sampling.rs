@@ -168,9 +168,10 @@ fn look_up(
         let resident = if lod == finest { view.lookup(key) } else { view.stand_in(key) };
         let value = match resident {
             Resident::Brick(brick) => {
+                let brick = brick.read();
                 found.uses.insert(key);
                 let first = pyramid.core_box(key).start.map(|s| narrow::<i64>(s) - narrow::<i64>(APRON));
-                single(interpolate(p, how, |index| voxel(brick, map, std::array::from_fn(|a| index[a] - first[a]))))
+                single(interpolate(p, how, |index| voxel(&brick, map, std::array::from_fn(|a| index[a] - first[a]))))
             }
             Resident::Uniform(value) => value,
             Resident::Nothing => f32::NAN,
