@@ -105,15 +105,12 @@ impl PackedVoxels {
         }
     }
 
-    fn of<T: Copy + PartialEq, C: Code>(
+    fn of<T: Default + SameBits, C: Code>(
         voxels: &[T],
         extent: [usize; 3],
         numbers: Numbers,
         encode: impl Fn(&BlockOf<T>, &mut BlockOf<C>) -> Encoded,
-    ) -> Self
-    where
-        T: Default + SameBits,
-    {
+    ) -> Self {
         assert_eq!(voxels.len(), extent.iter().product::<usize>(), "voxels of a brick of {extent:?}");
         let kept = [0, 1, 2].map(|axis| kept_layers(voxels, extent, axis));
         let mut packed = Self { numbers, extent, kept, blocks: Vec::new(), codes: Vec::new() };
