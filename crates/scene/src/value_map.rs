@@ -122,6 +122,24 @@ impl ValueMap {
         greatest * (ROUNDING * (1.0 + f32::EPSILON))
     }
 
+    /// Bound on the distance of render values up to this size from the data's: values that are rounded, and stored numbers whose scale
+    /// and offset are.
+    #[must_use]
+    pub fn distance_from_data(&self, greatest: f32) -> f32 {
+        if self.is_rounded {
+            return greatest * (ROUNDING * (1.0 + f32::EPSILON));
+        }
+        let offset = (self.source_offset - self.shift) - self.bias * self.source_scale;
+        let are_whole = self.source_scale.fract() == 0.0 && offset.fract() == 0.0;
+        let most = f64::from(greatest).max(offset.abs());
+        // Values of `f32` have neither scale nor offset here.
+        if (self.scale, self.offset) == (1.0, 0.0) || (are_whole && 2.0 * most <= EXACT_INTEGERS) {
+            return 0.0;
+        }
+        // Scale, product, offset and sum are rounded, and the product is at most the value plus the offset.
+        (greatest + self.offset.abs()) * (3.0 * ROUNDING * (1.0 + 4.0 * f32::EPSILON))
+    }
+
     /// Data value of a number as the container stores it.
     #[must_use]
     pub fn data_of_container(&self, value: f64) -> f64 {

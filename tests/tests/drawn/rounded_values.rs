@@ -24,13 +24,24 @@ struct Case {
 }
 
 /// Waves between `base` and `base + width`, a window of that width, and the ends of the whole range.
-fn window(voxel_type: VoxelType, [low, high]: [f64; 2], base: f64, width: f64) -> Case {
+fn window(voxel_type: VoxelType, range: [f64; 2], base: f64, width: f64) -> Case {
+    window_beside_holes(voxel_type, range, (base, width), |_| false)
+}
+
+/// The same with voxels that are absent.
+fn window_beside_holes(
+    voxel_type: VoxelType,
+    [low, high]: [f64; 2],
+    (base, width): (f64, f64),
+    is_hole: fn([u64; 3]) -> bool,
+) -> Case {
     let field = Field::new([EDGE; 3], voxel_type, move |p| {
         let [x, y, z] = p.map(|v| v as f64);
         let wave = ((x * 0.41).sin() + (y * 0.37 + 1.0).sin() + (z * 0.51 + x * 0.2).cos()) / 3.0;
         match p {
             [0, 0, 0] => low,
             [n, 0, 0] if n == EDGE - 1 => high,
+            hole if is_hole(hole) => f64::NAN,
             _ => base + width * (0.5 + 0.5 * wave),
         }
     });
@@ -69,9 +80,9 @@ fn cases() -> Vec<Case> {
     windows.chain([ids, doses]).collect()
 }
 
-/// Draws all cases without and with light: no pixel is farther off than it states, and none states more than `most`.
-fn assert_stated(backend: Backend, most: Option<f64>) {
-    for Case { name, field, points } in cases() {
+/// Draws cases in these modes: no pixel is farther off than it states, and none states more than `most`.
+fn assert_stated(backend: Backend, cases: Vec<Case>, modes: &[&str], most: Option<f64>) {
+    for Case { name, field, points } in cases {
         let subject = Subject::new(&name, &field, &options(16));
         let point = |&(value, color, alpha): &(f64, [f64; 3], f64)| {
             format!(r#"{{"value": {value:?}, "color": {color:?}, "alpha": {alpha}}}"#)
@@ -79,32 +90,62 @@ fn assert_stated(backend: Backend, most: Option<f64>) {
         let points: Vec<String> = points.iter().map(point).collect();
         let function = format!(r#""transfer_function": {{"points": [{}]}}"#, points.join(", "));
         let clip = r#""clip": {"box": [[2, 2, 2], [21, 21, 21]]}"#;
-        for light in [r#""mode": "dvr""#, r#""mode": "dvr", "shading": {}"#] {
+        for mode in modes {
             let size = r#""image": {"width": 40, "height": 32}"#;
-            let scene = subject.scene(&[&subject.outside(), size, &function, clip, light]);
+            let scene = subject.scene(&[&subject.outside(), size, &function, clip, mode]);
             let exact = subject.render(&scene, &finest(Backend::Reference)).0;
             assert!(covered(&exact) > 0.05, "{name}: nothing is to be seen");
             let level = LevelChoice::Fixed(supervol_format::Lod(0));
             let (picture, errors, stats) = stated(&mut renderer(&subject, backend), &scene, level, None);
             let (beyond, largest) = beyond(&picture, &exact, &errors);
             let said = stats.error_stated.expect("ray casters state their error").largest_grey_levels;
-            println!("{name}, {light}: {largest:.3} off, at most {said:.3} stated");
-            assert!(beyond <= REFERENCE, "{name}, {light}: {beyond} above what is stated");
-            assert!(most.is_none_or(|most| said <= most), "{name}, {light}: {said} stated");
+            println!("{name}, {mode}: {largest:.3} off, at most {said:.3} stated");
+            assert!(beyond <= REFERENCE, "{name}, {mode}: {beyond} above what is stated");
+            assert!(most.is_none_or(|most| said <= most), "{name}, {mode}: {said} stated");
         }
     }
+}
+
+const LIGHTS: [&str; 2] = [r#""mode": "dvr""#, r#""mode": "dvr", "shading": {}"#];
+const VALUES: [&str; 3] = [r#""mode": "mip""#, r#""mode": "minip""#, r#""mode": "mean""#];
+
+/// Windows in which a step of a few `f32` of a ray's value may show, and gentle ones; without and with holes.
+fn steep_windows() -> Vec<Case> {
+    let types = [
+        (VoxelType::U8, [0.0, 255.0], 100.0, [-6, -3]),
+        (VoxelType::U16, [0.0, 65535.0], 30_000.0, [-10, -4]),
+        (VoxelType::F32, [-1.0, 1.0], 0.4, [-11, -4]),
+        (VoxelType::I32, [-2_147_483_648.0, 2_147_483_647.0], 1.5e9, [-11, -4]),
+        (VoxelType::F64, [100_000.0, 102_000.0], 101_000.0, [-11, -4]),
+    ];
+    let make = |(voxel_type, range, base, widths): (VoxelType, [f64; 2], f64, [i32; 2])| {
+        widths.map(|log2| window(voxel_type, range, base, (range[1] - range[0]) * 2f64.powi(log2)))
+    };
+    let is_hole = |[x, y, z]: [u64; 3]| 3 * x + 2 * y < z + 20;
+    let with_holes = |log2: i32| {
+        let case = window_beside_holes(VoxelType::F32, [-1.0, 1.0], (0.4, 2f64.powi(log2)), is_hole);
+        Case { name: format!("{} beside holes", case.name), ..case }
+    };
+    types.into_iter().flat_map(make).chain([-11, -4].map(with_holes)).collect()
 }
 
 /// Cells are integrated with the values of the data if rounding decides.
 #[test]
 fn rounded_values_cost_no_accuracy() {
-    assert_stated(Backend::Cpu, Some(ASKED));
+    assert_stated(Backend::Cpu, cases(), &LIGHTS, Some(ASKED));
+}
+
+/// Values of rays are gathered in `f64` if rounding might show.
+#[test]
+fn steep_windows_of_a_rays_value_cost_no_accuracy() {
+    assert_stated(Backend::Cpu, steep_windows(), &VALUES, Some(ASKED));
 }
 
 /// A device has the rounded values alone: what they may change is stated.
 #[test]
 fn a_device_states_what_rounded_values_may_change() {
     if gpu_name().is_some() {
-        assert_stated(Backend::Gpu, None);
+        assert_stated(Backend::Gpu, cases(), &LIGHTS, None);
+        assert_stated(Backend::Gpu, steep_windows(), &VALUES, None);
     }
 }

@@ -7,6 +7,7 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
 
+use supervol_format::ValueRange;
 use supervol_scene::image::Image;
 use supervol_scene::scene::{Mode, ResolvedScene};
 
@@ -152,6 +153,15 @@ impl CpuFrame {
             }
             Caster::Cells(rule) => Self::Cells(Box::new(CellFrame::new(scene, volume, bricks, rule))),
             Caster::Custom(integration) => Self::Cells(Box::new(CellFrame::by(scene, volume, bricks, &*integration))),
+        }
+    }
+
+    /// Bound on what values of rays are off by, in modes that gather them; all values of the volume lie in `range`. Data units.
+    #[must_use]
+    pub fn value_error(&self, range: ValueRange) -> f64 {
+        match self {
+            Self::Packets(frame) => frame.value_error(range),
+            Self::Cells(_) => f64::INFINITY,
         }
     }
 

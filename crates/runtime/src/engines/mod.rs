@@ -1,6 +1,7 @@
 //! Engines: from resident bricks to an image.
 //!
 //! - [`rules`]: every tolerance of the integral, with its reason;
+//! - [`value_error`]: what values of rays may be off by;
 //! - [`totals`], [`maps`]: counters and errors of a picture; maps of its errors and its work;
 //! - [`engine`], [`error`]: the interface of an engine, with its protocol; its errors;
 //! - [`reference`](mod@reference): the brute-force `f64` integrator that defines the right picture;
@@ -27,3 +28,4 @@ pub mod ray_scene;
 pub mod reference;
 pub mod rules;
 pub mod totals;
+pub mod value_error;

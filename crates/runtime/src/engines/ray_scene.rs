@@ -153,8 +153,8 @@ impl RayScene {
         if value.is_nan() {
             return [0.0; 4];
         }
-        let [r, g, b, alpha] = self.transfer_function.classify(single(value));
-        [r * alpha, g * alpha, b * alpha, alpha]
+        let ([r, g, b], alpha) = self.data_transfer_function.classify(value + self.map.shift);
+        [r * alpha, g * alpha, b * alpha, alpha].map(single)
     }
 
     /// Whether the rest of the ray can change the picture by less than its allowed error.

@@ -44,8 +44,6 @@ use supervol_scene::transfer_function::{ALPHA_LIMIT, Intervals};
 
 use super::by_error::DataScale;
 
-/// Rounding of a value in `f32`, as a share of the range of all values: an estimate.
-const VALUE_ROUNDING: f64 = 1e-5;
 /// Parts of a brick's value range that are examined one by one.
 const PARTS: usize = 64;
 /// The same of a macro cell.
@@ -297,12 +295,14 @@ pub struct Deviations {
     offset: f64,
     value_range: ValueRange,
     voxel_error: f64,
+    /// Bound on what the engine's values of rays are off by; modes that gather values.
+    value_error: f64,
 }
 
 impl Deviations {
-    /// Deviations for pictures of a scene.
+    /// Deviations for pictures of a scene, by an engine whose values of rays are off by at most `value_error` (data units).
     #[must_use]
-    pub fn new(scene: &ResolvedScene, data: &DataScale<'_>) -> Self {
+    pub fn new(scene: &ResolvedScene, data: &DataScale<'_>, value_error: f64) -> Self {
         Self {
             mode: scene.mode,
             intervals: Intervals::new(&scene.transfer_function),
@@ -312,6 +312,7 @@ impl Deviations {
             offset: data.offset,
             value_range: data.value_range.widened(data.voxel_error),
             voxel_error: data.voxel_error,
+            value_error,
         }
     }
 
@@ -437,7 +438,7 @@ impl Deviations {
             return 0.0;
         }
         let all = self.value_range;
-        let rounding = VALUE_ROUNDING * all.width();
+        let rounding = self.value_error;
         // `max` and `min` drop NaN: if nothing is drawn, the exact value may be anything.
         let (from, to) = ((value - below - rounding).max(all.min), (value + above + rounding).min(all.max));
         let (from, to) = (from.min(all.max), to.max(all.min));
@@ -501,6 +502,7 @@ mod tests {
         Deviations::new(
             &scene,
             &DataScale { pyramid: &pyramid, geometry, scale: 1.0, offset: 0.0, value_range: VALUES, voxel_error },
+            0.0,
         )
     }
 

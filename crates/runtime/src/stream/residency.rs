@@ -26,6 +26,16 @@ pub enum Voxels {
 }
 
 impl Voxels {
+    /// Whether a voxel is absent.
+    #[must_use]
+    pub fn has_holes(&self, map: &ValueMap) -> bool {
+        match self {
+            Self::U8(voxels) => map.absent.is_some_and(|absent| voxels.iter().any(|&v| u16::from(v) == absent)),
+            Self::U16(voxels) => map.absent.is_some_and(|absent| voxels.contains(&absent)),
+            Self::F32(voxels) => voxels.iter().any(|voxel| voxel.is_nan()),
+        }
+    }
+
     /// The `u8` memory; empty for other types.
     fn into_u8(self) -> Vec<u8> {
         if let Self::U8(voxels) = self { voxels } else { Vec::new() }

@@ -67,7 +67,7 @@ fn deviations(random: &mut Random) -> Vec<Deviation> {
         let geometry = &Geometry::IDENTITY;
         let data =
             DataScale { pyramid: &pyramid, geometry, scale: 1.0, offset: 0.0, value_range: VALUES, voxel_error: 0.0 };
-        let rule = Deviations::new(&scene, &data);
+        let rule = Deviations::new(&scene, &data, 0.0);
         for _ in 0..10 {
             let error = 30.0 * random.unit().powi(4);
             let min = 70.0 * random.unit();

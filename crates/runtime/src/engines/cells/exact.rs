@@ -17,7 +17,7 @@ use super::cell::{
 use super::quadrature::GAUSS_OFFSET;
 use super::shade::Lighting;
 use super::visit::{BrickVisit, LevelVisit, StoredVoxel};
-use crate::stream::residency::{DecodedBrick, Unrounded, Voxels};
+use crate::stream::residency::{DecodedBrick, Voxels};
 
 /// Difference of one pair and two pairs that counts as agreement: a fifteenth of it is left.
 const AGREEMENT: f64 = 1e-6;
@@ -66,33 +66,25 @@ pub(crate) fn exact_cell(
     let (index, t) = visit.chord_at_base(base, t);
     let chord = match visit.voxels() {
         _ if t[0] >= t[1] => None,
-        Voxels::U8(voxels) => ExactChord::new(&visit, (voxels, None), (index, t)),
-        Voxels::U16(voxels) => ExactChord::new(&visit, (voxels, None), (index, t)),
-        Voxels::F32(voxels) => ExactChord::new(&visit, (voxels, brick.unrounded.as_ref()), (index, t)),
+        Voxels::U8(voxels) => ExactChord::new(&visit, voxels, (index, t)),
+        Voxels::U16(voxels) => ExactChord::new(&visit, voxels, (index, t)),
+        Voxels::F32(voxels) => ExactChord::new(&visit, voxels, (index, t)),
     };
     let (color, transmittance) = chord.map_or((DVec3::ZERO, 1.0), |chord| chord.seen());
     [color.x, color.y, color.z, transmittance].map(single)
 }
 
 impl<'a> ExactChord<'a> {
-    /// The chord of a ray through a cell; `None` beside a hole. If the voxels are rounded, `unrounded` has the others.
+    /// The chord of a ray through a cell; `None` beside a hole.
     fn new<T: StoredVoxel>(
         visit: &'a BrickVisit<'_>,
-        (voxels, unrounded): (&[T], Option<&Unrounded>),
+        voxels: &[T],
         (index, [t0, t1]): ([i64; 3], [f64; 2]),
     ) -> Option<Self> {
-        let (level, map) = (&visit.level, &visit.level.scene.map);
+        let level = &visit.level;
         let [a, b] = [t0, t1].map(|t| visit.cell_planes.fractions(level.axis_ray, t, index));
         let base = visit.base(index);
-        let corners_at = |base: usize| {
-            visit.corner_voxels(base).map(|voxel| {
-                let value = voxels[voxel].data_value(map);
-                match unrounded {
-                    Some(unrounded) if !value.is_nan() => unrounded.data_value(voxel, map),
-                    _ => value,
-                }
-            })
-        };
+        let corners_at = |base: usize| visit.data_corners(voxels, base);
         let corners = present(corners_at(base), a, b)?;
         let cubic = cubic_of_cell(&corners, a, b);
         let lighting = level.setup.lighting;
@@ -316,7 +308,7 @@ fn add_crossings(cuts: &mut Vec<f64>, cubic: &[Real; 4], ends: &[f64], value: f6
 }
 
 /// Corners of which none is absent that has a weight on the chord from `a` to `b`.
-fn present(mut corners: [f64; 8], a: [Real; 3], b: [Real; 3]) -> Option<[f64; 8]> {
+pub(super) fn present(mut corners: [f64; 8], a: [Real; 3], b: [Real; 3]) -> Option<[f64; 8]> {
     if corners.iter().any(|c| c.is_nan()) {
         replace_unreached(&mut corners, a, b);
     }

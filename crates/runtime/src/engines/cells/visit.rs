@@ -231,10 +231,12 @@ impl<'a> BrickVisit<'a> {
             state.iso.known = 0;
             return true;
         }
+        // The range is that of render values.
+        let off = || f64::from(scene.map.distance_from_data(low.abs().max(high.abs())));
         match scene.mode {
             Mode::Dvr => !scene.transfer_function.is_visible(low, high),
-            Mode::Mip => f64::from(high) <= state.value,
-            Mode::Minip => f64::from(low) >= state.value,
+            Mode::Mip => f64::from(high) + off() <= state.value,
+            Mode::Minip => f64::from(low) - off() >= state.value,
             Mode::Iso => state.iso.pass([low, high], scene.iso.iter().map(|surface| surface.value)),
             Mode::Mean | Mode::Slice => false,
         }
@@ -308,6 +310,22 @@ impl<'a> BrickVisit<'a> {
     pub fn corners<T: StoredVoxel>(&self, voxels: &[T], base: usize) -> [f32; 8] {
         let map = &self.level.scene.map;
         self.corner_voxels(base).map(|voxel| voxels[voxel].render_value(map))
+    }
+
+    /// Data values at the eight corners of the cell at `base`, x fastest, without the rounding of render values; NaN if absent.
+    ///
+    /// # Panics
+    /// As [`Self::corners`].
+    #[must_use]
+    pub fn data_corners<T: StoredVoxel>(&self, voxels: &[T], base: usize) -> [f64; 8] {
+        let map = &self.level.scene.map;
+        self.corner_voxels(base).map(|voxel| {
+            let value = voxels[voxel].data_value(map);
+            match &self.brick.unrounded {
+                Some(unrounded) if !value.is_nan() => unrounded.data_value(voxel, map),
+                _ => value,
+            }
+        })
     }
 
     /// Places in the brick's array of the eight corners of the cell whose first one is `base`.

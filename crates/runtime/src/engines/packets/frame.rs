@@ -4,6 +4,7 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use supervol_format::ValueRange;
 use supervol_scene::scene::{Mode, ResolvedScene};
 
 use super::plans::{BrickPlans, Made};
@@ -13,6 +14,7 @@ use super::tables::PacketTables;
 use crate::engines::ray_scene::{BrickChoice, DrawnVolume, RayScene};
 use crate::engines::rules::{ErrorKnowledge, NEVER, TERMINATION_OPACITY, own_error};
 use crate::engines::totals::{EngineErrors, ErrorsByReason};
+use crate::engines::value_error::{by_f32, by_f64};
 use crate::lod::deviation::Deviations;
 use crate::stop::Stop;
 
@@ -123,6 +125,13 @@ impl PacketFrame {
             transfer_function: tables.fit_error(),
             rounding: tables.rounding_error(&self.scene),
         })
+    }
+
+    /// See [`value_error`](crate::engines::value_error): bricks in which `f32` may be off by more than is tolerated are cast in `f64`.
+    pub fn value_error(&self, range: ValueRange) -> f64 {
+        let Self { scene, tables, .. } = self;
+        let by_packets = by_f32(scene.mode, &scene.map, range, scene.pyramid.layout().core());
+        if by_packets <= tables.tolerated { by_packets } else { tables.tolerated.max(by_f64(range)) }
     }
 
     /// See [`own_error`].

@@ -4,6 +4,7 @@
 //! centre. The sign is reversed if the mode looks for the least value, or if greater numbers are lesser values. Whole
 //! numbers have the same render values as in the scalar caster.
 
+use supervol_format::ValueRange;
 use supervol_format::brick::{APRON, MACRO_CELL};
 use supervol_format::cast::{single, whole};
 use supervol_scene::scene::{ISO_LIMIT, Mode};
@@ -12,8 +13,10 @@ use supervol_scene::value_map::ValueMap;
 use super::fetch::Stored;
 use super::leap::{AxisDirection, MacroRanges, ProximityCloud, macro_cells_of};
 use super::per_brick::PerBrick;
+use super::value_tiles::worse;
 use crate::engines::ray::IsoSides;
 use crate::engines::ray_scene::RayScene;
+use crate::engines::value_error::by_f32;
 use crate::stream::classify::Skipping;
 use crate::stream::residency::DecodedBrick;
 
@@ -35,6 +38,20 @@ pub struct BrickSummary {
     pub(super) cloud: Option<ProximityCloud<MACRO_CELL>>,
     /// Iso values: numbers not below are above the surface.
     pub(super) thresholds: Vec<f32>,
+    /// How exactly values are gathered.
+    pub(super) care: Care,
+    mode: Mode,
+}
+
+/// How exactly values are gathered in a brick.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Care {
+    /// `f32` suffices.
+    Packets,
+    /// `f32` tells which rays are gathered once more, in `f64`. It is off by at most this, data units.
+    Closer(f64),
+    /// All in `f64`. Beside holes, the rounding of a place decides whether a value is there, and the error has no bound.
+    Exact,
 }
 
 impl BrickSummary {
@@ -44,6 +61,7 @@ impl BrickSummary {
         stored: Stored,
         origin: f32,
         ahead: [AxisDirection; 3],
+        tolerated: f64,
     ) -> Self {
         let numbers = Numbers::new(scene, brick, stored, origin);
         let ranges: Vec<[f32; 2]> = brick.macro_ranges.iter().map(|&range| numbers.range(range)).collect();
@@ -72,6 +90,8 @@ impl BrickSummary {
             },
             cloud,
             thresholds,
+            care: care_of(scene, brick, tolerated),
+            mode: scene.mode,
         }
     }
 
@@ -85,6 +105,13 @@ impl BrickSummary {
         let ranges = core.div_ceil(MACRO_CELL).pow(3) * size_of::<[f32; 2]>();
         (size_of::<Self>() + ranges + ISO_LIMIT * size_of::<f32>()) as u64
             + ProximityCloud::<MACRO_CELL>::most_bytes(core)
+    }
+
+    /// Modes `mip` and `minip`: the number with which a ray of this value so far enters the brick. What is not above it cannot be more
+    /// extreme than the value.
+    pub(super) fn best(&self, value: f64) -> f32 {
+        let value = if let Care::Closer(off) = self.care { worse(self.mode, value, off) } else { value };
+        if value.is_nan() { f32::NEG_INFINITY } else { self.numbers.not_above(value) }
     }
 
     /// Factor of numbers in [`Mean`]: a power of two that brings the largest to about 1.
@@ -108,6 +135,22 @@ impl BrickSummary {
             }
         }
         bounds
+    }
+}
+
+/// How exactly values of a brick are gathered if the picture tolerates this error of a value.
+fn care_of(scene: &RayScene, brick: &DecodedBrick, tolerated: f64) -> Care {
+    let values = brick.macro_ranges.iter().filter(|r| r[0] <= r[1]).fold(ValueRange::EMPTY, |all, &[low, high]| {
+        let [low, high] = [low, high].map(|value| scene.map.to_data(value));
+        ValueRange { min: all.min.min(low), max: all.max.max(high) }
+    });
+    let off = by_f32(scene.mode, &scene.map, values, scene.pyramid.layout().core());
+    match scene.mode {
+        Mode::Iso | Mode::Dvr | Mode::Slice => Care::Packets,
+        Mode::Mip | Mode::Minip | Mode::Mean if brick.voxels.has_holes(&scene.map) => Care::Exact,
+        _ if off <= tolerated => Care::Packets,
+        Mode::Mip | Mode::Minip => Care::Closer(off),
+        Mode::Mean => Care::Exact,
     }
 }
 
@@ -235,7 +278,7 @@ impl Numbers {
 
 #[cfg(test)]
 mod tests {
-    use supervol_format::{ValueRange, VoxelType};
+    use supervol_format::VoxelType;
 
     use super::*;
 

@@ -32,6 +32,7 @@ use crate::engines::ray_scene::RayScene;
 use crate::engines::rules::{
     BY_OPACITY, END_SHARE, FIT_SHARE, LEAST_SHADED_SHARE, MAX_ERROR_LIMITS, fit_error, reserve, rounding_error,
 };
+use crate::engines::value_error::tolerated;
 use crate::stream::classify::Skipping;
 use crate::stream::residency::DecodedBrick;
 
@@ -46,6 +47,8 @@ pub struct PacketTables {
     pub(super) precision: Precision,
     /// Requested error of a pixel.
     pub(super) max_error: f64,
+    /// Modes that gather values: error of a value that the picture allows, data units.
+    pub(super) tolerated: f64,
     pub(super) view: RayOrigin,
     pub(super) pixel_rays: PixelRays,
     pub(super) to_index: ToIndex,
@@ -133,6 +136,7 @@ impl PacketTables {
             set,
             precision,
             max_error,
+            tolerated: tolerated(source, max_error),
             view,
             pixel_rays: scene.camera.rays(),
             to_index: ToIndex::new(&scene.geometry),

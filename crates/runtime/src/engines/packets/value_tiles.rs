@@ -1,19 +1,23 @@
 //! Tiles of rays through one brick, in the modes that gather values (`mip`, `minip`, `mean`) and in `iso`.
 
 use supervol_format::BrickKey;
+use supervol_scene::clip::IndexRay;
 use supervol_scene::scene::Mode;
 
 use super::fetch::Stored;
 use super::frame::PacketFrame;
 use super::simd::{Simd, Task, dispatch};
-use super::summaries::{BrickSummary, Numbers};
+use super::summaries::{BrickSummary, Care, Numbers};
 use super::surfaces::Surfaces;
 use super::tables::packet_brick;
 use super::tile::{BrickGrid, TileRays};
 use super::values::{Extreme, Mean, ValueHost, ValuePacket, cast};
 use super::visit::{CastTile, cast_ray};
 use super::walk::PacketBrick;
-use crate::engines::cells::{CellByCell, CellRule, Integrator, LevelVisit, gather_exact_cell};
+use crate::engines::cells::{
+    CellByCell, CellRule, Integrator, LevelVisit, gather_exact_cell, gather_exact_uniform, gather_exact_value_cell,
+    gather_exact_values,
+};
 use crate::engines::ray::RayState;
 use crate::stream::classify::Skipping;
 use crate::stream::counters::RayCounters;
@@ -31,18 +35,74 @@ impl CastTile<'_> {
                 packet_brick.voxels.stored(),
                 tables.origin,
                 tables.ahead(&frame.scene, key),
+                tables.tolerated,
             )
         };
         let summary = tables.summaries.of(frame.scene.field.brick(key), BrickSummary::bytes, make);
+        if summary.care == Care::Exact {
+            for i in 0..self.rays.hits().len() {
+                self.gather_exactly(self.rays.hits()[i], key, brick);
+            }
+            return;
+        }
+        if frame.scene.mode == Mode::Mean {
+            self.gather_short_rays_exactly(key, brick, &grid);
+        }
         if frame.scene.skipping == Skipping::On && !self.may_change(&summary) {
             self.feedback.counters.macro_cells_skipped += self.rays.hits().len() as u64;
             return;
         }
         let packet_brick = PacketBrick { centre: summary.numbers.centre, ..packet_brick };
         let corner = self.corner;
-        let host = ValueTileHost { frame, key, brick, summary: &summary, grid, corner, rays: self.rays, next: 0 };
+        let mut closer = Vec::new();
+        let at = (key, brick);
+        let host =
+            ValueTileHost { frame, at, summary: &summary, grid, corner, rays: self.rays, next: 0, closer: &mut closer };
         let work = dispatch(tables.set, GatherBrick { packet_brick, host });
         self.feedback.counters.add(&work);
+        for (ray, at_least) in closer {
+            let value = &mut self.rays.gathered.value[usize::from(ray)];
+            *value = better(frame.scene.mode, *value, at_least);
+            self.gather_exactly(ray, key, brick);
+        }
+    }
+
+    /// Gathers values along a ray through a brick in `f64`.
+    fn gather_exactly(&mut self, ray: u16, key: BrickKey, brick: &DecodedBrick) {
+        self.with_state(ray, key, |level, t, state, counters| {
+            gather_exact_values(level, (key, brick), t, state, counters);
+        });
+    }
+
+    /// The same for rays that cross less than a cell: the rounding of their length would show in the mean. They meet the brick no more.
+    fn gather_short_rays_exactly(&mut self, key: BrickKey, brick: &DecodedBrick, grid: &BrickGrid) {
+        let is_short = |rays: &TileRays, ray: u16| {
+            let ([entry, exit], IndexRay { direction, .. }) = (rays.interval(ray), rays.index_ray(ray));
+            (0..3).all(|a| (exit - entry) * direction[a].abs() * grid.inverse_scale[a] < 1.0)
+        };
+        let short: Vec<u16> = self.rays.hits().iter().copied().filter(|&ray| is_short(self.rays, ray)).collect();
+        if short.is_empty() {
+            return;
+        }
+        for &ray in &short {
+            self.gather_exactly(ray, key, brick);
+        }
+        self.rays.keep_hits(|ray, _| !short.iter().any(|&short| usize::from(short) == ray));
+    }
+
+    /// Does something with the state of a ray that meets the present brick, in the scalar caster's form.
+    fn with_state(
+        &mut self,
+        ray: u16,
+        key: BrickKey,
+        gather: impl FnOnce(LevelVisit<'_>, [f64; 2], &mut RayState, &mut RayCounters),
+    ) {
+        let (interval, place) = (self.rays.interval(ray), usize::from(ray));
+        let cast_ray = cast_ray(self.frame, self.rays, self.corner, ray);
+        let mut state = self.rays.gathered.state(place);
+        let level = LevelVisit::new(&self.frame.scene, &cast_ray, key);
+        gather(level, interval, &mut state, &mut self.feedback.counters);
+        self.rays.gathered.set_state(place, &state);
     }
 
     /// Whether a brick may change the rays that meet it. Removes rays that it cannot change, and records the sides on
@@ -51,11 +111,7 @@ impl CastTile<'_> {
         let cloud = summary.cloud.as_ref();
         match self.frame.scene.mode {
             Mode::Mip | Mode::Minip => {
-                let best = |ray: usize, gathered: &super::tile::Gathered| {
-                    let value = gathered.value[ray];
-                    if value.is_nan() { f32::NEG_INFINITY } else { summary.numbers.not_above(value) }
-                };
-                self.rays.keep_hits(|ray, gathered| best(ray, gathered) < summary.range[1]) > 0
+                self.rays.keep_hits(|ray, gathered| summary.best(gathered.value[ray]) < summary.range[1]) > 0
             }
             Mode::Iso if cloud.is_some_and(|cloud| cloud.is_empty()) => {
                 let thresholds = || summary.thresholds.iter().copied();
@@ -67,6 +123,19 @@ impl CastTile<'_> {
 
     /// Casts all rays through a uniform value.
     pub(super) fn gather_uniform(&mut self, key: BrickKey, value: f32) {
+        if self.frame.scene.mode != Mode::Iso {
+            let map = &self.frame.scene.map;
+            let stored = if map.is_rounded { self.view.entry(key).map(|known| known.entry.range.min) } else { None };
+            let value = stored.map_or_else(|| map.to_data(value), |stored| map.data_of_container(stored));
+            self.feedback.counters.cells += self.rays.hits().len() as u64;
+            for i in 0..self.rays.hits().len() {
+                let gather = |level: LevelVisit<'_>, t, state: &mut _, _: &mut _| {
+                    gather_exact_uniform(&level, value, t, state);
+                };
+                self.with_state(self.rays.hits()[i], key, gather);
+            }
+            return;
+        }
         let cells = CellByCell { pairs: CellRule::DEFAULT.pairs };
         let iso = || self.frame.scene.iso.iter().map(|surface| surface.value);
         for i in 0..self.rays.hits().len() {
@@ -96,6 +165,16 @@ impl CastTile<'_> {
             self.rays.gathered.iso[ray].known = 0;
         }
     }
+}
+
+/// The more extreme of two values; the other one if one is NaN.
+fn better(mode: Mode, a: f64, b: f64) -> f64 {
+    if mode == Mode::Mip { a.max(b) } else { a.min(b) }
+}
+
+/// A value that is less extreme by `off`.
+pub(super) fn worse(mode: Mode, value: f64, off: f64) -> f64 {
+    if mode == Mode::Mip { value - off } else { value + off }
 }
 
 /// Casts the rays of a tile that meet a brick, packet by packet.
@@ -137,8 +216,7 @@ impl Task for GatherBrick<'_> {
 /// Host of the rays of a tile that meet a brick.
 struct ValueTileHost<'a> {
     frame: &'a PacketFrame,
-    key: BrickKey,
-    brick: &'a DecodedBrick,
+    at: (BrickKey, &'a DecodedBrick),
     summary: &'a BrickSummary,
     grid: BrickGrid,
     /// The tile's first pixel.
@@ -146,9 +224,27 @@ struct ValueTileHost<'a> {
     rays: &'a mut TileRays,
     /// The next hit to lend.
     next: usize,
+    /// Rays that are gathered once more, with a value that their extreme is not within.
+    closer: &'a mut Vec<(u16, f64)>,
 }
 
 impl ValueTileHost<'_> {
+    /// A ray that comes out of the brick with this extreme.
+    fn found(&mut self, ray: u16, extreme: f64) {
+        let mode = self.frame.scene.mode;
+        let value = &mut self.rays.gathered.value[usize::from(ray)];
+        match self.summary.care {
+            Care::Closer(off) => {
+                let at_least = worse(mode, extreme, off);
+                // True where the ray has no value yet.
+                if better(mode, worse(mode, *value, off), extreme) != worse(mode, *value, off) {
+                    self.closer.push((ray, at_least));
+                }
+            }
+            Care::Packets | Care::Exact => *value = better(mode, *value, extreme),
+        }
+    }
+
     /// Adds to a ray its part of the mean.
     fn add_integral(&mut self, ray: usize, [integral, present, absent]: [f32; 3], length: f64) {
         if present == 0.0 {
@@ -173,9 +269,7 @@ impl ValueHost for ValueTileHost<'_> {
         self.next += 1;
         match self.frame.scene.mode {
             Mode::Mip | Mode::Minip => {
-                let value = self.rays.gathered.value[usize::from(ray)];
-                let best = if value.is_nan() { f32::NEG_INFINITY } else { self.summary.numbers.not_above(value) };
-                packet.numbers[0][lane] = best;
+                packet.numbers[0][lane] = self.summary.best(self.rays.gathered.value[usize::from(ray)]);
             }
             Mode::Iso => [packet.numbers[0][lane], packet.numbers[1][lane]] = self.bounds(ray),
             Mode::Mean | Mode::Dvr | Mode::Slice => {}
@@ -184,12 +278,11 @@ impl ValueHost for ValueTileHost<'_> {
     }
 
     fn take_back(&mut self, lane: usize, packet: &ValuePacket) {
-        let ray = packet.way.rays[lane];
-        let number = packet.numbers[0][lane];
-        let value = &mut self.rays.gathered.value[usize::from(ray)];
+        let (ray, number) = (packet.way.rays[lane], packet.numbers[0][lane]);
         match self.frame.scene.mode {
-            Mode::Mip if number > f32::NEG_INFINITY => *value = value.max(self.summary.numbers.value(number)),
-            Mode::Minip if number > f32::NEG_INFINITY => *value = value.min(self.summary.numbers.value(number)),
+            Mode::Mip | Mode::Minip if number > f32::NEG_INFINITY => {
+                self.found(ray, self.summary.numbers.value(number))
+            }
             Mode::Mean => {
                 let [t0, t1] = self.rays.interval(ray);
                 self.add_integral(usize::from(ray), packet.numbers.map(|number| number[lane]), t1 - t0);
@@ -204,8 +297,13 @@ impl ValueHost for ValueTileHost<'_> {
         let place = usize::from(ray);
         let mut state = self.rays.gathered.state(place);
         let base = usize::try_from(base).expect("cells of a brick lie behind its first voxel");
-        let level = LevelVisit::new(&self.frame.scene, &cast_ray, self.key);
-        gather_exact_cell(level, self.brick, self.key, base, self.rays.interval(ray), &mut state);
+        let (key, brick) = self.at;
+        let level = LevelVisit::new(&self.frame.scene, &cast_ray, key);
+        let t = self.rays.interval(ray);
+        match self.frame.scene.mode {
+            Mode::Iso => gather_exact_cell(level, brick, key, base, t, &mut state),
+            _ => gather_exact_value_cell(level, (key, brick), base, t, &mut state),
+        }
         self.rays.gathered.set_state(place, &state);
         self.rays.crossings.extend(state.crossings.drain(..).map(|crossing| (ray, crossing)));
         if self.frame.scene.is_done(&state) {

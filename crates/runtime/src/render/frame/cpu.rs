@@ -52,7 +52,8 @@ pub(crate) fn cpu_frame_of(
     if !options.predict_error {
         return frame;
     }
-    frame.with_deviations(with_data_scale(container, |data| Deviations::new(scene, data)))
+    let value_error = frame.value_error(value_range);
+    frame.with_deviations(with_data_scale(container, |data| Deviations::new(scene, data, value_error)))
 }
 
 /// Draws the picture on the CPU in one go, on the calling thread's pool, with bricks that the streamer has or fetches.

@@ -24,7 +24,9 @@ use crate::engines::gpu::limits::SHARED_MEMORY;
 use crate::engines::gpu::options::GpuOptions;
 use crate::engines::gpu::scene_tables::GpuVolume;
 use crate::engines::gpu::texels::VoxelStorage;
+use crate::engines::value_error::by_device;
 use crate::lod::LodChoice;
+use crate::lod::by_error::DataScale;
 use crate::lod::deviation::{Deviation, Deviations};
 use crate::render::enlarge::Enlarge;
 use crate::render::error::RenderError;
@@ -180,8 +182,9 @@ impl GpuBackend {
             storage: storage(descriptor.voxel_type),
         };
         let lod = options.lod();
-        let deviations =
-            options.predict_error.then(|| Arc::new(with_data_scale(container, |data| Deviations::new(scene, data))));
+        let value_error = by_device(&map, value_range);
+        let make = |data: &DataScale<'_>| Arc::new(Deviations::new(scene, data, value_error));
+        let deviations = options.predict_error.then(|| with_data_scale(container, make));
         let deviation_of = || deviations.as_ref().map(|of| deviation_of(container.clone(), of.clone()));
         let kept = match caster {
             Some(kept) => {
