@@ -1,8 +1,8 @@
-//! Classes of details by the activity of the sums around them, so that flat and busy parts of a brick have Huffman codes
-//! of their own. Encoder and decoder both know the sums, so classes cost no bits.
+//! Classes of details by the activity of the averages around them, so that flat and busy parts of a brick have Huffman codes
+//! of their own. Encoder and decoder both know the averages, so classes cost no bits.
 //!
 //! Details form groups of [`GROUP`] along x. The activity of a group is the sum, over its samples and the three axes, of the
-//! distance between the sums before and behind the sample. Three thresholds, in the payload, divide groups into classes.
+//! distance between the averages before and behind the sample. Three thresholds, in the payload, divide groups into classes.
 
 use super::grid::{Grid, Halving, LANES, lanes_of, rows_of};
 use crate::codec::sample::Sample;
@@ -14,38 +14,33 @@ pub const CLASSES: usize = 4;
 /// Bytes that a chunk of its own costs, roughly: lengths, and codes of its Huffman table.
 const CHUNK_BYTES: f64 = 80.0;
 
-/// A band of numbers: how many each row of sums has.
+/// The details of a halving.
 #[derive(Debug, Clone, Copy)]
-pub struct Band {
-    /// Number of sums.
-    pub extent: [usize; 3],
-    /// Halving whose details the numbers are; `None` for the remainders, one for each sum.
-    pub halving: Option<Halving>,
-}
+pub struct Band(pub Halving);
 
 impl Band {
     /// Numbers of the row (y, z).
     #[inline(always)]
     pub fn row(self, at: [usize; 2]) -> usize {
-        self.halving.map_or(self.extent[0], |halving| halving.pairs(at))
+        self.0.pairs(at)
     }
 
     /// All numbers.
     pub fn count(self) -> usize {
-        rows_of(self.extent).map(|at| self.row(at)).sum()
+        rows_of(self.0.half).map(|at| self.row(at)).sum()
     }
 
     /// Number of groups.
     pub fn groups(self) -> usize {
-        rows_of(self.extent).map(|at| self.row(at).div_ceil(GROUP)).sum()
+        rows_of(self.0.half).map(|at| self.row(at).div_ceil(GROUP)).sum()
     }
 
     /// Activities of all groups of all rows, in order.
     #[inline(always)]
-    pub fn activities<S: Sample>(self, sums: &Grid<S>) -> Vec<u32> {
-        let mut all = Vec::with_capacity(self.extent[1] * self.extent[2] * sums.width() / GROUP);
-        for at in rows_of(self.extent) {
-            let near = sums.near(at);
+    pub fn activities<S: Sample>(self, averages: &Grid<S>) -> Vec<u32> {
+        let mut all = Vec::with_capacity(self.0.half[1] * self.0.half[2] * averages.width() / GROUP);
+        for at in rows_of(self.0.half) {
+            let near = averages.near(at);
             let across = [
                 [near.row([-1, 0, 0]), near.row([1, 0, 0])],
                 [near.row([0, -1, 0]), near.row([0, 1, 0])],
@@ -110,7 +105,7 @@ impl Thresholds {
 pub fn divide<S: Sample>(band: Band, numbers: &[S], activities: &[u32], thresholds: Thresholds) -> [Vec<S>; CLASSES] {
     let mut classes: [Vec<S>; CLASSES] = Default::default();
     let (mut rest, mut group) = (numbers, 0);
-    for at in rows_of(band.extent) {
+    for at in rows_of(band.0.half) {
         let (row, behind) = rest.split_at(band.row(at));
         rest = behind;
         for part in row.chunks(GROUP) {
@@ -143,7 +138,7 @@ impl<S: Sample> Divided<S> {
     pub fn by(band: Band, activities: &[u32], thresholds: Thresholds) -> Self {
         let mut counts = [0; CLASSES];
         let mut of_groups = Vec::with_capacity(activities.len());
-        for at in rows_of(band.extent) {
+        for at in rows_of(band.0.half) {
             let mut left = band.row(at);
             while left > 0 {
                 let class = thresholds.class(activities[of_groups.len()]);

@@ -1,4 +1,4 @@
-//! Samples of a box in rows along x, with repeated samples on both sides of each row, and sums of pairs of samples.
+//! Samples of a box in rows along x, with repeated samples on both sides of each row, and halving of an axis.
 //!
 //! A row holds [`MARGIN`] copies of its first sample, its samples, and copies of its last sample: at least [`MARGIN`], and
 //! enough to fill groups of [`LANES`]. Loops over rows therefore need no case for their ends. Rows beyond the box are those
@@ -100,13 +100,13 @@ impl<'a, S: Sample> Near<'a, S> {
     }
 }
 
-/// Halving of one axis of a box: each pair of samples becomes its sum. A single last sample counts twice.
+/// Halving of one axis of a box: each pair of samples becomes one. A single last sample forms a pair with itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Halving {
     pub axis: usize,
     /// Extent before.
     pub whole: [usize; 3],
-    /// Extent of the sums.
+    /// Extent after.
     pub half: [usize; 3],
 }
 
@@ -124,7 +124,7 @@ impl Halving {
         (0..3).filter(|&axis| factors[axis] == 2).map(halve).collect()
     }
 
-    /// Number of pairs of two samples in the row of sums (y, z).
+    /// Number of pairs of two different samples in the row (y, z) of the half.
     #[inline(always)]
     pub fn pairs(self, [y, z]: [usize; 2]) -> usize {
         let n = self.whole[self.axis];
@@ -136,90 +136,101 @@ impl Halving {
         if is_pair { self.half[0] } else { 0 }
     }
 
-    /// Positions of the two rows that become the row of sums (y, z), if x is not halved.
+    /// Positions of the two rows that become the row (y, z) of the half, if x is not halved.
     #[inline(always)]
     pub fn rows(self, [y, z]: [usize; 2]) -> [[usize; 2]; 2] {
         let second = |i: usize| (2 * i + 1).min(self.whole[self.axis] - 1);
         if self.axis == 1 { [[2 * y, z], [second(y), z]] } else { [[y, 2 * z], [y, second(z)]] }
     }
 
-    /// Sums of pairs.
-    pub fn sums<S: Sample>(self, grid: &Grid<S>) -> Grid<S> {
-        let mut sums = Grid::zeros(self.half);
+    /// Halves a box: `fold` makes one sample of each pair.
+    #[inline(always)]
+    pub fn fold<S: Sample>(self, grid: &Grid<S>, fold: impl Fn(S, S) -> S) -> Grid<S> {
+        let mut half = Grid::zeros(self.half);
         for [y, z] in rows_of(self.half) {
-            let out = sums.row_mut(y, z);
+            let out = half.row_mut(y, z);
             if self.axis == 0 {
-                for (out, pair) in out.iter_mut().zip(grid.row(y, z).chunks(2)) {
-                    *out = pair[0].plus(pair[pair.len() - 1]);
+                let (pairs, single) = grid.row(y, z).as_chunks::<2>();
+                for (out, &[a, b]) in out.iter_mut().zip(pairs) {
+                    *out = fold(a, b);
+                }
+                if let &[single] = single {
+                    out[pairs.len()] = fold(single, single);
                 }
             } else {
                 let [first, second] = self.rows([y, z]).map(|[y, z]| grid.row(y, z));
                 for ((out, &a), &b) in out.iter_mut().zip(first).zip(second) {
-                    *out = a.plus(b);
+                    *out = fold(a, b);
                 }
             }
-            sums.repeat_ends(y, z);
+            half.repeat_ends(y, z);
         }
-        sums
+        half
     }
 
-    /// Details of a row of sums: the first sample of each pair, less half of the sum, rounded up. Zero beyond the pairs.
+    /// Details of a row of the half: the differences of pairs. Zero beyond the pairs.
     #[inline(always)]
-    pub fn details<S: Sample>(self, grid: &Grid<S>, sums: &Grid<S>, [y, z]: [usize; 2], out: &mut [S]) {
+    pub fn details<S: Sample>(self, grid: &Grid<S>, [y, z]: [usize; 2], out: &mut [S]) {
         let pairs = self.pairs([y, z]);
-        let sums = &sums.row(y, z)[..pairs];
         if self.axis == 0 {
-            for ((out, pair), &sum) in out.iter_mut().zip(grid.row(y, z).chunks_exact(2)).zip(sums) {
-                *out = pair[0].minus(half_of(sum));
+            for (out, pair) in out.iter_mut().zip(grid.row(y, z).as_chunks::<2>().0) {
+                *out = pair[0].minus(pair[1]);
             }
         } else {
-            let [[y, z], _] = self.rows([y, z]);
-            for ((out, &first), &sum) in out.iter_mut().zip(grid.row(y, z)).zip(sums) {
-                *out = first.minus(half_of(sum));
+            let [first, second] = self.rows([y, z]).map(|[y, z]| grid.row(y, z));
+            for ((out, &first), &second) in out[..pairs].iter_mut().zip(first).zip(second) {
+                *out = first.minus(second);
             }
         }
         out[pairs..].fill(S::default());
     }
 
-    /// Writes the samples of a row of sums, from its details.
+    /// Writes the pairs of a row of the half, from its averages and details.
     #[inline(always)]
-    pub fn put<S: Sample>(self, grid: &mut Grid<S>, sums: &Grid<S>, [y, z]: [usize; 2], details: &[S]) {
-        let sums = sums.row(y, z);
-        let details = &details[..sums.len()];
+    pub fn put<S: Sample>(self, grid: &mut Grid<S>, averages: &Grid<S>, [y, z]: [usize; 2], details: &[S]) {
+        let averages = averages.row(y, z);
+        let details = &details[..averages.len()];
         if self.axis == 0 {
             let (pairs, single) = grid.row_mut(y, z).as_chunks_mut::<2>();
-            for ((pair, &sum), &detail) in pairs.iter_mut().zip(sums).zip(details) {
-                let first = half_of(sum).plus(detail);
-                *pair = [first, sum.minus(first)];
+            for ((pair, &average), &detail) in pairs.iter_mut().zip(averages).zip(details) {
+                let second = average.minus(detail.shifted::<1>());
+                *pair = [second.plus(detail), second];
             }
             if let [single] = single {
-                *single = half_of(sums[sums.len() - 1]);
+                *single = averages[averages.len() - 1];
             }
             grid.repeat_ends(y, z);
             return;
         }
-        // The first row is written last: at the end of an odd axis, it is the only one.
+        // At the end of an odd axis, both rows are the same one, and the details are zero.
         let [first, second] = self.rows([y, z]);
-        for ((out, &sum), &detail) in grid.row_mut(second[0], second[1]).iter_mut().zip(sums).zip(details) {
-            *out = sum.minus(half_of(sum).plus(detail));
+        for ((out, &average), &detail) in grid.row_mut(second[0], second[1]).iter_mut().zip(averages).zip(details) {
+            *out = average.minus(detail.shifted::<1>());
         }
         grid.repeat_ends(second[0], second[1]);
-        for ((out, &sum), &detail) in grid.row_mut(first[0], first[1]).iter_mut().zip(sums).zip(details) {
-            *out = half_of(sum).plus(detail);
+        for ((out, &average), &detail) in grid.row_mut(first[0], first[1]).iter_mut().zip(averages).zip(details) {
+            *out = average.minus(detail.shifted::<1>()).plus(detail);
         }
         grid.repeat_ends(first[0], first[1]);
     }
 }
 
+/// Average of a pair, rounded down: `floor((a + b) / 2)`. It depends on b and the difference alone, so that it shifts with
+/// the pair even where numbers wrap.
+#[inline(always)]
+pub fn average<S: Sample>(a: S, b: S) -> S {
+    b.plus(a.minus(b).shifted::<1>())
+}
+
+/// Sum of a pair.
+#[inline(always)]
+pub fn sum<S: Sample>(a: S, b: S) -> S {
+    a.plus(b)
+}
+
 /// Positions (y, z) of all rows of a box, in order.
 pub fn rows_of([_, rows, slices]: [usize; 3]) -> impl Iterator<Item = [usize; 2]> {
     (0..slices).flat_map(move |z| (0..rows).map(move |y| [y, z]))
-}
-
-/// Half of a sum, rounded up.
-#[inline(always)]
-fn half_of<S: Sample>(sum: S) -> S {
-    sum.plus(S::wrap(1)).shifted::<1>()
 }
 
 /// A group of lanes of a row.

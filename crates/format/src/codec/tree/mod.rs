@@ -1,20 +1,20 @@
 //! Voxels of a box as details of the coarser voxels that were made of them: a critically sampled wavelet pyramid. Decoding
 //! needs the coarser voxels. The codec is lossless: for a bounded error the voxels are moved before ([`super::quantize`]).
 //!
-//! Let m be a coarser voxel, and S the sum of the 2, 4 or 8 voxels that it stands for, both in multiples of a step. The
-//! remainder r = S - 2^k m is small if m is their mean, however it was rounded. Then one axis after the other, z before y
-//! before x, divides each sum into the sums of its two halves, S = A + B. The detail of the pair is
+//! Voxels are multiples of a step. One axis after the other, x before y before z, replaces each pair a, b by its average
+//! and its difference (S transform; Said, Pearlman 1996):
 //!
 //! ```text
-//! d = A - ceil(S / 2),     so that A = ceil(S / 2) + d and B = S - A
+//! l = floor((a + b) / 2)     h = a - b     so that b = l - floor(h / 2) and a = b + h
 //! ```
 //!
-//! So 8 voxels become 8 numbers: a remainder and 7 details. There are as many as with the S transform, whose coarser voxels
-//! are other ones (two roundings down); these are the plain means that containers hold. Any other coarser voxels are
-//! allowed, too, and only cost bits. Details are predicted (`prediction.rs`), and what is left is coded in classes
-//! (`classes.rs`).
+//! What is left of 2, 4 or 8 voxels is an average that was rounded down once for each axis. The coarser voxel m, their mean
+//! rounded once, takes its place: that shifts all of them by one number, which the decoder finds again (`shifts.rs`). So 8
+//! voxels become 7 details. Coarser voxels that are no means are allowed, too, and only cost bits. Details are predicted
+//! (`prediction.rs`), and what is left is coded in classes (`classes.rs`).
 //!
-//! An axis whose factor is 1 is not divided. At the end of an odd axis a single voxel counts twice; it has no detail.
+//! An axis whose factor is 1 is not halved. At the end of an odd axis a single voxel is a pair with itself; it has no
+//! detail.
 //!
 //! Payload, all numbers little endian:
 //!
@@ -24,8 +24,8 @@
 //! | 1 | 8 | f64: the step |
 //! | 9 | 8 | only with holes: the bits of the voxel in every hole |
 //! | | | only with holes: chunk of the mask (1 in a hole, else 0), transformed by differences |
-//! | | | band of the remainders |
-//! | | | for each divided axis, z first: 11 x i16, the weights of the prediction in units of 1/256; band of its details |
+//! | | | for each halved axis, z first: 11 x i16, the weights of the prediction in units of 1/256; band of its details |
+//! | | | corrections of the shifts: a chunk of those at ties, a chunk of the others; none if it has no number |
 //!
 //! | size | meaning of a band |
 //! |---|---|
@@ -42,10 +42,12 @@
 mod classes;
 mod grid;
 mod prediction;
+mod shifts;
 
 use classes::{Band, CLASSES, Divided, Thresholds, are_smaller, divide};
-use grid::{Grid, Halving, rows_of};
+use grid::{Grid, Halving, average, rows_of};
 use prediction::{Around, Fit, TERMS, Visitor, Weights, for_each_row};
+use shifts::{Shifting, Shifts, shift_row};
 
 use super::chunks::{ChunkReader, Chunks};
 use super::payload::{BrickShape, CodecError};
@@ -106,19 +108,9 @@ impl Coarser<'_> {
         samples
     }
 
-    /// Sums of the voxels of a box if each were equal to its coarser voxel.
-    fn sums<V: Voxel, S: Sample>(&self, quantizer: Quantizer, extent: [usize; 3]) -> Grid<S> {
-        let halved = self.factors.iter().filter(|&&f| f == 2).count();
-        let mut grid = Grid::zeros(Self::extent(self.factors, extent));
-        let [n, rows, _] = grid.extent();
-        for (row, samples) in self.indices::<V, S>(quantizer).chunks_exact(n).enumerate() {
-            let [y, z] = [row % rows, row / rows];
-            for (out, m) in grid.row_mut(y, z).iter_mut().zip(samples) {
-                *out = S::wrap(m.number() << halved);
-            }
-            grid.repeat_ends(y, z);
-        }
-        grid
+    /// Indices of the coarser voxels of a box.
+    fn means<V: Voxel, S: Sample>(&self, quantizer: Quantizer, extent: [usize; 3]) -> Grid<S> {
+        to_grid(Self::extent(self.factors, extent), &self.indices::<V, S>(quantizer))
     }
 }
 
@@ -159,7 +151,7 @@ fn encode_typed<V: Voxel, S: Sample>(
     let absence = coarser.absence;
     let Some(quantizer) = step.or_else(|| common_step(voxels, absence)) else { return Ok(None) };
     let Some(Indices::<S> { mut samples, holes }) = Indices::of(voxels, quantizer, absence) else { return Ok(None) };
-    let expected = coarser.sums::<V, S>(quantizer, extent);
+    let means = coarser.means::<V, S>(quantizer, extent);
     let mut payload = vec![u8::from(holes.is_some()) * FLAG_HOLES];
     payload.extend(quantizer.step().to_le_bytes());
     let mut chunks = Chunks::after(payload);
@@ -171,24 +163,29 @@ fn encode_typed<V: Voxel, S: Sample>(
         chunks.choose_anew();
     }
     let halvings = Halving::all(extent, coarser.factors);
-    let mut grids = vec![to_grid(extent, &samples)];
+    let voxels = to_grid(extent, &samples);
+    let averages =
+        halvings.iter().fold(None, |grid, halving| Some(halving.fold(grid.as_ref().unwrap_or(&voxels), average)));
+    let shifts = differences(averages.as_ref().unwrap_or(&voxels), &means);
+    let back: Vec<S> = shifts.iter().map(|shift| S::default().minus(*shift)).collect();
+    let mut grids = vec![vectorized(Moving { grid: &voxels, shifts: &back, factors: coarser.factors })];
     for halving in &halvings {
-        grids.push(halving.sums(grids.last().expect("there is the box")));
+        grids.push(halving.fold(grids.last().expect("there is the box"), average));
     }
-    let total = grids.last().expect("there is the box");
-    let band = Band { extent: total.extent(), halving: None };
-    push_band(&mut chunks, band, &remainders(total, &expected), &expected)?;
-    for (halving, pair) in halvings.iter().zip(grids.windows(2)).rev() {
+    for (&halving, pair) in halvings.iter().zip(grids.windows(2)).rev() {
         if chunks.payload.len() >= limit {
             return Ok(None);
         }
-        let [grid, sums] = pair else { unreachable!("windows of two") };
-        let halving = *halving;
-        let weights = vectorized(Fitting { halving, grid, sums });
-        let rest = vectorized(Predicting { halving, grid, sums, weights: &weights });
+        let (grid, averages) = (&pair[0], &pair[1]);
+        let weights = vectorized(Fitting { halving, grid, averages });
+        let rest = vectorized(Predicting { halving, grid, averages, weights: &weights });
         chunks.payload.extend(weights.iter().flat_map(|weight| weight.to_le_bytes()));
-        push_band(&mut chunks, Band { extent: sums.extent(), halving: Some(halving) }, &rest, sums)?;
+        push_band(&mut chunks, Band(halving), &rest, averages)?;
     }
+    let found = vectorized(Shifting { means: &means, shifted: &grids[0], halvings: &halvings });
+    let corrections: Vec<S> = shifts.iter().zip(&found.shifts).map(|(shift, found)| shift.minus(*found)).collect();
+    chunks.choose_anew();
+    found.parts(&corrections).iter().filter(|part| !part.is_empty()).try_for_each(|part| chunks.push(part))?;
     Ok((chunks.payload.len() < limit).then_some(chunks.payload))
 }
 
@@ -214,18 +211,54 @@ fn to_grid<S: Sample>(extent: [usize; 3], samples: &[S]) -> Grid<S> {
     grid
 }
 
-/// Differences of sums from the expected ones.
-fn remainders<S: Sample>(sums: &Grid<S>, expected: &Grid<S>) -> Vec<S> {
-    rows_of(sums.extent())
-        .flat_map(|[y, z]| sums.row(y, z).iter().zip(expected.row(y, z)).map(|(s, e)| s.minus(*e)))
-        .collect()
+/// Differences of the samples of two boxes.
+fn differences<S: Sample>(one: &Grid<S>, other: &Grid<S>) -> Vec<S> {
+    let rows = rows_of(one.extent());
+    rows.flat_map(|[y, z]| one.row(y, z).iter().zip(other.row(y, z)).map(|(a, b)| a.minus(*b))).collect()
+}
+
+/// Row of the coarser voxels over a row of a box.
+fn coarser_row([y, z]: [usize; 2], factors: [u32; 3]) -> [usize; 2] {
+    let at = |axis: usize, i: usize| if factors[axis] == 2 { i / 2 } else { i };
+    [at(1, y), at(2, z)]
+}
+
+/// The shifts of the groups over a row of a box.
+#[inline(always)]
+fn shifts_of<S>(shifts: &[S], at: [usize; 2], factors: [u32; 3], extent: [usize; 3]) -> &[S] {
+    let [n, rows, _] = Coarser::extent(factors, extent);
+    let [y, z] = coarser_row(at, factors);
+    &shifts[(z * rows + y) * n..][..n]
+}
+
+/// Task that shifts the groups of a box.
+struct Moving<'a, S> {
+    grid: &'a Grid<S>,
+    shifts: &'a [S],
+    factors: [u32; 3],
+}
+
+impl<S: Sample> Vectorized for Moving<'_, S> {
+    type Output = Grid<S>;
+
+    #[inline(always)]
+    fn run(self) -> Grid<S> {
+        let Self { grid, shifts, factors } = self;
+        let mut moved = Grid::zeros(grid.extent());
+        for [y, z] in rows_of(grid.extent()) {
+            let shifts = shifts_of(shifts, [y, z], factors, grid.extent());
+            shift_row(grid.row(y, z), shifts, factors[0], moved.row_mut(y, z));
+            moved.repeat_ends(y, z);
+        }
+        moved
+    }
 }
 
 /// Task that fits the weights of a halving.
 struct Fitting<'a, S> {
     halving: Halving,
     grid: &'a Grid<S>,
-    sums: &'a Grid<S>,
+    averages: &'a Grid<S>,
 }
 
 impl<S: Sample> Vectorized for Fitting<'_, S> {
@@ -233,10 +266,10 @@ impl<S: Sample> Vectorized for Fitting<'_, S> {
 
     #[inline(always)]
     fn run(self) -> Weights {
-        let Self { halving, sums, .. } = self;
+        let Self { halving, averages, .. } = self;
         let mut fit = Fit::new();
         for _ in 0..ROUNDS {
-            for_each_row(sums, halving, &mut Looking { of: &self, fit: &mut fit });
+            for_each_row(averages, halving, &mut Looking { of: &self, fit: &mut fit });
             fit.solve();
         }
         fit.weights()
@@ -252,8 +285,8 @@ struct Looking<'a, S> {
 impl<S: Sample> Visitor<S> for Looking<'_, S> {
     #[inline(always)]
     fn visit(&mut self, at: [usize; 2], around: &Around<'_, S>, details: &mut [S]) {
-        let Fitting { halving, grid, sums } = self.of;
-        halving.details(grid, sums, at, details);
+        let Fitting { halving, grid, .. } = self.of;
+        halving.details(grid, at, details);
         if Fit::looks_at(at) {
             self.fit.add(around, details, halving.pairs(at));
         }
@@ -264,7 +297,7 @@ impl<S: Sample> Visitor<S> for Looking<'_, S> {
 struct Predicting<'a, S> {
     halving: Halving,
     grid: &'a Grid<S>,
-    sums: &'a Grid<S>,
+    averages: &'a Grid<S>,
     weights: &'a Weights,
 }
 
@@ -273,10 +306,10 @@ impl<S: Sample> Vectorized for Predicting<'_, S> {
 
     #[inline(always)]
     fn run(self) -> Vec<S> {
-        let Self { halving, sums, .. } = self;
+        let Self { halving, averages, .. } = self;
         let rest = Vec::with_capacity(halving.half.iter().product());
-        let mut visitor = Leaving { of: &self, predicted: vec![S::default(); sums.width()], rest };
-        for_each_row(sums, halving, &mut visitor);
+        let mut visitor = Leaving { of: &self, predicted: vec![S::default(); averages.width()], rest };
+        for_each_row(averages, halving, &mut visitor);
         visitor.rest
     }
 }
@@ -291,8 +324,8 @@ struct Leaving<'a, S> {
 impl<S: Sample> Visitor<S> for Leaving<'_, S> {
     #[inline(always)]
     fn visit(&mut self, at: [usize; 2], around: &Around<'_, S>, details: &mut [S]) {
-        let Predicting { halving, grid, sums, weights } = self.of;
-        halving.details(grid, sums, at, details);
+        let Predicting { halving, grid, weights, .. } = self.of;
+        halving.details(grid, at, details);
         around.predict(weights, &mut self.predicted);
         let pairs = halving.pairs(at);
         self.rest.extend(details[..pairs].iter().zip(&self.predicted).map(|(d, p)| d.minus(*p)));
@@ -302,7 +335,7 @@ impl<S: Sample> Visitor<S> for Leaving<'_, S> {
 /// Task that computes the activities of a band's groups.
 struct Measuring<'a, S> {
     band: Band,
-    sums: &'a Grid<S>,
+    averages: &'a Grid<S>,
 }
 
 impl<S: Sample> Vectorized for Measuring<'_, S> {
@@ -310,13 +343,13 @@ impl<S: Sample> Vectorized for Measuring<'_, S> {
 
     #[inline(always)]
     fn run(self) -> Vec<u32> {
-        self.band.activities(self.sums)
+        self.band.activities(self.averages)
     }
 }
 
-/// Appends the numbers of a band. Classes depend on `sums`.
-fn push_band<S: Sample>(chunks: &mut Chunks, band: Band, numbers: &[S], sums: &Grid<S>) -> Result<(), CodecError> {
-    let activities = vectorized(Measuring { band, sums });
+/// Appends the numbers of a band. Classes depend on `averages`.
+fn push_band<S: Sample>(chunks: &mut Chunks, band: Band, numbers: &[S], averages: &Grid<S>) -> Result<(), CodecError> {
+    let activities = vectorized(Measuring { band, averages });
     let thresholds = Thresholds::quantiles(&activities);
     let classes = divide(band, numbers, &activities, thresholds);
     let are_divided = are_smaller(&classes, numbers);
@@ -377,24 +410,27 @@ fn decode_typed<V: Voxel, S: Sample>(
         transform::undo_difference(&mut mask, shape.extent);
         holes = Some((*fill, mask));
     }
-    let mut sums = coarser.sums::<V, S>(quantizer, shape.extent);
-    let band = Band { extent: sums.extent(), halving: None };
-    let remainders = take_band(&mut reader, &mut rest, band, &sums).map_err(wrong)?;
-    add(&mut sums, remainders);
-    for halving in Halving::all(shape.extent, coarser.factors).into_iter().rev() {
+    let means = coarser.means::<V, S>(quantizer, shape.extent);
+    let halvings = Halving::all(shape.extent, coarser.factors);
+    let mut shifted = None;
+    for &halving in halvings.iter().rev() {
+        let averages = shifted.as_ref().unwrap_or(&means);
         let weights = take_weights(&mut rest).ok_or_else(|| wrong("weights are cut short".into()))?;
-        let band = Band { extent: sums.extent(), halving: Some(halving) };
-        let left = take_band(&mut reader, &mut rest, band, &sums).map_err(wrong)?;
-        sums = vectorized(Dividing { halving, sums: &sums, weights: &weights, left });
+        let left = take_band(&mut reader, &mut rest, Band(halving), averages).map_err(wrong)?;
+        shifted = Some(vectorized(Dividing { halving, averages, weights: &weights, left }));
     }
+    let grid = shifted.as_ref().unwrap_or(&means);
+    let mut shifts = vectorized(Shifting { means: &means, shifted: grid, halvings: &halvings });
+    take_corrections(&mut reader, &mut rest, &mut shifts).map_err(wrong)?;
     if !rest.is_empty() {
         return Err(wrong(format!("{} bytes behind the last band; expected none", rest.len())));
     }
     // A branch of its own, so that the compiler optimizes the common case without a step.
+    let (shifts, factors) = (&shifts.shifts[..], coarser.factors);
     if quantizer == Quantizer::WHOLE {
-        vectorized(Writing { grid: &sums, out, voxel: V::from_word });
+        vectorized(Writing { grid, shifts, factors, out, voxel: V::from_word });
     } else {
-        vectorized(Writing { grid: &sums, out, voxel: quantizer.voxels::<V>() });
+        vectorized(Writing { grid, shifts, factors, out, voxel: quantizer.voxels::<V>() });
     }
     if let Some((fill, mask)) = holes {
         let fill = &fill[..size_of::<V>()];
@@ -407,22 +443,24 @@ fn decode_typed<V: Voxel, S: Sample>(
     Ok(())
 }
 
-/// Adds remainders to sums.
-fn add<S: Sample>(sums: &mut Grid<S>, mut remainders: Divided<S>) {
-    let n = sums.extent()[0];
-    let mut row = vec![S::default(); sums.width()];
-    for [y, z] in rows_of(sums.extent()) {
-        row[..n].copy_from_slice(sums.row(y, z));
-        remainders.add_to(&mut row, n);
-        sums.row_mut(y, z).copy_from_slice(&row[..n]);
-        sums.repeat_ends(y, z);
-    }
-}
-
 fn take_weights(payload: &mut &[u8]) -> Option<Weights> {
     let (bytes, rest) = payload.split_first_chunk::<{ 2 * TERMS }>()?;
     *payload = rest;
     Some(std::array::from_fn(|i| i16::from_le_bytes([bytes[2 * i], bytes[2 * i + 1]])))
+}
+
+/// Reads the corrections of shifts and adds them. An error is a sentence.
+fn take_corrections<S: Sample>(
+    reader: &mut ChunkReader,
+    payload: &mut &[u8],
+    shifts: &mut Shifts<S>,
+) -> Result<(), String> {
+    let mut parts = shifts.counts().map(|count| vec![S::default(); count]);
+    for part in parts.iter_mut().filter(|part| !part.is_empty()) {
+        reader.take(payload, part)?;
+    }
+    shifts.correct(&parts);
+    Ok(())
 }
 
 /// Reads the numbers of a band, in the order of the rows, and advances `payload`. An error is a sentence.
@@ -430,7 +468,7 @@ fn take_band<S: Sample>(
     reader: &mut ChunkReader,
     payload: &mut &[u8],
     band: Band,
-    sums: &Grid<S>,
+    averages: &Grid<S>,
 ) -> Result<Divided<S>, String> {
     let (&is_divided, behind) = payload.split_first().ok_or("a band is missing")?;
     *payload = behind;
@@ -444,7 +482,7 @@ fn take_band<S: Sample>(
     *payload = behind;
     let thresholds =
         Thresholds(std::array::from_fn(|i| u32::from_le_bytes(std::array::from_fn(|byte| thresholds[4 * i + byte]))));
-    let activities = vectorized(Measuring { band, sums });
+    let activities = vectorized(Measuring { band, averages });
     let mut numbers = Divided::by(band, &activities, thresholds);
     for (class, count) in numbers.counts().into_iter().enumerate().filter(|(_, count)| *count > 0) {
         reader.take(payload, &mut numbers.numbers[class][..count])?;
@@ -452,10 +490,10 @@ fn take_band<S: Sample>(
     Ok(numbers)
 }
 
-/// Task that divides sums into those of their halves.
+/// Task that makes a box of its averages and details.
 struct Dividing<'a, S> {
     halving: Halving,
-    sums: &'a Grid<S>,
+    averages: &'a Grid<S>,
     weights: &'a Weights,
     /// Details without their predictions.
     left: Divided<S>,
@@ -466,17 +504,17 @@ impl<S: Sample> Vectorized for Dividing<'_, S> {
 
     #[inline(always)]
     fn run(self) -> Grid<S> {
-        let Self { halving, sums, weights, left } = self;
-        let mut visitor = Putting { halving, sums, weights, left, grid: Grid::zeros(halving.whole) };
-        for_each_row(sums, halving, &mut visitor);
+        let Self { halving, averages, weights, left } = self;
+        let mut visitor = Putting { halving, averages, weights, left, grid: Grid::zeros(halving.whole) };
+        for_each_row(averages, halving, &mut visitor);
         visitor.grid
     }
 }
 
-/// Visitor that computes details and writes the halves of the sums.
+/// Visitor that computes details and writes the pairs.
 struct Putting<'a, S> {
     halving: Halving,
-    sums: &'a Grid<S>,
+    averages: &'a Grid<S>,
     weights: &'a Weights,
     left: Divided<S>,
     grid: Grid<S>,
@@ -489,13 +527,15 @@ impl<S: Sample> Visitor<S> for Putting<'_, S> {
         around.predict(self.weights, details);
         self.left.add_to(details, pairs);
         details[pairs..].fill(S::default());
-        self.halving.put(&mut self.grid, self.sums, at, details);
+        self.halving.put(&mut self.grid, self.averages, at, details);
     }
 }
 
-/// Task that writes the voxels of samples.
+/// Task that writes voxels, shifted with their groups.
 struct Writing<'a, S, F> {
     grid: &'a Grid<S>,
+    shifts: &'a [S],
+    factors: [u32; 3],
     out: &'a mut [u8],
     voxel: F,
 }
@@ -505,11 +545,13 @@ impl<S: Sample, V: Voxel, F: Fn(i32) -> V> Vectorized for Writing<'_, S, F> {
 
     #[inline(always)]
     fn run(self) {
-        let Self { grid, out, voxel } = self;
-        let [n, rows, _] = grid.extent();
-        for (row, out) in out.chunks_exact_mut(n * size_of::<V>()).enumerate() {
-            let samples = grid.row(row % rows, row / rows);
-            for (bytes, &index) in out.chunks_exact_mut(size_of::<V>()).zip(samples) {
+        let Self { grid, shifts, factors, out, voxel } = self;
+        let n = grid.extent()[0];
+        let mut samples = vec![S::default(); n];
+        for ([y, z], out) in rows_of(grid.extent()).zip(out.chunks_exact_mut(n * size_of::<V>())) {
+            let shifts = shifts_of(shifts, [y, z], factors, grid.extent());
+            shift_row(grid.row(y, z), shifts, factors[0], &mut samples);
+            for (bytes, &index) in out.chunks_exact_mut(size_of::<V>()).zip(&samples) {
                 voxel(index.number()).write_le(bytes);
             }
         }

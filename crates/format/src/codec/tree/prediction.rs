@@ -1,9 +1,9 @@
-//! Prediction of details from sums around them and from details of earlier rows.
+//! Prediction of details from averages around them and from details of earlier rows.
 //!
-//! A detail is predicted as a weighted sum of [`TERMS`] numbers. Let D_k(p) be the sum k places before p on the halved
-//! axis, less the sum k places behind p. Let d(j, k) be the detail j rows before in y and k slices before in z. The terms
+//! A detail is predicted as a weighted sum of [`TERMS`] numbers. Let D_k(p) be the average k places before p on the halved
+//! axis, less the average k places behind p. Let d(j, k) be the detail j rows before in y and k slices before in z. The terms
 //! are D_1 and D_2 of the detail's own place; D_1 of the four places beside it on the other two axes; and d(1, 0), d(0, 1),
-//! d(1, 1), d(2, 0) and d(0, 2). A prediction from D_1 alone with weight 1/16 is that of S+P (Said, Pearlman 1996, "An image
+//! d(1, 1), d(2, 0) and d(0, 2). A prediction from D_1 alone with weight 1/4 is that of S+P (Said, Pearlman 1996, "An image
 //! multiresolution representation for lossless and lossy compression", predictor A).
 //!
 //! No term lies on the detail's own row among the details: all details of a row are predicted at once. Weights are those
@@ -13,7 +13,7 @@
 use super::grid::{Grid, Halving, LANES, MARGIN, lanes_of};
 use crate::codec::sample::Sample;
 
-/// Differences of sums in a prediction.
+/// Differences of averages in a prediction.
 const DIFFERENCES: usize = 6;
 /// Earlier details in a prediction.
 const EARLIER: usize = 5;
@@ -61,8 +61,8 @@ pub struct Around<'a, S> {
 
 impl<'a, S: Sample> Around<'a, S> {
     #[inline(always)]
-    fn new<const AXIS: usize>(sums: &'a Grid<S>, earlier: &'a Earlier<S>, at: [usize; 2]) -> Self {
-        let near = sums.near(at);
+    fn new<const AXIS: usize>(averages: &'a Grid<S>, earlier: &'a Earlier<S>, at: [usize; 2]) -> Self {
+        let near = averages.near(at);
         let mut differences = [[near.row([0; 3]); 2]; DIFFERENCES];
         let mut place = [0; 3];
         let besides = [(0, 0), (0, 0), (1, -1), (1, 1), (2, -1), (2, 1)];
@@ -127,22 +127,22 @@ pub trait Visitor<S> {
 
 /// Visits all rows of details in order.
 #[inline(always)]
-pub fn for_each_row<S: Sample>(sums: &Grid<S>, halving: Halving, visitor: &mut impl Visitor<S>) {
+pub fn for_each_row<S: Sample>(averages: &Grid<S>, halving: Halving, visitor: &mut impl Visitor<S>) {
     match halving.axis {
-        0 => visit_rows::<0, S>(sums, halving, visitor),
-        1 => visit_rows::<1, S>(sums, halving, visitor),
-        _ => visit_rows::<2, S>(sums, halving, visitor),
+        0 => visit_rows::<0, S>(averages, halving, visitor),
+        1 => visit_rows::<1, S>(averages, halving, visitor),
+        _ => visit_rows::<2, S>(averages, halving, visitor),
     }
 }
 
 #[inline(always)]
-fn visit_rows<const AXIS: usize, S: Sample>(sums: &Grid<S>, halving: Halving, visitor: &mut impl Visitor<S>) {
+fn visit_rows<const AXIS: usize, S: Sample>(averages: &Grid<S>, halving: Halving, visitor: &mut impl Visitor<S>) {
     let [_, rows, slices] = halving.half;
-    let mut earlier = Earlier::new(sums.width(), rows);
-    let mut details = vec![S::default(); sums.width()];
+    let mut earlier = Earlier::new(averages.width(), rows);
+    let mut details = vec![S::default(); averages.width()];
     for z in 0..slices {
         for y in 0..rows {
-            visitor.visit([y, z], &Around::new::<AXIS>(sums, &earlier, [y, z]), &mut details);
+            visitor.visit([y, z], &Around::new::<AXIS>(averages, &earlier, [y, z]), &mut details);
             earlier.put([y, z], &details);
         }
     }
