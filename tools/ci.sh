@@ -29,7 +29,7 @@ readonly INSTALL_TRIES=3
 readonly SOAK_MINUTES="${SOAK_MINUTES:-2}"
 # Parts of the names of tests that share a device.
 readonly ONE_DEVICE="gpu_images::|graphics_devices"
-readonly FUZZ_TARGETS=(container journal codec_raw codec_rle codec_zstd codec_wavelet codec_trimmed segy nrrd metaimage nifti npy dicom dicom_frames tiff vti vtk zarr zarr3 n5 hdf5 archives slices viewer_xml)
+readonly FUZZ_TARGETS=(container journal codec_raw codec_rle codec_zstd codec_wavelet codec_trimmed codec_tree segy nrrd metaimage nifti npy dicom dicom_frames tiff vti vtk zarr zarr3 n5 hdf5 archives slices viewer_xml)
 
 started=$SECONDS
 work="$(mktemp -d)"

@@ -8,8 +8,10 @@
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
+use supervol_format::codec::tree::{self, Coarser};
 use supervol_format::codec::{BrickShape, Codec, CodecChoice, decode_into, encode};
 use supervol_format::container::header::{VERSION_BRICK_ERRORS, VERSION_EXACT, VERSION_QUANTIZED};
+use supervol_format::voxel_type::Absence;
 use supervol_format::{Container, Dims, VoxelBox, VoxelType};
 use supervol_preprocess::{BuildOptions, MaxError};
 use supervol_sources::formats::metaimage::{MetaImageSource, Outside};
@@ -126,6 +128,54 @@ pub fn codec_wavelet(data: &[u8]) {
 /// The trimmed codec (layers that repeat are left out): payloads decoded, voxels encoded and decoded.
 pub fn codec_trimmed(data: &[u8]) {
     codec(Codec::Trimmed, data);
+}
+
+/// The tree of details: payloads decoded, voxels encoded and decoded. The first five bytes choose type, shape and factors.
+/// The same bytes are the payload, the voxels and, from the end, the coarser voxels.
+///
+/// # Panics
+/// If the round trip is not exact, or if the voxels of a decoded payload do not survive a round trip.
+pub fn codec_tree(data: &[u8]) {
+    let Some((&[kind, x, y, z, halved], rest)) = data.split_first_chunk::<5>() else { return };
+    let voxel_type = VoxelType::ALL[usize::from(kind) % VoxelType::ALL.len()];
+    let shape = BrickShape { voxel_type, extent: [x, y, z].map(|n| usize::from(n) % 24 + 1) };
+    let factors = [0, 1, 2].map(|axis| u32::from(halved % 7 + 1 >> axis & 1) + 1);
+    let bytes = BrickShape { extent: Coarser::extent(factors, shape.extent), ..shape }.bytes();
+    let coarser: Vec<u8> = rest.iter().rev().copied().chain(std::iter::repeat(0)).take(bytes).collect();
+    let coarser = Coarser { voxels: &coarser, factors, absence: Absence::NON_FINITE_ONLY };
+    let round_trip = |voxels: &[u8]| {
+        let coded = tree::encode_if_smaller(shape, voxels, coarser, None, usize::MAX);
+        let Some(payload) = coded.expect("encoding needs only memory") else { return };
+        let mut out = vec![0xa5; voxels.len()];
+        tree::decode_into(shape, &payload, coarser, &mut out).expect("what was encoded decodes");
+        assert!(out == voxels, "tree is not lossless for {shape:?} by {factors:?}");
+    };
+    let mut decoded = vec![0; shape.bytes()];
+    if tree::decode_into(shape, rest, coarser, &mut decoded).is_ok() {
+        round_trip(&decoded);
+    }
+    round_trip(&rest.iter().copied().chain(std::iter::repeat(0)).take(shape.bytes()).collect::<Vec<u8>>());
+}
+
+/// Inputs of [`codec_tree`]: payloads with and without classes, and one with holes.
+fn tree_inputs() -> Vec<Vec<u8>> {
+    let input = |voxel_type: VoxelType, voxels: &[u8], last: u8| {
+        let shape = BrickShape { voxel_type, extent: [24; 3] };
+        let factors = [2; 3];
+        // Behind the payload there is nothing, so that the coarser voxels are read from its end. The input is decoded with
+        // other coarser voxels than it was made from: its chunks fit only if it is not divided by their activity.
+        let bytes = BrickShape { extent: [12; 3], ..shape }.bytes();
+        let coarser = vec![0; bytes];
+        let coarser = Coarser { voxels: &coarser, factors, absence: Absence::NON_FINITE_ONLY };
+        let coded = tree::encode_if_smaller(shape, voxels, coarser, None, usize::MAX);
+        let payload = coded.expect("encoding needs only memory").expect("voxels are multiples of a step");
+        [&[voxel_type as u8 - 1, 23, 23, 23, last][..], &payload].concat()
+    };
+    let voxels: Vec<u8> = (0..24 * 24 * 24).map(|i: usize| (i * i / 991 % 7 + i / 2000) as u8).collect();
+    let floats: Vec<u8> = (0..24 * 24 * 24)
+        .flat_map(|i: u16| if i % 5 == 0 { f32::NAN } else { f32::from(i / 13) }.to_le_bytes())
+        .collect();
+    vec![input(VoxelType::U8, &voxels, 6), input(VoxelType::F32, &floats, 6)]
 }
 
 /// The first four bytes choose type and shape. The rest is decoded as a payload, and encoded as voxels and decoded.
@@ -296,6 +346,7 @@ pub fn all() -> Vec<(&'static str, Body, Vec<Vec<u8>>)> {
         ("zarr", zarr, whole(&zarr_seed())),
         ("zarr3", zarr3, whole(&zarr3_seed())),
         ("n5", n5, whole(&n5_seed())),
+        ("codec_tree", codec_tree, tree_inputs()),
     ];
     let shape = BrickShape { voxel_type: VoxelType::ALL[3], extent: [6, 7, 8] };
     let voxels: Vec<u8> = (0..shape.bytes()).map(|i| (i / 13) as u8).collect();

@@ -83,6 +83,11 @@ fn codec_wavelet() {
 }
 
 #[test]
+fn codec_tree() {
+    run("codec_tree");
+}
+
+#[test]
 fn codec_trimmed() {
     run("codec_trimmed");
 }

@@ -13,13 +13,19 @@
 //! | 3 | [`zstd`] | predicted differences, byte planes, Zstandard | nearly everything else |
 //! | 4 | [`wavelet`] | multiples of a step, transformed | measured data: integers, and floats with a common step |
 //! | 5 | [`trimmed`] | raw, rle or zstd, without repeated layers of apron | edges of a grid, above all of a thin one |
+//!
+//! [`tree`] codes voxels as details of the next coarser level's. It has no tag: no container uses it yet.
 
+mod chunks;
 mod compressor;
 mod payload;
 pub mod quantize;
 pub mod raw;
 mod repeats;
 pub mod rle;
+mod sample;
+mod tokens;
+pub mod tree;
 pub mod trimmed;
 pub mod wavelet;
 pub mod zstd;

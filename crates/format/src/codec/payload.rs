@@ -81,6 +81,8 @@ pub enum CodecError {
     Zstd { reason: String },
     #[error("wavelet payload: {reason}")]
     Wavelet { reason: String },
+    #[error("tree payload: {reason}")]
+    Tree { reason: String },
     #[error("trimmed payload: {reason}")]
     Trimmed { reason: String },
     #[error("codec {codec} has no payload to decode")]

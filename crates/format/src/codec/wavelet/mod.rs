@@ -16,27 +16,19 @@
 //!
 //! Coefficients are ordered band by band, coarsest first, x fastest inside a band. Differences are one band. A chunk
 //! holds whole bands: as few as together have [`CHUNK_COEFFICIENTS`], so that bands of different statistics get their
-//! own Huffman tables:
-//!
-//! | size | meaning |
-//! |---|---|
-//! | 4 | u32: number of tokens (`tokens.rs`) |
-//! | 4 | u32: length of the Zstandard frame of the tokens in bytes |
-//! | 4 | u32: length of the extra bits in bytes |
-//! | | frame, extra bits |
+//! own Huffman tables (`codec/chunks.rs`).
 
-mod tokens;
-mod transform;
+pub(super) mod transform;
 
 use std::borrow::Cow;
 
-use tokens::{BITS_PADDING, Decoding, Encoding, Tokens};
-use transform::{Band, Sample, bands};
+use transform::{Band, bands};
 
-use super::compressor::{Frames, append_frame, read_frame};
+use super::chunks::{ChunkReader, Chunks};
 use super::payload::{BrickShape, CodecError};
 use super::quantize::{Quantizer, common_step};
 use super::repeats::{Places, Repeats};
+use super::sample::Sample;
 use crate::vectors::{Vectorized, vectorized};
 use crate::voxel_type::{Absence, Voxel};
 use crate::with_voxel;
@@ -52,7 +44,6 @@ pub const CHUNK_COEFFICIENTS: usize = 4096;
 /// Edge in voxels of the part that decides between the transforms.
 const PROBED: usize = 32;
 const HEAD_BYTES: usize = 10;
-const CHUNK_HEAD_BYTES: usize = 12;
 const FLAG_HOLES: u8 = 1 << 6;
 
 /// Transform from indices to coefficients.
@@ -147,7 +138,7 @@ pub fn encode_if_smaller(
 }
 
 /// Little-endian bytes as voxels; without a copy if the bytes are aligned like voxels.
-fn to_voxels<V: Voxel>(bytes: &[u8]) -> Cow<'_, [V]> {
+pub(super) fn to_voxels<V: Voxel>(bytes: &[u8]) -> Cow<'_, [V]> {
     match bytemuck::try_cast_slice(bytes) {
         Ok(voxels) if cfg!(target_endian = "little") => Cow::Borrowed(voxels),
         _ => bytes.chunks_exact(size_of::<V>()).map(V::read_le).collect(),
@@ -173,29 +164,29 @@ fn encode_typed<V: Voxel, S: Sample>(
 
     let mut payload = vec![transform as u8, repeats.bits()];
     payload.extend(quantizer.step().to_le_bytes());
-    let mut writer = ChunkWriter { payload, limit };
+    let mut writer = ChunkWriter { chunks: Chunks::after(payload), limit };
     if let Some((fill, mask)) = holes {
-        writer.payload[1] |= FLAG_HOLES;
-        writer.payload.extend(fill.to_le_bytes());
+        writer.chunks.payload[1] |= FLAG_HOLES;
+        writer.chunks.payload.extend(fill.to_le_bytes());
         let mut mask = cut_off(mask, extent, part);
         Transform::Differences.apply(&mut mask, coded);
         if !writer.push_all(Transform::Differences, &mask, coded)? {
             return Ok(None);
         }
     }
-    Ok(writer.push_all(transform, &samples, coded)?.then_some(writer.payload))
+    Ok(writer.push_all(transform, &samples, coded)?.then_some(writer.chunks.payload))
 }
 
 /// Indices of the voxels of a brick.
-struct Indices<S> {
-    samples: Vec<S>,
+pub(super) struct Indices<S> {
+    pub samples: Vec<S>,
     /// Bits of the voxel in every hole, and the mask: 1 in a hole, else 0.
-    holes: Option<(u64, Vec<S>)>,
+    pub holes: Option<(u64, Vec<S>)>,
 }
 
 impl<S: Sample> Indices<S> {
     /// `None` if a voxel is not a multiple of the step, or holes differ.
-    fn of<V: Voxel>(voxels: &[V], quantizer: Quantizer, absence: Absence) -> Option<Self> {
+    pub fn of<V: Voxel>(voxels: &[V], quantizer: Quantizer, absence: Absence) -> Option<Self> {
         let bits = |v: &V| {
             let mut bytes = [0; 8];
             v.write_le(&mut bytes[..size_of::<V>()]);
@@ -229,10 +220,10 @@ impl<S: Sample> Indices<S> {
 }
 
 /// Task that computes the indices of voxels; false if a voxel is not a multiple of the step.
-struct Indexing<'a, V, S> {
-    voxels: &'a [V],
-    quantizer: Quantizer,
-    samples: &'a mut [S],
+pub(super) struct Indexing<'a, V, S> {
+    pub voxels: &'a [V],
+    pub quantizer: Quantizer,
+    pub samples: &'a mut [S],
 }
 
 impl<V: Voxel, S: Sample> Vectorized for Indexing<'_, V, S> {
@@ -330,13 +321,8 @@ fn gather<'a, S: Sample>(samples: &[S], extent: [usize; 3], bands: &[Band], out:
     &out[..count]
 }
 
-/// Number of tokens that are compressed twice to find out whether matches help.
-const TRIED: usize = 8192;
-/// Matches must save at least one part in this many; a smaller gain may be chance.
-const LEAST_SAVED: usize = 16;
-
 struct ChunkWriter {
-    payload: Vec<u8>,
+    chunks: Chunks,
     limit: usize,
 }
 
@@ -349,41 +335,18 @@ impl ChunkWriter {
         extent: [usize; 3],
     ) -> Result<bool, CodecError> {
         let mut gathered = Vec::new();
-        // Kind of frame for these coefficients, once there have been enough tokens to choose it.
-        let mut chosen = None;
+        self.chunks.choose_anew();
         for chunk in transform.chunks(extent) {
             let is_whole_box = chunk.iter().any(|band| band.extent() == extent);
             let coefficients =
                 if is_whole_box { coefficients } else { gather(coefficients, extent, &chunk, &mut gathered) };
-            let Tokens { tokens, bits } = vectorized(Encoding { coefficients });
-            let head = self.payload.len();
-            self.payload.extend([0; CHUNK_HEAD_BYTES]);
-            if chosen.is_none() {
-                chosen = frames_of(&tokens)?;
-            }
-            let frame =
-                append_frame(chosen.unwrap_or(Frames::Codes), &tokens, &mut self.payload).map_err(zstd_failed)?;
-            let lengths = [tokens.len(), frame, bits.len()];
-            for (target, length) in self.payload[head..].as_chunks_mut::<4>().0.iter_mut().zip(lengths) {
-                *target = u32::try_from(length).expect("a brick has fewer than 2^32 voxels").to_le_bytes();
-            }
-            self.payload.extend(bits);
-            if self.payload.len() >= self.limit {
+            self.chunks.push(coefficients)?;
+            if self.chunks.payload.len() >= self.limit {
                 return Ok(false);
             }
         }
         Ok(true)
     }
-}
-
-/// Kind of frame for tokens like these, or `None` if there are too few to tell. Noise is coded best by Huffman codes
-/// alone; periodic data also by matches.
-fn frames_of(tokens: &[u8]) -> Result<Option<Frames>, CodecError> {
-    let Some(tried) = tokens.get(..TRIED) else { return Ok(None) };
-    let length = |frames| append_frame(frames, tried, &mut Vec::new()).map_err(zstd_failed);
-    let codes = length(Frames::Codes)?;
-    let repeat = length(Frames::Matches)? < codes - codes / LEAST_SAVED;
-    Ok(Some(if repeat { Frames::Matches } else { Frames::Codes }))
 }
 
 /// Decodes into a buffer of exactly the brick's size.
@@ -415,15 +378,15 @@ fn decode_typed<V: Voxel, S: Sample>(shape: BrickShape, payload: &[u8], out: &mu
     let repeats = Repeats::from_bits(flags & !FLAG_HOLES, shape.extent)
         .ok_or_else(|| wrong(format!("flags {flags:#010b}; expected those of {:?} voxels", shape.extent)))?;
     let (from, coded) = repeats.coded(shape.extent);
-    let mut scratch = Scratch::default();
+    let mut reader = ChunkReader::default();
     let holes = if flags & FLAG_HOLES == 0 {
         None
     } else {
         let (fill, behind) = rest.split_first_chunk::<8>().ok_or_else(|| wrong("no voxel for its holes".into()))?;
         rest = behind;
-        Some((*fill, scratch.take_all::<S>(&mut rest, Transform::Differences, coded)?))
+        Some((*fill, take_all::<S>(&mut reader, &mut rest, Transform::Differences, coded)?))
     };
-    let samples = scratch.take_all::<S>(&mut rest, transform, coded)?;
+    let samples = take_all::<S>(&mut reader, &mut rest, transform, coded)?;
     if !rest.is_empty() {
         return Err(wrong(format!("{} bytes behind the last chunk; expected none", rest.len())));
     }
@@ -440,74 +403,33 @@ fn decode_typed<V: Voxel, S: Sample>(shape: BrickShape, payload: &[u8], out: &mu
     Ok(())
 }
 
-fn zstd_failed(e: std::io::Error) -> CodecError {
-    CodecError::Zstd { reason: e.to_string() }
-}
-
-/// Buffers that are reused for all chunks.
-#[derive(Default)]
-struct Scratch {
-    tokens: Vec<u8>,
-    bits: Vec<u8>,
-}
-
-impl Scratch {
-    /// Reads the coefficients of a box, reverses the transform, and advances `payload`.
-    fn take_all<S: Sample>(
-        &mut self,
-        payload: &mut &[u8],
-        transform: Transform,
-        extent: [usize; 3],
-    ) -> Result<Vec<S>, CodecError> {
-        let mut samples = vec![S::default(); extent.iter().product()];
-        let mut gathered = Vec::new();
-        for chunk in transform.chunks(extent) {
-            if chunk.iter().any(|band| band.extent() == extent) {
-                self.take_chunk(payload, &mut samples)?;
-                continue;
-            }
-            gathered.clear();
-            gathered.resize(chunk.iter().map(|band| band.samples()).sum(), S::default());
-            self.take_chunk(payload, &mut gathered)?;
-            let mut at = 0;
-            for row in chunk.into_iter().flat_map(|band| rows_of(band, extent)) {
-                let length = row.len();
-                samples[row].copy_from_slice(&gathered[at..at + length]);
-                at += length;
-            }
+/// Reads the coefficients of a box, reverses the transform, and advances `payload`.
+fn take_all<S: Sample>(
+    reader: &mut ChunkReader,
+    payload: &mut &[u8],
+    transform: Transform,
+    extent: [usize; 3],
+) -> Result<Vec<S>, CodecError> {
+    let wrong = |reason: String| CodecError::Wavelet { reason };
+    let mut samples = vec![S::default(); extent.iter().product()];
+    let mut gathered = Vec::new();
+    for chunk in transform.chunks(extent) {
+        if chunk.iter().any(|band| band.extent() == extent) {
+            reader.take(payload, &mut samples).map_err(wrong)?;
+            continue;
         }
-        transform.undo(&mut samples, extent);
-        Ok(samples)
-    }
-
-    /// Reads a chunk of `out.len()` coefficients and advances `payload`. `out` must hold zeros.
-    fn take_chunk<S: Sample>(&mut self, payload: &mut &[u8], out: &mut [S]) -> Result<(), CodecError> {
-        let coefficients = out.len();
-        let wrong = |reason: String| CodecError::Wavelet { reason };
-        let cut_short = || wrong("a chunk is cut short".into());
-        let (head, rest) = payload.split_first_chunk::<CHUNK_HEAD_BYTES>().ok_or_else(cut_short)?;
-        let length = |i: usize| u32::from_le_bytes([0, 1, 2, 3].map(|b| head[4 * i + b])) as usize;
-        let [tokens, frame_bytes, bits_bytes] = [0, 1, 2].map(length);
-        // Each token stands for at least one coefficient, so the buffer never exceeds the brick's size.
-        if tokens > coefficients {
-            return Err(wrong(format!("{tokens} tokens for {coefficients} coefficients")));
-        }
-        let (frame, rest) = rest.split_at_checked(frame_bytes).ok_or_else(cut_short)?;
-        let (bits, rest) = rest.split_at_checked(bits_bytes).ok_or_else(cut_short)?;
-        *payload = rest;
-        self.tokens.resize(tokens, 0);
-        let found = read_frame(frame, &mut self.tokens).map_err(|e| wrong(e.to_string()))?;
-        self.bits.clear();
-        self.bits.extend_from_slice(bits);
-        self.bits.extend([0; BITS_PADDING]);
-        if found == tokens && vectorized(Decoding { tokens: &self.tokens, bits: &self.bits, out }) {
-            Ok(())
-        } else {
-            Err(wrong(format!(
-                "{found} tokens and {bits_bytes} bytes of bits that are not {coefficients} coefficients"
-            )))
+        gathered.clear();
+        gathered.resize(chunk.iter().map(|band| band.samples()).sum(), S::default());
+        reader.take(payload, &mut gathered).map_err(wrong)?;
+        let mut at = 0;
+        for row in chunk.into_iter().flat_map(|band| rows_of(band, extent)) {
+            let length = row.len();
+            samples[row].copy_from_slice(&gathered[at..at + length]);
+            at += length;
         }
     }
+    transform.undo(&mut samples, extent);
+    Ok(samples)
 }
 
 /// Task that writes the voxels of samples, and repeats along x those that are not coded.
@@ -550,7 +472,6 @@ fn fill_holes<S: Sample>(places: &Places, mask: &[S], fill: &[u8], out: &mut [u8
 mod tests {
     use super::*;
     use crate::VoxelType;
-    use crate::random::Random;
 
     const NODATA: Absence = Absence { nodata: Some(-999.0) };
 
@@ -634,24 +555,6 @@ mod tests {
         let tokens = ::zstd::bulk::decompress(&chunk[12..12 + frame_bytes], 3).expect("a frame");
         assert_eq!(tokens, [128 + 4 + 2, 1, 64]);
         assert_eq!(chunk[12 + frame_bytes..], [17]);
-    }
-
-    #[test]
-    fn tokens_that_repeat_have_matches_and_noise_has_none() {
-        let mut random = Random::new(5);
-        let noise: Vec<u8> = (0..2 * TRIED).map(|_| 64 + random.below(8) as u8).collect();
-        let periodic: Vec<u8> = noise[..500].iter().copied().cycle().take(2 * TRIED).collect();
-        let coded = |frames, tokens: &[u8]| append_frame(frames, tokens, &mut Vec::new()).expect("there is memory");
-        for (tokens, expected, other) in
-            [(&noise, Frames::Codes, Frames::Matches), (&periodic, Frames::Matches, Frames::Codes)]
-        {
-            let frames_of = |tokens: &[u8]| frames_of(tokens).expect("there is memory");
-            assert_eq!(frames_of(&tokens[..TRIED - 1]), None, "too few to tell");
-            assert_eq!([frames_of(tokens), frames_of(&tokens[..TRIED])], [Some(expected); 2]);
-            assert!(coded(expected, tokens) < coded(other, tokens));
-            // Huffman codes alone take three bits per token.
-            assert!(coded(Frames::Codes, tokens) < tokens.len() * 4 / 8);
-        }
     }
 
     #[test]

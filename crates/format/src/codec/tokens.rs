@@ -14,7 +14,7 @@
 //! | 128 to 231 | greater zigzag numbers | 2 |
 //! | 232 to 255 | invalid, refused | |
 
-use super::transform::Sample;
+use super::sample::Sample;
 use crate::vectors::Vectorized;
 
 /// Tokens of one kind of number: runs or values.
