@@ -139,7 +139,7 @@ pub fn codec_tree(data: &[u8]) {
     let Some((&[kind, x, y, z, halved], rest)) = data.split_first_chunk::<5>() else { return };
     let voxel_type = VoxelType::ALL[usize::from(kind) % VoxelType::ALL.len()];
     let shape = BrickShape { voxel_type, extent: [x, y, z].map(|n| usize::from(n) % 24 + 1) };
-    let factors = [0, 1, 2].map(|axis| u32::from(halved % 7 + 1 >> axis & 1) + 1);
+    let factors = [0, 1, 2].map(|axis| u32::from(((halved % 7 + 1) >> axis) & 1) + 1);
     let bytes = BrickShape { extent: Coarser::extent(factors, shape.extent), ..shape }.bytes();
     let coarser: Vec<u8> = rest.iter().rev().copied().chain(std::iter::repeat(0)).take(bytes).collect();
     let coarser = Coarser { voxels: &coarser, factors, absence: Absence::NON_FINITE_ONLY };
@@ -173,7 +173,7 @@ fn tree_inputs() -> Vec<Vec<u8>> {
     };
     let voxels: Vec<u8> = (0..24 * 24 * 24).map(|i: usize| (i * i / 991 % 7 + i / 2000) as u8).collect();
     let floats: Vec<u8> = (0..24 * 24 * 24)
-        .flat_map(|i: u16| if i % 5 == 0 { f32::NAN } else { f32::from(i / 13) }.to_le_bytes())
+        .flat_map(|i: u16| if i.is_multiple_of(5) { f32::NAN } else { f32::from(i / 13) }.to_le_bytes())
         .collect();
     vec![input(VoxelType::U8, &voxels, 6), input(VoxelType::F32, &floats, 6)]
 }
