@@ -115,11 +115,13 @@ impl ValueMap {
     /// Bound on what render values of this range of data values are off by, because they are rounded.
     #[must_use]
     pub fn rounding_within(&self, range: ValueRange) -> f32 {
-        if !self.is_rounded || range.is_empty() {
-            return 0.0;
-        }
-        let greatest = self.from_data(range.min).abs().max(self.from_data(range.max).abs());
-        greatest * (ROUNDING * (1.0 + f32::EPSILON))
+        if self.is_rounded { self.distance_from_data(self.greatest_within(range)) } else { 0.0 }
+    }
+
+    /// Greatest size of a render value in a range of data values; 0 if the range is empty.
+    #[must_use]
+    pub fn greatest_within(&self, range: ValueRange) -> f32 {
+        if range.is_empty() { 0.0 } else { self.from_data(range.min).abs().max(self.from_data(range.max).abs()) }
     }
 
     /// Bound on the distance of render values up to this size from the data's: values that are rounded, and stored numbers whose scale

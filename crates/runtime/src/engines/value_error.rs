@@ -33,7 +33,7 @@ pub fn by_f32(mode: Mode, map: &ValueMap, range: ValueRange, core: usize) -> f64
     if range.is_empty() {
         return 0.0;
     }
-    let greatest = greatest(map, range);
+    let greatest = map.greatest_within(range);
     let of_positions = MOVES * f64::from(POSITION_ERROR) * range.width();
     let of_values = f64::from(VALUE_ERROR) * (f64::from(greatest) + COEFFICIENTS * range.width());
     let of_sums = match mode {
@@ -49,7 +49,7 @@ pub fn by_device(map: &ValueMap, range: ValueRange) -> f64 {
     if range.is_empty() {
         return 0.0;
     }
-    DEVICE_ESTIMATE * range.width() + f64::from(map.distance_from_data(greatest(map, range)))
+    DEVICE_ESTIMATE * range.width() + f64::from(map.distance_from_data(map.greatest_within(range)))
 }
 
 /// The same for a value that is computed in `f64` from the container's own numbers.
@@ -59,11 +59,6 @@ pub fn by_f64(range: ValueRange) -> f64 {
         return 0.0;
     }
     MOVES * EXACT_POSITION * range.width() + EXACT_VALUE * range.min.abs().max(range.max.abs())
-}
-
-/// Greatest size of a render value in a range of data values.
-fn greatest(map: &ValueMap, range: ValueRange) -> f32 {
-    map.from_data(range.min).abs().max(map.from_data(range.max).abs())
 }
 
 /// Greatest error of a value that keeps the picture within `max_error`: 0 if the transfer function has a step.

@@ -34,7 +34,7 @@ pub struct Room {
     pub packed_bytes: u64,
 }
 
-/// What one frame needed of the cache.
+/// Needs of one frame.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct FrameNeeds {
     /// Plain bytes of the bricks that rays used.

@@ -8,10 +8,10 @@
 //! l = floor((a + b) / 2)     h = a - b     so that b = l - floor(h / 2) and a = b + h
 //! ```
 //!
-//! What is left of 2, 4 or 8 voxels is an average that was rounded down once for each axis. The coarser voxel m, their mean
+//! The rest of 2, 4 or 8 voxels is an average that was rounded down once for each axis. The coarser voxel m, their mean
 //! rounded once, takes its place: that shifts all of them by one number, which the decoder finds again (`shifts.rs`). So 8
 //! voxels become 7 details. Coarser voxels that are no means are allowed, too, and only cost bits. Details are predicted
-//! (`prediction.rs`), and what is left is coded in classes (`classes.rs`).
+//! (`prediction.rs`), and the differences are coded in classes (`classes.rs`).
 //!
 //! An axis whose factor is 1 is not halved. At the end of an odd axis a single voxel is a pair with itself; it has no
 //! detail.

@@ -168,7 +168,7 @@ fn pairs_become_averages_and_differences() {
     }
 }
 
-/// Where coarser voxels are rounded means, however ties were rounded, only ties have corrections.
+/// Only ties have corrections if coarser voxels are rounded means, however ties were rounded.
 #[test]
 fn shifts_of_means_follow_from_the_voxels() {
     let (extent, factors) = ([20, 13, 6], [2; 3]);

@@ -7,8 +7,7 @@ use super::cell::{Cell, cubic_of_cell};
 use super::integrator::Integrator;
 use super::modes::{CellChord, gather_crossings, gather_dvr, gather_iso, gather_mean, gather_minip, gather_mip};
 use super::shade::ChordGradient;
-use super::visit::{BrickVisit, LevelVisit, StoredVoxel, cells_of_macro_cell};
-use super::walk::GridWalk;
+use super::visit::{BrickVisit, LevelVisit, StoredVoxel};
 use crate::engines::ray::RayState;
 use crate::engines::rules::TERMINATION_OPACITY;
 use crate::stream::counters::RayCounters;
@@ -116,24 +115,15 @@ impl CellByCell {
         &self,
         visit: &BrickVisit<'_>,
         (voxels, index): (&[T], [i64; 3]),
-        [mut t, exit]: [f64; 2],
+        t: [f64; 2],
         state: &mut RayState,
         counters: &mut RayCounters,
     ) {
-        let ray = visit.level.axis_ray;
-        let mut walk = GridWalk::new(ray, visit.cell_planes, cells_of_macro_cell(index), t);
-        while t < exit {
-            let cell_exit = walk.exit().min(exit);
-            if cell_exit > t {
-                counters.cells += 1;
-                self.gather_cell(visit, (voxels, walk.index), [t, cell_exit], state, counters);
-                if visit.level.is_done(state) {
-                    return;
-                }
-            }
-            t = cell_exit;
-            walk.advance(ray);
-        }
+        visit.for_each_cell(index, t, |index, t| {
+            counters.cells += 1;
+            self.gather_cell(visit, (voxels, index), t, state, counters);
+            !visit.level.is_done(state)
+        });
     }
 
     #[inline]

@@ -8,8 +8,7 @@ use supervol_scene::scene::Mode;
 use super::cell::{cubic_extremes, cubic_mean, cubic_of_cell, monotone_intervals};
 use super::exact::present;
 use super::integrator::Integrator;
-use super::visit::{BrickVisit, LevelVisit, StoredVoxel, cells_of_macro_cell};
-use super::walk::GridWalk;
+use super::visit::{BrickVisit, LevelVisit, StoredVoxel};
 use crate::engines::ray::RayState;
 use crate::engines::value_error::POSITION_ROUNDING;
 use crate::stream::counters::RayCounters;
@@ -25,6 +24,7 @@ pub(crate) fn gather_exact_values(
 ) {
     let visit = BrickVisit::new(level, brick, key);
     state.t = t[0];
+    // Packets count cells, and the macro cells that they leap over.
     let mut work = RayCounters::default();
     visit.march(t[1], &ExactValues, state, &mut work);
     counters.cells += work.cells;
@@ -55,7 +55,8 @@ pub(crate) fn gather_exact_value_cell(
 /// Gathers over an interval in which every voxel has this data value.
 pub(crate) fn gather_exact_uniform(level: &LevelVisit<'_>, data_value: f64, t: [f64; 2], state: &mut RayState) {
     if !level.axis_ray.is_rounding(t) {
-        gather(level.scene.mode, data_value - level.map().shift, [data_value - level.map().shift; 2], t, state);
+        let value = data_value - level.map().shift;
+        gather(level.scene.mode, value, [value; 2], t, state);
     }
 }
 
@@ -96,21 +97,15 @@ impl Integrator for ExactValues {
 fn march<T: StoredVoxel>(
     visit: &BrickVisit<'_>,
     (voxels, index): (&[T], [i64; 3]),
-    [mut t, exit]: [f64; 2],
+    t: [f64; 2],
     state: &mut RayState,
     counters: &mut RayCounters,
 ) {
-    let ray = visit.level.axis_ray;
-    let mut walk = GridWalk::new(ray, visit.cell_planes, cells_of_macro_cell(index), t);
-    while t < exit {
-        let cell_exit = walk.exit().min(exit);
-        if cell_exit > t {
-            counters.cells += 1;
-            gather_cell(visit, (voxels, walk.index), [t, cell_exit], state);
-        }
-        t = cell_exit;
-        walk.advance(ray);
-    }
+    visit.for_each_cell(index, t, |index, t| {
+        counters.cells += 1;
+        gather_cell(visit, (voxels, index), t, state);
+        true
+    });
 }
 
 fn gather_cell<T: StoredVoxel>(

@@ -216,6 +216,26 @@ impl<'a> BrickVisit<'a> {
         }
     }
 
+    /// Calls `gather` for each trilinear cell that the ray crosses in a macro cell, with the part of `t` in it, until it returns `false`.
+    #[inline]
+    pub(crate) fn for_each_cell(
+        &self,
+        macro_cell: [i64; 3],
+        [mut t, exit]: [f64; 2],
+        mut gather: impl FnMut([i64; 3], [f64; 2]) -> bool,
+    ) {
+        let ray = self.level.axis_ray;
+        let mut walk = GridWalk::new(ray, self.cell_planes, cells_of_macro_cell(macro_cell), t);
+        while t < exit {
+            let cell_exit = walk.exit().min(exit);
+            if cell_exit > t && !gather(walk.index, [t, cell_exit]) {
+                return;
+            }
+            t = cell_exit;
+            walk.advance(ray);
+        }
+    }
+
     #[inline]
     fn macro_range(&self, index: [i64; 3]) -> [f32; 2] {
         let [x, y, z] = [0, 1, 2].map(|a| narrow::<usize>(index[a] - self.macro_cells.low[a]));

@@ -75,7 +75,7 @@ fn holes_among_floats_come_back_with_and_without_a_step() {
 
 #[test]
 fn uniform_blocks_take_no_bits_and_others_their_own() {
-    // Of two blocks along x one is 5 everywhere, the other has numbers from 100 to 107.
+    // Two blocks along x: one is 5 everywhere, the other has numbers from 100 to 107.
     let values = volume([16, 8, 8], |[x, y, z]| if x < 8 { 5.0 } else { 100.0 + ((x + 3 * y + 5 * z) % 8) as f64 });
     for voxels in stored(&values) {
         let packed = check(&voxels, [16, 8, 8]);
