@@ -147,7 +147,11 @@ prepare() {
     say "ci: $(rustc --version), $(nproc) cores, $free_gb GB free, Vulkan driver ${VK_DRIVER_FILES:-of the system}"
 }
 
-clippy() { cargo clippy --workspace --all-targets --locked -- -D warnings; }
+clippy() {
+    cargo clippy --workspace --all-targets --locked -- -D warnings
+    # Without the GPU engine, as benches and programs without wgpu build it.
+    cargo clippy -p supervol-runtime --no-default-features --locked -- -D warnings
+}
 
 # All libraries, and the programs whose names no library has. The example brings the dependencies of tests, and with
 # them the features that clippy has checked everything with: otherwise the graphics and window crates are checked twice.

@@ -73,6 +73,7 @@ pub mod rays;
 mod read_back;
 #[cfg(feature = "gpu")]
 pub mod scene_tables;
+#[cfg(feature = "gpu")]
 pub mod shaders;
 #[cfg(feature = "gpu")]
 pub mod slots;
