@@ -89,9 +89,9 @@ pub struct Arguments {
     backend: Option<BackendName>,
     /// Largest allowed error of a pixel channel, as a fraction of full scale: 0.05/255 to 16/255, or 1
     ///
-    /// The error sets the accuracy of integration along rays (mode dvr; on the GPU only in unshaded pictures). With
-    /// --level auto, it also decides where coarser levels may be drawn. With 1, levels follow from the size of a
-    /// pixel alone, and rays are integrated within 16/255.
+    /// The error sets the accuracy of integration along rays, on both backends. With --level auto, it also decides
+    /// where coarser levels may be drawn. With 1, levels follow from the size of a pixel alone, and rays are integrated
+    /// within 16/255.
     #[arg(long, value_name = "E", default_value = "0.5/255", value_parser = quantity::picture_error)]
     max_error: f64,
     /// Instruction set for packets of rays (CPU backend): avx512, avx2 or portable [default: the best of this

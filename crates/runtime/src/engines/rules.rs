@@ -24,7 +24,7 @@ pub const BY_OPACITY: f64 = 0.15;
 pub const RESERVE_SHARE: f32 = 0.05;
 /// Share of that which a part may be off by in the order of its light, without a closer look at it.
 pub const ORDER_SHARE: f32 = 0.1;
-/// Least share of E that is kept for the reserve, whatever rounding takes.
+/// Least share of E that is kept for cells, whatever rounding takes.
 const LEAST_RESERVE: f64 = 0.1;
 /// Share of E that is left out behind the point where a ray ends in mode `dvr`: a bound (006).
 pub const END_SHARE: f64 = 0.15;
@@ -45,6 +45,12 @@ pub const LEAST_AIMED: f64 = 0.25 / 255.0;
 pub fn reserve(max_error: f64, core: usize) -> f64 {
     let left = (1.0 - BY_OPACITY - END_SHARE) * max_error - fit_error(max_error) - rounding_error(core);
     left.max(LEAST_RESERVE * max_error)
+}
+
+/// Error of a ray that roots and pairs of Gauss aim at: what the other terms leave of E. `core`: see [`rounding_error`].
+#[must_use]
+pub fn aimed_error(max_error: f64, core: usize) -> f64 {
+    ((1.0 - END_SHARE) * max_error - fit_error(max_error) - rounding_error(core)).max(LEAST_RESERVE * max_error)
 }
 
 /// Error of a ray by the fit of the transfer function's pieces: extinction and emission are each off by at most

@@ -11,6 +11,7 @@ use super::plans::{BrickPlans, Made};
 use super::rule::PacketRule;
 use super::simd::InstructionSet;
 use super::tables::PacketTables;
+use crate::engines::asked::AskedPixels;
 use crate::engines::ray_scene::{BrickChoice, DrawnVolume, RayScene};
 use crate::engines::rules::{ErrorKnowledge, NEVER, TERMINATION_OPACITY, own_error};
 use crate::engines::totals::{EngineErrors, ErrorsByReason};
@@ -28,6 +29,8 @@ pub struct PacketFrame {
     pub(super) inner: Option<Arc<PacketFrame>>,
     /// Deviations of coarser levels, if errors are summed up.
     pub(super) deviations: Option<Arc<Deviations>>,
+    /// The pixels to cast; `None`: all.
+    pub(super) asked: Option<Arc<AskedPixels>>,
     /// When packets stop where they are.
     stop: Stop,
     /// Rays that packets have finished, where somebody counts them.
@@ -60,7 +63,7 @@ impl PacketFrame {
 
     fn of(ray_scene: RayScene, scene: &ResolvedScene, rule: PacketRule, made: Made, inner: Option<Arc<Self>>) -> Self {
         let tables = Arc::new(PacketTables::new(&ray_scene, &scene.transfer_function, rule, made));
-        Self { scene: ray_scene, tables, inner, deviations: None, stop: Stop::NEVER, finished: None }
+        Self { scene: ray_scene, tables, inner, deviations: None, asked: None, stop: Stop::NEVER, finished: None }
     }
 
     /// Adds the deviations of coarser levels to the sums of errors, if errors are summed up.
@@ -68,6 +71,12 @@ impl PacketFrame {
     pub fn with_deviations(self, deviations: Deviations) -> Self {
         let deviations = self.tables.sums_errors().then(|| Arc::new(deviations));
         Self { deviations, ..self }
+    }
+
+    /// The same picture of these pixels only; all others are NaN.
+    #[must_use]
+    pub(crate) fn only(self, asked: AskedPixels) -> Self {
+        Self { asked: Some(Arc::new(asked)), ..self }
     }
 
     /// Packets stop when this is due: rays wait where they are, and go on from there in the next pass.
