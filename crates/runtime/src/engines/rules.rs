@@ -47,6 +47,9 @@ pub fn reserve(max_error: f64, core: usize) -> f64 {
     left.max(LEAST_RESERVE * max_error)
 }
 
+/// Share of E for everything but surfaces, in pictures with surfaces inside the volume: these aim at the other half.
+pub const BESIDE_SURFACES: f64 = 0.5;
+
 /// Error of a ray that roots and pairs of Gauss aim at: what the other terms leave of E. `core`: see [`rounding_error`].
 #[must_use]
 pub fn aimed_error(max_error: f64, core: usize) -> f64 {

@@ -13,7 +13,7 @@ use super::simd::InstructionSet;
 use super::tables::PacketTables;
 use crate::engines::asked::AskedPixels;
 use crate::engines::ray_scene::{BrickChoice, DrawnVolume, RayScene};
-use crate::engines::rules::{ErrorKnowledge, NEVER, TERMINATION_OPACITY, own_error};
+use crate::engines::rules::{BESIDE_SURFACES, ErrorKnowledge, NEVER, TERMINATION_OPACITY, own_error};
 use crate::engines::totals::{EngineErrors, ErrorsByReason};
 use crate::engines::value_error::{by_f32, by_f64};
 use crate::lod::deviation::Deviations;
@@ -47,9 +47,10 @@ impl PacketFrame {
         rule: PacketRule,
         (mut made_bytes, plans): Made,
     ) -> Self {
-        let mut inner = None;
+        let (mut inner, mut rule) = (None, rule);
         if scene.mode == Mode::Dvr && !scene.iso.is_empty() {
             made_bytes /= 2;
+            rule.max_error *= BESIDE_SURFACES;
             let scene = ResolvedScene { mode: Mode::Iso, ..scene.clone() };
             let mut surfaces = RayScene::new(&scene, volume, bricks, TERMINATION_OPACITY);
             surfaces.lists_crossings = true;
@@ -145,7 +146,7 @@ impl PacketFrame {
 
     /// See [`own_error`].
     pub(super) fn own_error(&self, opacity: f64) -> f64 {
-        // Surfaces only aim at this error, as in mode `iso`.
+        // Surfaces only aim at an error, as in mode `iso`: at as much as is left for all else.
         let known = if self.inner.is_some() { ErrorKnowledge::Aimed } else { ErrorKnowledge::Bounded };
         own_error(self.scene.mode, opacity, (self.tables.max_error, known), self.scene.pyramid.layout().core())
     }
