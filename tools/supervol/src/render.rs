@@ -489,7 +489,8 @@ pub fn run(arguments: &Arguments, start: Instant) -> Result<(), Failure> {
         // All panels have the same cuts.
         panels.first().iter().for_each(|(_, scene)| announce_files(scene));
         let (decorate, failed_bricks) = (arguments.decorates(output), arguments.failed_bricks());
-        let panels = Panels { container: &container, facts: &facts, panels: &panels, grid, decorate, failed_bricks };
+        let volume = &volume.without_overview();
+        let panels = Panels { volume, panels: &panels, grid, decorate, failed_bricks };
         return panels.run(file, (path, output), &arguments.options(start));
     }
     let (scene, motion) = arguments.shown(scene, placed)?;
@@ -504,7 +505,7 @@ pub fn run(arguments: &Arguments, start: Instant) -> Result<(), Failure> {
     }
     if !arguments.pick.is_empty() {
         let format = if arguments.json { Format::Json } else { Format::Text };
-        pick::run((&container, &facts, &scene), &arguments.options(start), &arguments.pick, format)
+        pick::run((volume, &scene), &arguments.options(start), &arguments.pick, format)
             .map_err(|failure| failure.named(arguments.scene.as_deref().map(name_of_scene)))?;
     }
     let Some(output) = &arguments.output else { return Ok(()) };
