@@ -133,6 +133,11 @@ impl GpuDevice {
         })
     }
 
+    /// Destroys the device, as a driver does that resets it: every later call returns [`GpuError::DeviceLost`].
+    pub fn destroy(&self) {
+        self.device.destroy();
+    }
+
     /// The adapter's name and kind, for statistics and messages.
     #[must_use]
     pub fn name(&self) -> String {
