@@ -350,7 +350,9 @@ impl Deviations {
     pub fn of(&self, key: BrickKey, entry: &BrickEntry, holes: Holes) -> Deviation {
         let beneath = self.data_range(entry.range_beneath).widened(self.voxel_error);
         let values = Values { own: self.data_range(entry.range), beneath, error: entry.error * self.scale.abs() };
-        self.of_values(key, values, holes, PARTS)
+        // Voxels of the finest level were moved by far less than the range of a brick: that many parts would take longer than the brick.
+        let parts = if key.lod() == Lod::FINEST { [PARTS[0]; 2] } else { PARTS };
+        self.of_values(key, values, holes, parts)
     }
 
     /// Deviation of a macro cell of the brick with this entry. Its values lie in `own` (data units) and are off by at most
