@@ -17,7 +17,7 @@ const SCENES: u64 = 80;
 /// Number of scenes in each mode other than `dvr`.
 const SCENES_OF_MODE: u64 = 20;
 /// Fewer on the GPU: software adapters take a second per scene.
-const GPU_SCENES: u64 = 16;
+const GPU_SCENES: u64 = 20;
 const SEED: u64 = 1;
 
 fn with_context<T>(test: impl FnOnce(&Context<'_>) -> T) -> T {
@@ -123,15 +123,13 @@ fn random_scenes_keep_the_error_on_the_gpu() {
     assert!(found.scenes_that_show_something > GPU_SCENES / 2, "{found:#?}");
     for at in &found.errors {
         assert!(at.scenes_above.is_empty(), "further off than was asked for: {at:#?}");
-    }
-    for at in &found.errors {
         let predicted = at.predicted.as_ref().unwrap_or_else(|| panic!("nothing was predicted: {at:#?}"));
         assert!(predicted.scenes_above.is_empty(), "further off than predicted: {at:#?}");
     }
     for at in &found.stated {
         assert!(at.scenes_above_stated.is_empty(), "further off than is stated of a pixel: {at:#?}");
         // Hardly a pixel is off by anything where a tenth of a level is asked for.
-        assert!(at.pixels > 200 || at.asked_grey_levels < 0.5, "{at:#?}");
+        assert!(at.pixels > 300 || at.asked_grey_levels < 0.5, "{at:#?}");
         assert!(at.largest_share_of_stated > 0.05, "{at:#?}");
     }
     assert_no_more_is_stated_than_asked(&found);

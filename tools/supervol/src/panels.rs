@@ -1,5 +1,6 @@
 //! `supervol render --slice ... --slice ...`: several slices side by side in one picture.
 
+use std::borrow::Cow;
 use std::path::Path;
 
 use supervol::Volume;
@@ -41,9 +42,15 @@ impl Panels<'_> {
             check_any_read(drawn.stats())?;
             let (placed, resolved) = (drawn.volume(), drawn.resolved());
             warn_of_nothing(drawn.image(), resolved, placed.facts())?;
-            let mut panel = drawn.image().clone();
+            let mut panel = Cow::Borrowed(drawn.image());
             if self.decorate {
-                supervol_decorations::decorate(&mut panel, placed.container(), placed.facts(), resolved, Some(name));
+                supervol_decorations::decorate(
+                    panel.to_mut(),
+                    placed.container(),
+                    placed.facts(),
+                    resolved,
+                    Some(name),
+                );
             }
             self.grid.put(&mut picture, number, &panel);
             background = resolved.background;

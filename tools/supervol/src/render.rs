@@ -7,6 +7,7 @@ use std::time::Instant;
 
 use clap::{Args, ValueEnum};
 use serde_json::json;
+use supervol::Volume;
 use supervol_arguments::cache::CacheArguments;
 use supervol_arguments::failure::{Failure, with_container, with_output};
 use supervol_arguments::output::{self, Beside, Force, Recording, RenderOutputs};
@@ -34,6 +35,7 @@ use supervol_scene::preset::view::upright;
 use supervol_scene::scene::{CameraSpec, Scene};
 
 use crate::failed_bricks::{FailedBricks, check_all_read};
+use crate::grid::Grid;
 use crate::look::LookArguments;
 use crate::panels::Panels;
 use crate::sequence::Sequence;
@@ -481,17 +483,9 @@ pub fn run(arguments: &Arguments, start: Instant) -> Result<(), Failure> {
         announce(&format!("supervol: note: {note}"));
     }
     if let Some((looks, grid)) = arguments.look.panels(&scene)? {
-        let output = arguments.output_of_panels()?;
         let named = |look: &LookArguments| Ok((look.name(), look.scene(&scene, &container, &facts, None)?));
         let panels: Vec<(String, Scene)> = looks.iter().map(named).collect::<Result<_, Failure>>()?;
-        let inputs: Vec<&Path> = inputs.into_iter().chain(panels.iter().flat_map(|(_, scene)| scene.files())).collect();
-        let file = RenderOutputs::begin(output, Beside::default(), &inputs, arguments.force)?.picture;
-        // All panels have the same cuts.
-        panels.first().iter().for_each(|(_, scene)| announce_files(scene));
-        let (decorate, failed_bricks) = (arguments.decorates(output), arguments.failed_bricks());
-        let volume = &volume.without_overview();
-        let panels = Panels { volume, panels: &panels, grid, decorate, failed_bricks };
-        return panels.run(file, (path, output), &arguments.options(start));
+        return draw_panels(arguments, (path, volume), (&panels, grid), &inputs, start);
     }
     let (scene, motion) = arguments.shown(scene, placed)?;
     let volume = &volume.without_overview();
@@ -542,6 +536,25 @@ pub fn run(arguments: &Arguments, start: Instant) -> Result<(), Failure> {
         announce(&why);
     }
     check_all_read(path, stats.bricks_failed, arguments.failed_bricks())
+}
+
+/// Draws these scenes side by side. `inputs`: files that the picture must not replace, beside those of the scenes.
+fn draw_panels(
+    arguments: &Arguments,
+    (path, volume): (&Path, Volume),
+    (panels, grid): (&[(String, Scene)], Grid),
+    inputs: &[&Path],
+    start: Instant,
+) -> Result<(), Failure> {
+    let output = arguments.output_of_panels()?;
+    let files = panels.iter().flat_map(|(_, scene)| scene.files());
+    let inputs: Vec<&Path> = inputs.iter().copied().chain(files).collect();
+    let file = RenderOutputs::begin(output, Beside::default(), &inputs, arguments.force)?.picture;
+    // All panels have the same cuts.
+    panels.first().iter().for_each(|(_, scene)| announce_files(scene));
+    let (decorate, failed_bricks) = (arguments.decorates(output), arguments.failed_bricks());
+    let panels = Panels { volume: &volume.without_overview(), panels, grid, decorate, failed_bricks };
+    panels.run(file, (path, output), &arguments.options(start))
 }
 
 /// Message about the automatically chosen backend and the reason, or about a slow requested one.

@@ -58,6 +58,16 @@ pub struct ErrorsByReason {
     pub presence_may_change: bool,
 }
 
+impl EngineTotals {
+    /// Totals of a picture that another engine has begun, with these totals of it.
+    #[must_use]
+    pub(crate) fn after(mut self, before: &Self) -> Self {
+        self.rays.add(&before.rays);
+        self.errors = before.errors.zip(self.errors).map(|(before, own)| before.or(own));
+        Self { device: before.device.clone(), ..self }
+    }
+}
+
 impl EngineErrors {
     /// The greater of both, each.
     #[must_use]

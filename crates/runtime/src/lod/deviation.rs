@@ -55,21 +55,21 @@ const PARTS_PER_ERROR: f64 = 8.0;
 const PARTS: [f64; 2] = [64.0, 8192.0];
 /// The same of a macro cell, of which a brick has hundreds.
 const CELL_PARTS: [f64; 2] = [16.0; 2];
-/// Grey levels of full scale, less one: a number of them is a little more than as many grey levels.
-const LEVELS: f64 = GREY_LEVELS - 1.0;
+/// Divisor that makes a number of grey levels a little more than as large a share of full scale.
+const SCALE: f64 = GREY_LEVELS - 1.0;
 /// a of each pair, see the module. A brick that `by_error` lets pass at E has a small b for the a that is E / 2.
 pub const PER_OPACITY: [f64; 12] = [
     0.0,
-    0.25 / LEVELS,
-    0.5 / LEVELS,
-    1.0 / LEVELS,
-    2.0 / LEVELS,
-    4.0 / LEVELS,
-    8.0 / LEVELS,
-    16.0 / LEVELS,
-    32.0 / LEVELS,
-    64.0 / LEVELS,
-    128.0 / LEVELS,
+    0.25 / SCALE,
+    0.5 / SCALE,
+    1.0 / SCALE,
+    2.0 / SCALE,
+    4.0 / SCALE,
+    8.0 / SCALE,
+    16.0 / SCALE,
+    32.0 / SCALE,
+    64.0 / SCALE,
+    128.0 / SCALE,
     1.0,
 ];
 

@@ -29,10 +29,15 @@ pub const PART_NUMBERS: usize = 5;
 pub const ERROR: usize = 3;
 /// Index of the optical depth.
 pub const DEPTH: usize = 4;
-/// Numbers of the light in front of a cell: red, green, blue, their error, optical depth.
-const LIGHT_NUMBERS: usize = 5;
 /// Numbers of a part that are light: its colour, and its error if errors are summed up.
 const CHANNELS: usize = ERROR + 1;
+
+/// The channels of light that are summed up.
+#[inline(always)]
+fn channels(sums_errors: bool) -> impl Iterator<Item = usize> {
+    (0..CHANNELS).filter(move |&c| sums_errors || c < ERROR)
+}
+
 /// Parts of cells: the numbers of each lane, cell after cell.
 pub type Parts<const CELLS: usize> = [[PerLane; PART_NUMBERS]; CELLS];
 
@@ -97,9 +102,9 @@ pub struct Pending {
     pub cells: RefineQueue,
     /// Contributions of the cells, once they are known.
     pub parts: PendingParts,
-    /// Light in front of each: premultiplied colour and error since the previous one, and the known optical depth;
-    /// infinite behind the end of the ray.
-    light: [[PerLane; LIGHT_NUMBERS]; PENDING_LIMIT],
+    /// Light in front of each, as the numbers of a part: premultiplied colour and error since the previous one, and the known
+    /// optical depth; infinite behind the end of the ray.
+    light: PendingParts,
     /// Lower bounds on their optical depths.
     least_depths: [PerLane; PENDING_LIMIT],
     /// Waiting cells of each ray.
@@ -113,10 +118,9 @@ impl Pending {
     #[must_use]
     pub fn new() -> Self {
         let parts = [[[0.0; LANES_LIMIT]; PART_NUMBERS]; PENDING_LIMIT];
-        let light = [[[0.0; LANES_LIMIT]; LIGHT_NUMBERS]; PENDING_LIMIT];
         let least_depths = [[0.0; LANES_LIMIT]; PENDING_LIMIT];
         let counts = [0; LANES_LIMIT];
-        Self { cells: RefineQueue::new(), parts, light, least_depths, counts, lit: counts }
+        Self { cells: RefineQueue::new(), parts, light: parts, least_depths, counts, lit: counts }
     }
 
     /// Whether cells are to be refined before the next round: there are many, or a ray has no room for more.
@@ -149,7 +153,7 @@ impl Pending {
     /// Records the light in front of the next waiting cell of each lane of a mask.
     #[inline(always)]
     fn note_light<S: Simd>(&mut self, mask: u32, [r, g, b, error]: [S::F; CHANNELS], depth: S::F) {
-        let mut numbers = [[0.0; LANES_LIMIT]; LIGHT_NUMBERS];
+        let mut numbers = [[0.0; LANES_LIMIT]; PART_NUMBERS];
         for (into, values) in numbers.iter_mut().zip([r, g, b, error, depth]) {
             S::store(values, into);
         }
@@ -250,14 +254,14 @@ impl<S: Simd> Light<S> {
                 let depth = S::select(goes_on, depths[i], S::splat(f32::INFINITY));
                 pending.note_light::<S>(left[i], self.color, depth);
                 let is_noted = S::mask_from_bits(left[i]) & goes_on;
-                for c in (0..CHANNELS).filter(|&c| sums_errors || c < ERROR) {
+                for c in channels(sums_errors) {
                     self.color[c] = S::select(is_noted, zero, self.color[c]);
                 }
             }
             if !parts.shows[i] {
                 continue;
             }
-            for c in (0..CHANNELS).filter(|&c| sums_errors || c < ERROR) {
+            for c in channels(sums_errors) {
                 self.color[c] = S::mul_add(transmittances[i], S::load(&parts.numbers[i][c]), self.color[c]);
             }
         }
@@ -275,12 +279,12 @@ impl<S: Simd> Light<S> {
         let counts = S::load_int(&counts);
         for number in 0..usize::from(most).min(PENDING_LIMIT) {
             let (light, part) = (&pending.light[number], &pending.parts[number]);
-            let depth = S::load(&light[CHANNELS]);
+            let depth = S::load(&light[DEPTH]);
             let is_there = S::lt_int(S::splat_int(narrow::<i32>(number)), counts) & !self.ended;
             let is_there = is_there & S::lt(depth, S::splat(f32::INFINITY));
             let dimmed = S::select(is_there, exp_minus::<S>(self.hidden), zero);
             let transmittance = S::select(is_there, exp_minus::<S>(depth + self.hidden), zero);
-            for c in (0..CHANNELS).filter(|&c| sums_errors || c < ERROR) {
+            for c in channels(sums_errors) {
                 let in_front = S::mul_add(dimmed, S::load(&light[c]), self.behind[c]);
                 self.behind[c] = S::mul_add(transmittance, S::load(&part[c]), in_front);
             }
@@ -290,7 +294,7 @@ impl<S: Simd> Light<S> {
             let ends = is_there & S::le(exp_minus::<S>(depth + self.hidden) * self.front, last);
             // Light that the ray gathered behind its end is dropped.
             self.depth = S::select(ends, depth, self.depth);
-            for c in (0..CHANNELS).filter(|&c| sums_errors || c < ERROR) {
+            for c in channels(sums_errors) {
                 self.color[c] = S::select(ends, zero, self.color[c]);
             }
             self.ended = self.ended | ends;
@@ -399,16 +403,22 @@ mod tests {
                 }
             }
             light.settle(&mut pending, S::splat(self.last));
-            let (color, transmittance) = light.sum();
-            let mut found = [[0.0; LANES_LIMIT]; 3];
-            for (into, values) in found.iter_mut().zip([color[0], light.error(), transmittance]) {
-                S::store(values, into);
-            }
-            let differences = (0..S::LANES).flat_map(|lane| {
-                exact[lane].into_iter().zip(found).map(move |(exact, found)| (f64::from(found[lane]) - exact).abs())
-            });
-            differences.fold(0.0, f64::max)
+            largest_difference(&light, &exact)
         }
+    }
+
+    /// Largest difference of colour, error and transmittance from the exact ones of each lane.
+    #[inline(always)]
+    fn largest_difference<S: Simd>(light: &Light<S>, exact: &[[f64; 3]; LANES_LIMIT]) -> f64 {
+        let (color, transmittance) = light.sum();
+        let mut found = [[0.0; LANES_LIMIT]; 3];
+        for (into, values) in found.iter_mut().zip([color[0], light.error(), transmittance]) {
+            S::store(values, into);
+        }
+        let differences = (0..S::LANES).flat_map(|lane| {
+            exact[lane].into_iter().zip(found).map(move |(exact, found)| (f64::from(found[lane]) - exact).abs())
+        });
+        differences.fold(0.0, f64::max)
     }
 
     #[test]

@@ -111,7 +111,7 @@ impl DeviceStages {
     ) -> Result<Cast, RenderError> {
         let began = Instant::now();
         let (scene, options) = (&canvas.scene, tools.options);
-        let room = ([scene.camera.width, scene.camera.height], true);
+        let room = [scene.camera.width, scene.camera.height];
         // The errors of rays decide which are cast again, and all stages use the same shaders.
         let options = RenderOptions { predict_error: true, ..options_for(tools.resident.container(), options, pixel) };
         let seen = with_pixels(scene, pixel);

@@ -8,6 +8,7 @@
 //! | [`SlicedDrawing`](slices::SlicedDrawing) | scenes with slices: a staged drawing for each region between them |
 //! | [`WholeDrawing`](whole::WholeDrawing) | all other engines: the whole picture in one step |
 //!
+//! `recast`: rays that a device may have wrong by more than requested, cast again by the CPU.
 //! [`means`]: the parts of a renderer that drawings share: the [`loaded`] volume, and a [`device`].
 
 pub(crate) mod device;

@@ -84,6 +84,8 @@ pub struct CpuCaster {
     /// Share of the current band in `counters.rays_terminated_early`: it is counted at every interruption.
     terminated_in_band: u64,
     errors: ErrorsByReason,
+    /// Totals of the device that has begun the picture, if one has.
+    before: Option<EngineTotals>,
 }
 
 impl CpuCaster {
@@ -96,7 +98,14 @@ impl CpuCaster {
             counters: RayCounters::default(),
             terminated_in_band: 0,
             errors: ErrorsByReason::default(),
+            before: None,
         }
+    }
+
+    /// The same caster, in a picture that a device with these totals has begun.
+    #[must_use]
+    pub(crate) fn after(self, before: EngineTotals) -> Self {
+        Self { before: Some(before), ..self }
     }
 
     /// Largest errors of rays, by reason.
@@ -158,11 +167,15 @@ impl Engine for CpuCaster {
     }
 
     fn totals(&self) -> EngineTotals {
-        EngineTotals {
+        let own = EngineTotals {
             rays: self.counters,
             instructions: self.frame.instructions().map(InstructionSet::name),
             errors: self.frame.errors(self.errors),
             device: None,
+        };
+        match &self.before {
+            Some(before) => own.after(before),
+            None => own,
         }
     }
 }

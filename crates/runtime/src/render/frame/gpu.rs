@@ -67,8 +67,6 @@ struct Answers {
     number: u64,
     /// The choice of levels.
     lod: LodChoice,
-    /// Whether deviations of bricks are included.
-    states_errors: bool,
 }
 
 impl GpuBackend {
@@ -135,7 +133,7 @@ impl GpuBackend {
             }
             (caster, _) => {
                 let number = streamer.answers();
-                let answers = Some(Answers { number, lod, states_errors: options.predict_error });
+                let answers = Some(Answers { number, lod });
                 let known = if self.answers == answers { KnownAnswers::Keep } else { KnownAnswers::Forget };
                 self.answers = answers;
                 let [width, height] = scene.image_size;
@@ -204,8 +202,8 @@ impl GpuBackend {
             memory_bytes,
             skipping: options.skipping,
             max_error: options.max_error,
-            sums_errors: picture.room.1,
-            room: Some(picture.room.0),
+            sums_errors: options.predict_error,
+            room: Some(picture.room),
         };
         let (mut renderer, before, answered) = match kept {
             Some(kept) => kept,
@@ -272,7 +270,7 @@ pub fn render_gpu_surviving(
     let stop = Stop::at(options.time_budget_ms.map(|ms| Instant::now() + Duration::from_millis(ms)));
     let mut streamer = streamer_for(container, scene, options, plan);
     let before = FrameStats::default();
-    let room = ([scene.camera.width, scene.camera.height], options.predict_error);
+    let room = [scene.camera.width, scene.camera.height];
     let picture = GpuPicture { scene, options, plan, stop: &stop, when_due: WhenDue::Complete, before, room };
     let GpuDrawn { image, stats, .. } = GpuBackend::new(device).draw(&mut streamer, &picture, reopen)?;
     Ok((image, stats))

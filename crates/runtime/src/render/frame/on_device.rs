@@ -25,8 +25,8 @@ pub(crate) struct GpuPicture<'a> {
     pub(crate) when_due: WhenDue,
     /// Cost of the earlier pictures of the same scene.
     pub(crate) before: FrameStats,
-    /// The largest picture of the scene: rays along x and y, and whether it is asked what they may be off by.
-    pub(crate) room: ([u32; 2], bool),
+    /// Rays along x and y of the largest picture of the scene.
+    pub(crate) room: [u32; 2],
 }
 
 /// A finished picture.
@@ -35,7 +35,7 @@ pub(crate) struct GpuDrawn {
     pub(crate) stats: FrameStats,
     /// Requested maps of its pixels.
     pub(crate) maps: Maps,
-    /// Largest errors of its rays, if requested.
+    /// Largest errors of its rays, if errors are summed up.
     pub(crate) errors: ErrorsByReason,
     /// Pixels that may be off by more than requested, if errors are summed up and there are some.
     pub(crate) above: Option<PixelsAbove>,
@@ -56,8 +56,8 @@ const STATED_BYTES: u64 = 2 * PIXEL_BYTES;
 /// Bytes per pixel of the mark that the CPU is to cast it again.
 const MARK_BYTES: u64 = 1;
 
-/// Host memory of a picture by a device, which casts all rays at once, whatever the bands are. The CPU casts the rays again that the device may have wrong by more than requested; `core`:
-/// voxels along an edge of a full brick's core.
+/// Host memory of a picture by a device, which casts all rays at once, whatever the bands are. The CPU casts those again that the
+/// device may have wrong by more than requested. `core`: voxels along an edge of a full brick's core.
 pub(crate) fn device_bytes(options: &RenderOptions, core: usize) -> EngineBytes {
     let by_cpu = options.ray_caster().bytes(core);
     EngineBytes { of_pixel: by_cpu.of_pixel.max(STATED_BYTES) + MARK_BYTES, of_ray: RAY_BYTES, ..by_cpu }
