@@ -112,6 +112,23 @@ fn pixels_above_the_requested_error_are_the_cpu_s() {
     }
 }
 
+/// Bricks are counted that any ray has met, not those alone that rays meet which are cast again.
+#[test]
+fn bricks_of_all_rays_are_counted() {
+    if !has_adapter() {
+        return;
+    }
+    let volume = volume();
+    let container = open(&container_bytes(&volume, 16));
+    let (_, scene) = scenes(&volume).swap_remove(3);
+    let [cpu, gpu] = [Backend::Cpu, Backend::Gpu].map(|backend| {
+        let options = RenderOptions { level: LevelChoice::Fixed(Lod(1)), ..options(backend) };
+        render(&container, &scene, &options).unwrap().1
+    });
+    assert!(gpu.pixels_cast_again > 0 && gpu.pixels_cast_again < scene.pixels(), "{}", gpu.pixels_cast_again);
+    assert_eq!((gpu.bricks_without_bound, gpu.error_bound), (cpu.bricks_without_bound, cpu.error_bound));
+}
+
 /// With deadlines the device's picture is shown first. Pixels are cast again until none is left, and the picture has not converged before.
 #[test]
 fn rays_are_cast_again_in_steps() {

@@ -12,7 +12,7 @@ use crate::engines::gpu::error::GpuError;
 use crate::engines::gpu::layout::RayErrors;
 use crate::engines::gpu::picture::{PIXELS_TOGETHER, Picture, over_rays, pixel};
 use crate::engines::rules::{
-    END_SHARE, ErrorKnowledge, LEAST_AIMED, aimed_error, fit_error, own_error, rounding_error,
+    END_SHARE, LEAST_AIMED, aimed_error, fit_error, own_error, rounding_error, surfaces_error,
 };
 use crate::engines::totals::ErrorsByReason;
 use crate::lod::deviation::{Deviations, FinishedRay, RayDeviation};
@@ -123,14 +123,12 @@ impl Picture {
     ) -> RayError {
         let max_error = self.exactness.max_error;
         let [first, length, _, transmittance] = gathered.map(f64::from);
-        // Roots and Gauss pairs, like surfaces, aim at the requested error; their errors are not summed up.
-        let is_bounded = !self.has_surfaces && self.light.is_resolved;
-        let known = if is_bounded { ErrorKnowledge::Bounded } else { ErrorKnowledge::Aimed };
-        let aimed = match self.light.is_resolved {
-            true => max_error,
+        let of_surfaces = if self.has_surfaces { surfaces_error(max_error) } else { 0.0 };
+        // Roots and pairs of Gauss, like surfaces, aim at an error; theirs are not summed up.
+        let of_roots = match self.light.is_resolved {
+            true => 0.0,
             // On which side of a step a rounded value lies is not known.
             false if self.is_rounded => WHOLE,
-            false if self.has_surfaces => max_error.max(LEAST_AIMED),
             false => aimed_error(max_error, core).max(LEAST_AIMED),
         };
         let value = match self.mode {
@@ -143,19 +141,14 @@ impl Picture {
             behind: if self.has_ended(gathered) { transmittance } else { 0.0 },
             value: value + self.shift,
             length,
-            own: cells + own_error(self.mode, 1.0 - transmittance, (aimed, known), core),
+            own: cells + own_error(self.mode, 1.0 - transmittance, max_error, of_surfaces + of_roots, core),
             pixel,
         };
         let [off, levels] = deviations.of_finished(&deviations::of_ray(self.mode, errors), &finished);
         let by_reason = ErrorsByReason { cells, levels, presence_may_change: errors.presence_may_change != 0 };
-        // Surfaces aim at the requested error on either backend: to cast the ray again would change nothing.
-        let of_surfaces = if self.has_surfaces && aimed == max_error { max_error } else { 0.0 };
-        let own = finished.own - of_surfaces;
-        let is_above = || {
-            let [off, _] = deviations.of_finished(&RayDeviation::NONE, &FinishedRay { own, ..finished });
-            off > max_error
-        };
-        RayError { off: single(off), by_reason, is_above: off > max_error && is_above() }
+        let requested = max_error + of_surfaces;
+        let is_above = || deviations.of_finished(&RayDeviation::NONE, &finished)[0] > requested;
+        RayError { off: single(off), by_reason, is_above: off > requested && is_above() }
     }
 }
 

@@ -13,7 +13,7 @@ use super::simd::InstructionSet;
 use super::tables::PacketTables;
 use crate::engines::asked::AskedPixels;
 use crate::engines::ray_scene::{BrickChoice, DrawnVolume, RayScene};
-use crate::engines::rules::{BESIDE_SURFACES, ErrorKnowledge, NEVER, TERMINATION_OPACITY, own_error};
+use crate::engines::rules::{BESIDE_SURFACES, NEVER, TERMINATION_OPACITY, own_error, surfaces_error};
 use crate::engines::totals::{EngineErrors, ErrorsByReason};
 use crate::engines::value_error::{by_f32, by_f64};
 use crate::lod::deviation::Deviations;
@@ -146,8 +146,9 @@ impl PacketFrame {
 
     /// See [`own_error`].
     pub(super) fn own_error(&self, opacity: f64) -> f64 {
-        // Surfaces only aim at an error, as in mode `iso`: at as much as is left for all else.
-        let known = if self.inner.is_some() { ErrorKnowledge::Aimed } else { ErrorKnowledge::Bounded };
-        own_error(self.scene.mode, opacity, (self.tables.max_error, known), self.scene.pyramid.layout().core())
+        let max_error = self.tables.max_error;
+        // Surfaces only aim at an error, as in mode `iso`.
+        let aimed = if self.inner.is_some() { surfaces_error(max_error) } else { 0.0 };
+        own_error(self.scene.mode, opacity, max_error, aimed, self.scene.pyramid.layout().core())
     }
 }

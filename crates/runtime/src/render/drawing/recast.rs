@@ -66,6 +66,7 @@ impl Recast {
         let picture = canvas.picture.as_mut().expect("rays are cast again over a picture");
         let mut walk = FrameWalk::new(tools.resident.streamer(), plan, tools.options, began)
             .until(stop.clone())
+            .going_on()
             .after(std::mem::take(&mut canvas.stats));
         let written = walk.run_over(&mut self.caster, (picture, Some(&mut canvas.maps)), &mut self.bands)?;
         canvas.stats = walk.into_stats();
