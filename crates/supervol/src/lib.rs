@@ -29,6 +29,8 @@
 //! | say what a picture shows | [`Scene`]; `{}` is the default picture |
 //! | draw one picture | [`Volume::draw`] |
 //! | draw pictures while a camera moves | [`Volume::renderer`], [`Renderer::advance`] |
+//! | show pictures on a screen | [`Renderer::image`], [`Renderer::stats`], [`Renderer::look_ahead`] |
+//! | see which bricks failed, or are in memory | [`Renderer::bricks_failed`], [`Renderer::bricks_in_memory`] |
 //! | know how exact a picture is | [`Picture::error_stated`], [`Picture::error_map`], [`Picture::check`] |
 //! | say what is reduced, and why | [`Picture::fidelity`] |
 //! | prove the picture of a file | [`Picture::record`], [`Volume::prove`] |
@@ -72,19 +74,37 @@ pub use volume::Volume;
 pub use supervol_format::canceller::Canceller;
 pub use supervol_format::{BrickKey, Container, Dims, Geometry, Lod, ValueRange, VoxelBox, VoxelType};
 pub use supervol_runtime::engines::engine::Engine;
-pub use supervol_runtime::render::accuracy::check::ErrorMeasured;
-pub use supervol_runtime::render::accuracy::proof::{Proof, ProofOptions};
-pub use supervol_runtime::render::accuracy::stated::ErrorStated;
-pub use supervol_runtime::render::error::ErrorKind;
-pub use supervol_runtime::render::fidelity::{Dimension, Fidelity, Lossiness};
-pub use supervol_runtime::render::options::{Backend, LevelChoice, RenderOptions as Options};
+pub use supervol_runtime::engines::error::EngineError;
+pub use supervol_runtime::engines::gpu::error::GpuError;
+pub use supervol_runtime::engines::maps::work_in_colors;
+pub use supervol_runtime::engines::rules::MAX_ERROR_LIMITS;
+pub use supervol_runtime::lod::by_error::ANY_ERROR;
+pub use supervol_runtime::render::accuracy::check::{CheckProgress, ErrorMeasured, SEED as CHECK_SEED};
+pub use supervol_runtime::render::accuracy::proof::{
+    Claim, ClaimKind, ClaimResult, Proof, ProofError, ProofOptions, WrongPixel,
+};
+pub use supervol_runtime::render::accuracy::stated::{ErrorStated, in_colors as errors_in_colors};
+pub use supervol_runtime::render::error::{ErrorKind, RenderError};
+pub use supervol_runtime::render::fidelity::{Dimension, Fidelity, Lossiness, Outlook, grey_levels, missing_in_words};
+pub use supervol_runtime::render::options::{
+    Backend, LevelChoice, OnProgress, Progress as DrawingProgress, Refining, RenderOptions as Options,
+};
 pub use supervol_runtime::render::record::PictureRecord;
-pub use supervol_runtime::render::renderer::{MakeEngine, Picked, Step};
+pub use supervol_runtime::render::renderer::{Ahead, MakeEngine, NO_DEVICE, Picked, PickedOn, Step};
 pub use supervol_runtime::render::stats::FrameStats;
 pub use supervol_runtime::render::volume::PlacedVolume;
 pub use supervol_scene::facts::{DataKind, VolumeFacts};
 pub use supervol_scene::image::ImageFormat;
 pub use supervol_scene::scene::{CameraSpec, Scene};
+
+/// Values of options that change the work and not the picture. They are for tests and measurements.
+pub mod tuning {
+    pub use supervol_runtime::engines::cpu::Caster;
+    pub use supervol_runtime::engines::packets::PacketRule;
+    pub use supervol_runtime::engines::packets::simd::InstructionSet;
+    pub use supervol_runtime::stream::classify::Skipping;
+    pub use supervol_runtime::stream::held::BrickForm;
+}
 
 #[cfg(feature = "sources")]
 pub use supervol_files::Existing;

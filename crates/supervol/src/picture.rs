@@ -1,7 +1,7 @@
 //! A finished or unfinished picture, with all that is known of it.
 
 use supervol_runtime::engines::maps::Maps;
-use supervol_runtime::render::accuracy::check::{ErrorMeasured, measure_error};
+use supervol_runtime::render::accuracy::check::{CheckProgress, ErrorMeasured, measure_error};
 use supervol_runtime::render::accuracy::stated::ErrorStated;
 use supervol_runtime::render::fidelity::{Circumstances, Dimension, Fidelity, Outlook};
 use supervol_runtime::render::options::RenderOptions;
@@ -241,7 +241,16 @@ impl Picture {
     /// # Errors
     /// If the level does not fit the host budget, or a brick cannot be read.
     pub fn check(&self, rays: u64) -> Result<ErrorMeasured, Error> {
+        self.check_telling(rays, &|_| {})
+    }
+
+    /// [`Picture::check`] that tells its progress, from any thread. [`Volume::check_fits`](crate::Volume::check_fits) says
+    /// before the picture is drawn whether memory will suffice.
+    ///
+    /// # Errors
+    /// As [`Picture::check`].
+    pub fn check_telling(&self, rays: u64, progress: &(dyn Fn(CheckProgress) + Sync)) -> Result<ErrorMeasured, Error> {
         let Subject { volume, scene, options, .. } = &self.subject;
-        Ok(measure_error(volume.container(), scene, options, &self.image, rays, &|_| {})?)
+        Ok(measure_error(volume.container(), scene, options, &self.image, rays, progress)?)
     }
 }

@@ -1,18 +1,27 @@
 //! A renderer that lives across pictures.
 
+use std::borrow::Cow;
 use std::time::{Duration, Instant};
 
 use supervol_format::canceller::Canceller;
+use supervol_format::{BrickKey, Lod};
 use supervol_runtime::render;
 use supervol_runtime::render::fidelity::{Circumstances, Dimension, Fidelity, Outlook};
 use supervol_runtime::render::options::RenderOptions;
 use supervol_runtime::render::record::{Drawn, DrawnBy};
-use supervol_runtime::render::renderer::{MakeEngine, Picked, Step};
+use supervol_runtime::render::renderer::{Ahead, MakeEngine, Picked, Step};
+use supervol_runtime::render::stats::FrameStats;
+use supervol_runtime::stream::field::Field;
+use supervol_runtime::stream::state::StateKind;
+use supervol_scene::image::Image;
 use supervol_scene::scene::{ResolvedScene, Scene};
 
 use crate::error::Error;
 use crate::picture::{Picture, Subject};
 use crate::volume::Volume;
+
+/// Most bricks of a level whose states are looked at for failures: a look at more would take longer than a picture.
+const LOOKED_AT: usize = 1 << 18;
 
 /// Draws pictures of one volume, one after the other, and keeps what it has loaded.
 ///
@@ -45,6 +54,8 @@ pub struct Renderer {
     /// The scene: complete, and as engines draw it.
     scene: Option<(Scene, ResolvedScene)>,
     engine: DrawnBy,
+    /// Whether the picture so far is finished.
+    is_finished: bool,
     /// Dimensions along which a picture so far was reduced for a time.
     once: Vec<Dimension>,
 }
@@ -58,7 +69,7 @@ impl std::fmt::Debug for Renderer {
 impl Renderer {
     pub(crate) fn new(volume: Volume, options: RenderOptions) -> Result<Self, Error> {
         let inner = render::renderer::Renderer::new(volume.placed_for(&Scene::default())?, options)?;
-        Ok(Self { volume, inner, exaggeration: 1.0, scene: None, engine: DrawnBy::Supervol, once: Vec::new() })
+        Ok(Self::of(volume, inner, DrawnBy::Supervol))
     }
 
     pub(crate) fn by_engines(
@@ -68,13 +79,29 @@ impl Renderer {
     ) -> Result<Self, Error> {
         let placed = volume.placed_for(&Scene::default())?;
         let inner = render::renderer::Renderer::by_engines(placed, options, engines)?;
-        Ok(Self { volume, inner, exaggeration: 1.0, scene: None, engine: DrawnBy::Caller, once: Vec::new() })
+        Ok(Self::of(volume, inner, DrawnBy::Caller))
+    }
+
+    fn of(volume: Volume, inner: render::renderer::Renderer, engine: DrawnBy) -> Self {
+        Self { volume, inner, exaggeration: 1.0, scene: None, engine, is_finished: false, once: Vec::new() }
     }
 
     /// The volume that it draws.
     #[must_use]
     pub fn volume(&self) -> &Volume {
         &self.volume
+    }
+
+    /// How pictures are made.
+    #[must_use]
+    pub fn options(&self) -> &RenderOptions {
+        self.inner.options()
+    }
+
+    /// The scene as engines draw it; `None` before the first [`Renderer::set_scene`].
+    #[must_use]
+    pub fn resolved(&self) -> Option<&ResolvedScene> {
+        self.scene.as_ref().map(|(_, resolved)| resolved)
     }
 
     /// The request to stop [`Renderer::advance`] and [`Renderer::pick`], from another thread.
@@ -109,6 +136,8 @@ impl Renderer {
             self.inner.set_volume(placed);
             self.exaggeration = exaggeration;
         }
+        // The picture of an equal scene stays.
+        self.is_finished &= is_placed && self.resolved() == Some(&resolved);
         self.scene = Some((complete, resolved.clone()));
         self.inner.set_scene(resolved);
         Ok(())
@@ -119,7 +148,9 @@ impl Renderer {
     /// # Errors
     /// If an option is wrong; the options before stay then.
     pub fn set_options(&mut self, options: RenderOptions) -> Result<(), Error> {
-        Ok(self.inner.set_options(options)?)
+        self.inner.set_options(options)?;
+        self.is_finished = false;
+        Ok(())
     }
 
     /// Makes the picture better until it has converged, the deadline has come, or the [`Canceller`] is set. `None`: no deadline.
@@ -127,7 +158,9 @@ impl Renderer {
     /// # Errors
     /// If no scene is set, a budget is too small, or the machine fails.
     pub fn advance(&mut self, deadline: Option<Instant>) -> Result<Step, Error> {
+        self.is_finished = false;
         let step = self.inner.advance(deadline)?;
+        self.is_finished = step.is_finished;
         if !step.is_finished {
             self.note_reductions();
         }
@@ -169,6 +202,114 @@ impl Renderer {
         let image = self.inner.picture()?.into_owned();
         let maps = self.inner.maps();
         Some(Picture::new(self.subject()?, image, maps, self.inner.stats()))
+    }
+
+    /// The image of the picture so far, for a screen: no map and no stated error is computed, and an image that is there
+    /// is not copied. Premultiplied red, green, blue and opacity, row by row from the top; `None` as for
+    /// [`Renderer::picture`].
+    ///
+    /// ```
+    /// # let folder = tempfile::tempdir()?;
+    /// # let path = folder.path().join("ball.svol");
+    /// # supervol::doc_container(&path)?;
+    /// use std::time::Duration;
+    /// use supervol::{Options, Scene, Volume};
+    ///
+    /// let mut renderer = Volume::open(&path)?.renderer(Options::default())?;
+    /// renderer.set_scene(&Scene::default())?;
+    /// let background = renderer.resolved().expect("a scene is set").background;
+    /// loop {
+    ///     let step = renderer.advance_for(Duration::from_millis(33))?;
+    ///     let shown = renderer.image().expect("a deadline leaves a whole picture").to_rgb8(background);
+    ///     assert_eq!(shown.len(), 800 * 600 * 3);
+    ///     if step.is_finished {
+    ///         break;
+    ///     }
+    /// }
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    #[must_use]
+    pub fn image(&self) -> Option<Cow<'_, Image>> {
+        self.inner.picture()
+    }
+
+    /// Everything that was counted and measured since the picture was begun. The stated error is in it once the picture is
+    /// finished: summing it up before would take as long as drawing.
+    #[must_use]
+    pub fn stats(&self) -> FrameStats {
+        if self.is_finished { self.inner.stats() } else { self.inner.counts() }
+    }
+
+    /// Reads bricks for the next picture, as if the camera moved on as it did last. Call it when the picture is finished
+    /// and the program is idle. It takes free memory only, and no brick of the picture leaves memory. It ends when all
+    /// these bricks are there, at the deadline, or when the [`Canceller`] is set.
+    ///
+    /// It does nothing if the camera has not moved, if the picture is unfinished, with slices, and on graphics devices.
+    ///
+    /// ```
+    /// # let folder = tempfile::tempdir()?;
+    /// # let path = folder.path().join("ball.svol");
+    /// # supervol::doc_container(&path)?;
+    /// use supervol::scene::camera_path::turntable;
+    /// use supervol::scene::preset::view::upright;
+    /// use supervol::{Backend, Options, Scene, Volume};
+    ///
+    /// let volume = Volume::open(&path)?;
+    /// let scene = volume.complete(&Scene::default())?;
+    /// let first = scene.camera.clone().expect("a complete scene has a camera");
+    /// let mut renderer = volume.renderer(Options { backend: Backend::Cpu, ..Options::default() })?;
+    /// for camera in turntable(&first, upright(volume.facts()), 90).into_iter().take(2) {
+    ///     renderer.set_scene(&Scene { camera: Some(camera), ..scene.clone() })?;
+    ///     renderer.advance(None)?;
+    /// }
+    /// assert!(renderer.look_ahead(None)?.is_complete);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    /// If threads cannot be started.
+    pub fn look_ahead(&mut self, deadline: Option<Instant>) -> Result<Ahead, Error> {
+        Ok(self.inner.look_ahead(deadline)?)
+    }
+
+    /// At most `limit` bricks that could not be read or decoded, finest level first. The picture shows coarser ones in their
+    /// place. They are read again with later pictures, after some time.
+    ///
+    /// Of a level of more than 262,144 bricks, only so many are looked at.
+    #[must_use]
+    pub fn bricks_failed(&self, limit: usize) -> Vec<BrickKey> {
+        let Some(streamer) = self.inner.streamer() else { return Vec::new() };
+        let (pyramid, states) = (self.inner.volume().container().pyramid(), streamer.states());
+        let has_failed = |lod: &Lod| states.count(*lod, StateKind::Failed) > 0;
+        let failed = (0..=pyramid.coarsest().0).map(Lod).filter(has_failed).flat_map(|lod| {
+            let keys = pyramid.keys_of(lod).take(LOOKED_AT);
+            keys.filter(|key| states.state(Field::FIRST.brick(*key)).kind() == StateKind::Failed)
+        });
+        failed.take(limit).collect()
+    }
+
+    /// At most `limit` bricks in host memory, finest level first.
+    ///
+    /// ```
+    /// # let folder = tempfile::tempdir()?;
+    /// # let path = folder.path().join("ball.svol");
+    /// # supervol::doc_container(&path)?;
+    /// use supervol::{Backend, Options, Scene, Volume};
+    ///
+    /// let mut renderer = Volume::open(&path)?.renderer(Options { backend: Backend::Cpu, ..Options::default() })?;
+    /// renderer.set_scene(&Scene::default())?;
+    /// renderer.advance(None)?;
+    /// assert!(!renderer.bricks_in_memory(10).is_empty() && renderer.bricks_failed(10).is_empty());
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    #[must_use]
+    pub fn bricks_in_memory(&self, limit: usize) -> Vec<BrickKey> {
+        let Some(streamer) = self.inner.streamer() else { return Vec::new() };
+        let of_field = streamer.cache().keys().filter(|key| key.field == Field::FIRST);
+        let mut keys: Vec<BrickKey> = of_field.map(|key| key.brick).collect();
+        keys.sort_unstable();
+        keys.truncate(limit);
+        keys
     }
 
     /// Subject of the picture so far; `None` without a scene.

@@ -8,6 +8,9 @@ use supervol_format::level_reader::LevelReader;
 use supervol_format::{Container, Dims, Lod, VoxelBox, VoxelType};
 use supervol_runtime::engines::engine::Engine;
 #[cfg(feature = "images")]
+use supervol_runtime::render::accuracy::check::CheckProgress;
+use supervol_runtime::render::accuracy::check::check_fits;
+#[cfg(feature = "images")]
 use supervol_runtime::render::accuracy::proof::{Proof, ProofOptions, Prover};
 use supervol_runtime::render::options::RenderOptions;
 use supervol_runtime::render::record::DrawnBy;
@@ -225,6 +228,29 @@ impl Volume {
         Ok(Picture::new(subject, image, maps, stats))
     }
 
+    /// Tells, before a picture is drawn, whether [`Picture::check`] will fit into
+    /// [`Options::host_memory_bytes`](RenderOptions::host_memory_bytes). The check needs a whole level.
+    ///
+    /// ```
+    /// # let folder = tempfile::tempdir()?;
+    /// # let path = folder.path().join("ball.svol");
+    /// # supervol::doc_container(&path)?;
+    /// use supervol::{ErrorKind, Options, Scene, Volume};
+    ///
+    /// let volume = Volume::open(&path)?;
+    /// let options = Options { host_memory_bytes: 500_000, ..Options::default() };
+    /// let error = volume.check_fits(&Scene::default(), &options).unwrap_err();
+    /// assert_eq!(error.kind(), ErrorKind::Request);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    /// If it will not, with the finest level that would fit; or if the scene is wrong.
+    pub fn check_fits(&self, scene: &Scene, options: &RenderOptions) -> Result<(), Error> {
+        let placed = self.placed_for(scene)?;
+        Ok(check_fits(placed.container(), &placed.resolve(scene)?, options)?)
+    }
+
     /// Proves a picture file: casts sample pixels again by the reference integrator, from the record that the file carries,
     /// and compares them within the requested and the stated error of that record.
     ///
@@ -247,10 +273,24 @@ impl Volume {
     /// claims is no error: see [`Proof::holds`].
     #[cfg(feature = "images")]
     pub fn prove(&self, picture: impl AsRef<Path>, options: &ProofOptions) -> Result<Proof, Error> {
+        self.prove_telling(picture, options, &|_| {})
+    }
+
+    /// [`Volume::prove`] that tells its progress, from any thread.
+    ///
+    /// # Errors
+    /// As [`Volume::prove`].
+    #[cfg(feature = "images")]
+    pub fn prove_telling(
+        &self,
+        picture: impl AsRef<Path>,
+        options: &ProofOptions,
+        progress: &(dyn Fn(CheckProgress) + Sync),
+    ) -> Result<Proof, Error> {
         let path = picture.as_ref();
         let stored = StoredPicture::read(path)?;
         let of_file = |source| Error::Proof { path: path.into(), source: Box::new(source) };
-        Prover::new(&self.stored, &stored, options).and_then(|prover| prover.prove(&|_| {})).map_err(of_file)
+        Prover::new(&self.stored, &stored, options).and_then(|prover| prover.prove(progress)).map_err(of_file)
     }
 
     /// A renderer that keeps what it has loaded from picture to picture.

@@ -10,10 +10,12 @@
 #![cfg(all(feature = "images", feature = "sources"))]
 
 use std::path::{Path, PathBuf};
+use std::sync::Mutex;
 use std::time::Duration;
 
 use supervol::{
-    ArraySource, BuildOptions, Error, ErrorKind, LevelChoice, Lod, Options, Picture, Scene, Volume, VoxelBox,
+    ArraySource, Backend, BrickKey, BuildOptions, CheckProgress, Error, ErrorKind, LevelChoice, Lod, Options, Picture,
+    ProofOptions, RenderError, Scene, Volume, VoxelBox,
 };
 use tempfile::TempDir;
 
@@ -103,6 +105,66 @@ fn damaged_bricks_are_counted_by_steps_and_pictures() {
     let step = renderer.advance(None).unwrap();
     assert!(step.is_finished && !step.is_converged() && step.bricks_failed == 20, "{step:?}");
     assert!(!renderer.picture().unwrap().is_converged());
+    let expected: Vec<BrickKey> = volume.container().pyramid().keys_of(Lod::FINEST).take(20).collect();
+    assert_eq!(renderer.bricks_failed(100), expected);
+    assert_eq!(renderer.bricks_failed(3), expected[..3]);
+    let there = renderer.bricks_in_memory(usize::MAX);
+    assert!(!there.is_empty() && there.is_sorted() && expected.iter().all(|key| !there.contains(key)));
+    assert_eq!(renderer.bricks_in_memory(2), there[..2]);
+}
+
+#[test]
+fn a_screen_gets_the_image_and_the_numbers_of_the_picture() {
+    let (_folder, path) = container();
+    let options = Options { backend: Backend::Cpu, predict_error: true, ..Options::default() };
+    let mut renderer = Volume::open(&path).unwrap().renderer(options).unwrap();
+    assert!(renderer.image().is_none() && renderer.resolved().is_none());
+    assert!(renderer.bricks_failed(9).is_empty() && renderer.bricks_in_memory(9).is_empty());
+    let scene = small("{}");
+    renderer.set_scene(&scene).unwrap();
+    let step = renderer.advance_for(Duration::ZERO).unwrap();
+    let early = renderer.stats();
+    assert!(!step.is_finished && early.pixels_unfinished > 0 && early.error_stated.is_none(), "{early:?}");
+    renderer.advance(None).unwrap();
+    let picture = renderer.picture().unwrap();
+    assert!(picture.error_stated().is_some() && renderer.stats().error_stated.as_ref() == picture.error_stated());
+    assert!(renderer.image().unwrap().pixels == picture.image().pixels);
+    assert_eq!(renderer.resolved(), Some(picture.resolved()));
+    // An equal scene keeps the picture. Another one and other options begin anew.
+    renderer.set_scene(&scene).unwrap();
+    assert!(renderer.stats().error_stated.is_some());
+    renderer.set_scene(&small(r#"{"mode": "mip"}"#)).unwrap();
+    assert!(renderer.stats().error_stated.is_none() && renderer.image().is_none());
+    renderer.set_options(Options { predict_error: false, ..renderer.options().clone() }).unwrap();
+    renderer.advance(None).unwrap();
+    assert!(renderer.stats().error_stated.is_none() && renderer.picture().unwrap().error_map().is_none());
+}
+
+#[test]
+fn checks_and_proofs_tell_how_far_they_are() {
+    let (folder, path) = container();
+    let volume = Volume::open(&path).unwrap();
+    let options = Options { predict_error: true, ..Options::default() };
+    let scene = small(r#"{"samples_per_pixel": 1}"#);
+    volume.check_fits(&scene, &options).unwrap();
+    let picture = volume.draw(&scene, &options).unwrap();
+    let last = Mutex::new((0, 0));
+    let note = |progress: CheckProgress| {
+        let mut last = last.lock().unwrap();
+        *last = (last.0.max(progress.pixels_done), progress.pixels);
+    };
+    assert_eq!(picture.check_telling(50, &note).unwrap().pixels, 50);
+    assert_eq!(*last.lock().unwrap(), (50, 50));
+    let file = folder.path().join("p.png");
+    picture.save(&file).unwrap();
+    *last.lock().unwrap() = (0, 0);
+    let options = ProofOptions { pixels: 70, ..ProofOptions::default() };
+    let proof = volume.prove_telling(&file, &options, &note).unwrap();
+    assert!(proof.holds() && *last.lock().unwrap() == (70, 70), "{proof:?} {last:?}");
+    // A level of 72 x 60 x 40 numbers of 8 bytes does not fit.
+    let small_memory = Options { host_memory_bytes: 1 << 20, ..Options::default() };
+    let error = volume.check_fits(&scene, &small_memory).unwrap_err();
+    assert!(matches!(error, Error::Render(RenderError::CheckTooLarge { level: 0, .. })), "{error}");
 }
 
 #[test]

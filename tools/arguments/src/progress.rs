@@ -8,9 +8,9 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use supervol::OnProgress;
 use supervol_format::cast::whole;
 use supervol_preprocess::report::Progress;
-use supervol_runtime::render::options::OnProgress;
 use supervol_scene::scene::Scene;
 
 use crate::quantity::show_bytes;
@@ -139,12 +139,12 @@ impl RayBar {
         Some((end, thread))
     }
 
-    /// For [`RenderOptions::rays_finished`](supervol_runtime::render::options::RenderOptions).
+    /// For [`Options::rays_finished`](supervol::Options).
     pub fn finished(&self) -> Arc<AtomicU64> {
         self.finished.clone()
     }
 
-    /// For [`RenderOptions::progress`](supervol_runtime::render::options::RenderOptions).
+    /// For [`Options::progress`](supervol::Options).
     pub fn on_progress(&self) -> OnProgress {
         let (bar, of_rows, rays) = (self.bar.clone(), self.of_rows.clone(), self.rays);
         Arc::new(move |progress| {

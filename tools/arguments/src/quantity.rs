@@ -3,10 +3,9 @@
 use std::num::NonZero;
 use std::str::FromStr;
 
+use supervol::{ANY_ERROR, MAX_ERROR_LIMITS};
 use supervol_format::cast::whole;
 use supervol_format::{Dims, VoxelBox, VoxelType};
-use supervol_runtime::engines::rules::MAX_ERROR_LIMITS;
-use supervol_runtime::lod::by_error::ANY_ERROR;
 use supervol_scene::image::GREY_LEVELS;
 use supervol_sources::Endian;
 use supervol_sources::formats::segy::Offsets;

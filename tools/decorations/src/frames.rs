@@ -8,9 +8,9 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
+use supervol::Options;
 use supervol_files::{Existing, OutputError, OutputFile, check_distinct};
 use supervol_format::Container;
-use supervol_runtime::render::options::RenderOptions;
 use supervol_scene::image::ImageFormat;
 use supervol_scene::scene::{CameraSpec, Scene};
 
@@ -68,7 +68,7 @@ impl Frames<'_> {
     ///
     /// # Errors
     /// If the folder holds another animation or is not writable, or if an input file would be overwritten.
-    pub fn begin(&self, options: &RenderOptions, others: Others) -> Result<Vec<usize>, FramesError> {
+    pub fn begin(&self, options: &Options, others: Others) -> Result<Vec<usize>, FramesError> {
         let failed = |source| FramesError::Folder { path: self.folder.display().to_string(), source };
         std::fs::create_dir_all(self.folder).map_err(failed)?;
         let goes_on = self.begin_plan(options, others)?;
@@ -76,7 +76,7 @@ impl Frames<'_> {
     }
 
     /// Whether the folder holds pictures of the same animation. If not, removes old pictures and writes the plan.
-    fn begin_plan(&self, options: &RenderOptions, others: Others) -> Result<bool, FramesError> {
+    fn begin_plan(&self, options: &Options, others: Others) -> Result<bool, FramesError> {
         let plan = self.folder.join(PLAN);
         check_distinct(&plan, self.inputs.iter().copied())?;
         let text = self.plan(options);
@@ -113,7 +113,7 @@ impl Frames<'_> {
     }
 
     /// The plan: everything that determines the content of the pictures.
-    fn plan(&self, options: &RenderOptions) -> String {
+    fn plan(&self, options: &Options) -> String {
         let manifest = self.container.manifest();
         let bytes = self.container.file_bytes();
         let plan = json!({

@@ -21,8 +21,10 @@
 //!   measurements;
 //! - [`report`]: pages and plots; [`ledger`]: records by machine and date.
 //!
-//! Neither building nor rendering needs this crate: it calls the other crates as any program does. All random numbers
-//! are seeded ([`supervol_format::random`]).
+//! Neither building nor rendering needs this crate: it calls the other crates as any program does. Pictures are drawn by
+//! the runtime's renderer, below the library `supervol`. An engine is measured on a stored container and a written scene,
+//! apart from the library's rules for open scenes, places of volumes and memory of the process. All random numbers are
+//! seeded ([`supervol_format::random`]).
 
 #![cfg_attr(
     test,

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::Args;
-use supervol::Volume;
+use supervol::{Backend, Options, Volume};
 use supervol_arguments::failure::{Failure, with_container, with_output};
 use supervol_arguments::output::{Force, PictureFile};
 use supervol_arguments::quantity::show_bytes;
@@ -15,7 +15,6 @@ use supervol_files::OutputFile;
 use supervol_format::container::manifest::Source;
 use supervol_format::{Container, Dims};
 use supervol_preprocess::{BuildError, BuildOptions, Existing};
-use supervol_runtime::render::options::{Backend, RenderOptions};
 use supervol_scene::scene::Scene;
 use supervol_sources::VolumeSource;
 use supervol_sources::formats::nifti::NiftiSource;
@@ -90,8 +89,7 @@ fn show(source: &dyn VolumeSource, origin: Source, stem: &Path, scene: &str, for
     let started = Instant::now();
     let volume = Volume::of(Container::open(&container_path).map_err(|e| with_container(&container_path, e))?);
     let scene = Scene::from_json(scene).map_err(Failure::command)?;
-    let options =
-        RenderOptions { backend: Backend::Cpu, host_memory_bytes: RENDER_MEMORY_BYTES, ..RenderOptions::default() };
+    let options = Options { backend: Backend::Cpu, host_memory_bytes: RENDER_MEMORY_BYTES, ..Options::default() };
     let subject = Subject { volume: &volume, scene: &scene, decorate: false };
     let outputs = PictureOutputs { picture: image, maps: [None, None], fidelity: None, record: None };
     let stats = picture::draw(&subject, outputs, (&options, Instant::now()), None)?;

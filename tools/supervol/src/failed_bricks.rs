@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
+use supervol::FrameStats;
 use supervol_arguments::failure::Failure;
 use supervol_format::readable::counted;
-use supervol_runtime::render::stats::FrameStats;
 
 /// Bricks that cannot be read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

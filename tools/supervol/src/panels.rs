@@ -3,11 +3,10 @@
 use std::borrow::Cow;
 use std::path::Path;
 
-use supervol::Volume;
+use supervol::{Options, Volume};
 use supervol_arguments::failure::Failure;
 use supervol_arguments::output::PictureFile;
 use supervol_format::readable::counted;
-use supervol_runtime::render::options::RenderOptions;
 use supervol_scene::image::Image;
 use supervol_scene::scene::Scene;
 
@@ -32,7 +31,7 @@ impl Panels<'_> {
         &self,
         file: PictureFile,
         (container, output): (&Path, &Path),
-        options: &RenderOptions,
+        options: &Options,
     ) -> Result<(), Failure> {
         let [width, height] = self.grid.picture();
         let mut picture = Image { width, height, pixels: vec![[0.0; 4]; width as usize * height as usize] };

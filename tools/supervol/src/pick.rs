@@ -3,14 +3,12 @@
 use std::io::Write;
 
 use serde_json::{Map, Value, json};
-use supervol::Volume;
+use supervol::{Options, Picked, PickedOn, Volume};
 use supervol_arguments::failure::{Failure, with_output};
 use supervol_arguments::terminal::Format;
 use supervol_format::cast::whole;
 use supervol_format::coordinates::Coordinates;
 use supervol_format::readable::Number;
-use supervol_runtime::render::options::RenderOptions;
-use supervol_runtime::render::renderer::{Picked, PickedOn};
 use supervol_scene::scene::Scene;
 
 use crate::picture::with_picture;
@@ -24,7 +22,7 @@ const PLACE_DIGITS: f64 = 3.0;
 /// object for each pixel.
 pub fn run(
     (volume, scene): (&Volume, &Scene),
-    options: &RenderOptions,
+    options: &Options,
     pixels: &[[u32; 2]],
     format: Format,
 ) -> Result<(), Failure> {

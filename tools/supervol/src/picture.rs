@@ -3,17 +3,11 @@
 use std::num::NonZero;
 use std::time::Instant;
 
-use supervol::Error;
+use supervol::{
+    EngineError, Error, ErrorKind, FrameStats, GpuError, Options, RenderError, errors_in_colors, work_in_colors,
+};
 use supervol_arguments::failure::Failure;
 use supervol_arguments::quantity::show_bytes;
-use supervol_runtime::engines::error::EngineError;
-use supervol_runtime::engines::gpu::error::GpuError;
-use supervol_runtime::engines::maps::work_in_colors;
-use supervol_runtime::render::accuracy::check;
-use supervol_runtime::render::accuracy::stated::in_colors;
-use supervol_runtime::render::error::{ErrorKind, RenderError};
-use supervol_runtime::render::options::RenderOptions;
-use supervol_runtime::render::stats::FrameStats;
 use supervol_scene::facts::VolumeFacts;
 use supervol_scene::scene::ResolvedScene;
 
@@ -33,17 +27,15 @@ fn handing_over_ms([width, height]: [u32; 2]) -> u64 {
 pub fn draw(
     subject: &Subject<'_>,
     outputs: PictureOutputs,
-    (options, start): (&RenderOptions, Instant),
+    (options, start): (&Options, Instant),
     check: Option<NonZero<u64>>,
 ) -> Result<FrameStats, Failure> {
     let Subject { volume, scene, decorate } = *subject;
     if check.is_some() {
-        let placed = volume.placed_for(scene).map_err(with_picture)?;
-        let resolved = placed.resolve(scene).map_err(Failure::command)?;
-        check::check_fits(placed.container(), &resolved, options).map_err(with_render)?;
+        volume.check_fits(scene, options).map_err(with_picture)?;
     }
     let in_time = |ms: u64| ms.saturating_sub(handing_over_ms([scene.image.width, scene.image.height]));
-    let options = &RenderOptions { time_budget_ms: options.time_budget_ms.map(in_time), ..options.clone() };
+    let options = &Options { time_budget_ms: options.time_budget_ms.map(in_time), ..options.clone() };
     let picture = volume.draw(scene, options).map_err(with_picture)?;
     let mut stats = picture.stats().clone();
     check_any_read(&stats)?;
@@ -58,16 +50,14 @@ pub fn draw(
     let (resolved, placed) = (picture.resolved(), picture.volume());
     warn_of_idle_cuts(resolved, placed.facts())?;
     if let (Some(file), Some(errors)) = (error_map, picture.error_map()) {
-        file.write_map(errors.clone(), in_colors)?;
+        file.write_map(errors.clone(), errors_in_colors)?;
     }
     if let (Some(file), Some(work)) = (work_map, picture.work_map()) {
         file.write_map(work.clone(), work_in_colors)?;
     }
     if let Some(rays) = check {
-        let (container, image) = (placed.container(), picture.image());
-        let measured =
-            with_ray_bar(|progress| check::measure_error(container, resolved, options, image, rays.get(), progress));
-        stats.error_measured = Some(measured.map_err(|error| match with_render(error) {
+        let measured = with_ray_bar(|progress| picture.check_telling(rays.get(), progress));
+        stats.error_measured = Some(measured.map_err(|error| match with_picture(error) {
             // The picture replaces unreadable bricks by their parents; the reference does not.
             Failure::Data(message) => Failure::Data(format!("--check: {message}")),
             other => other,

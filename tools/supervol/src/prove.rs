@@ -4,18 +4,16 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use supervol::{
+    CheckProgress, Claim, ClaimKind, ClaimResult, Error, ErrorKind, Proof, ProofError, ProofOptions, Volume, WrongPixel,
+};
 use supervol_arguments::failure::{Failure, with_output};
 use supervol_arguments::progress::Reporter;
 use supervol_arguments::quantity::show_bytes;
-use supervol_format::Container;
 use supervol_format::readable::counted;
-use supervol_runtime::render::accuracy::check::CheckProgress;
-use supervol_runtime::render::accuracy::proof::{
-    Claim, ClaimKind, ClaimResult, Proof, ProofError, ProofOptions, Prover, WrongPixel,
-};
-use supervol_runtime::render::error::ErrorKind;
 use supervol_scene::image::read::StoredError;
-use supervol_scene::image::stored::StoredPicture;
+
+use crate::picture::with_picture;
 
 /// Time before a proof or a check shows its progress.
 const QUIET: Duration = Duration::from_secs(1);
@@ -32,16 +30,15 @@ pub fn pixels(text: &str) -> Result<u64, String> {
 
 /// Proves a picture. `files` is a folder with the files of its scene; without it, the folders of picture and container
 /// are searched.
-pub fn prove(path: &Path, container: &Container, options: &ProofOptions, files: Option<&Path>) -> Result<(), Failure> {
-    let stored = StoredPicture::read(path).map_err(with_stored)?;
+pub fn prove(path: &Path, volume: &Volume, options: &ProofOptions, files: Option<&Path>) -> Result<(), Failure> {
     let folder_of = |file: &Path| file.parent().map(PathBuf::from).unwrap_or_default();
     let folders = match files {
         Some(folder) => vec![folder.into()],
-        None => vec![folder_of(path), folder_of(container.path())],
+        None => vec![folder_of(path), folder_of(volume.container().path())],
     };
     let options = ProofOptions { folders, ..options.clone() };
-    let proof = with_ray_bar(|progress| Prover::new(container, &stored, &options)?.prove(progress));
-    report(path, &proof.map_err(|error| with_proof(path, error))?)
+    let proof = with_ray_bar(|progress| volume.prove_telling(path, &options, progress));
+    report(path, &proof.map_err(with_error)?)
 }
 
 /// Casts rays with the reference integrator, with a progress bar if that takes longer than [`QUIET`].
@@ -152,6 +149,15 @@ fn wrong_pixel(wrong: &WrongPixel) -> String {
 fn rounded(grey_levels: f64) -> String {
     let text = format!("{grey_levels:.3}");
     text.trim_end_matches('0').trim_end_matches('.').into()
+}
+
+/// Failure of a proof that could not be made.
+fn with_error(error: Error) -> Failure {
+    match error {
+        Error::Stored(error) => with_stored(error),
+        Error::Proof { path, source } => with_proof(&path, *source),
+        error => with_picture(error),
+    }
 }
 
 fn with_stored(error: StoredError) -> Failure {

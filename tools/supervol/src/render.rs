@@ -7,7 +7,8 @@ use std::time::Instant;
 
 use clap::{Args, ValueEnum};
 use serde_json::json;
-use supervol::Volume;
+use supervol::tuning::{BrickForm, Caster, InstructionSet, PacketRule, Skipping};
+use supervol::{Backend, FrameStats, LevelChoice, NO_DEVICE, Options, PlacedVolume, Volume};
 use supervol_arguments::cache::CacheArguments;
 use supervol_arguments::failure::{Failure, with_container, with_output};
 use supervol_arguments::output::{self, Beside, Force, Recording, RenderOutputs};
@@ -18,16 +19,6 @@ use supervol_arguments::source::SourceArguments;
 use supervol_arguments::terminal::{self, Format};
 use supervol_format::readable::counted;
 use supervol_format::{Container, Lod};
-use supervol_runtime::engines::cpu::Caster;
-use supervol_runtime::engines::packets::PacketRule;
-use supervol_runtime::engines::packets::simd::InstructionSet;
-use supervol_runtime::render::options::{Backend, LevelChoice, Refining, RenderOptions};
-use supervol_runtime::render::process;
-use supervol_runtime::render::renderer::NO_DEVICE;
-use supervol_runtime::render::stats::FrameStats;
-use supervol_runtime::render::volume::PlacedVolume;
-use supervol_runtime::stream::classify::Skipping;
-use supervol_runtime::stream::held::BrickForm;
 use supervol_scene::camera_path;
 use supervol_scene::camera_path::CameraPath;
 use supervol_scene::image::ImageFormat;
@@ -265,9 +256,9 @@ fn level(text: &str) -> Result<LevelChoice, String> {
 
 impl Arguments {
     /// Render options of the command line. The time budget began at `start`.
-    fn options(&self, start: Instant) -> RenderOptions {
+    fn options(&self, start: Instant) -> Options {
         let passed = u64::try_from(start.elapsed().as_millis()).unwrap_or(u64::MAX);
-        RenderOptions {
+        Options {
             backend: match self.backend.unwrap_or(BackendName::Auto) {
                 // GPUs do not count the work of rays.
                 BackendName::Auto if self.work_map.is_some() => Backend::Cpu,
@@ -278,8 +269,6 @@ impl Arguments {
             },
             level: self.level,
             host_memory_bytes: self.host_memory,
-            process_bytes: process::bytes_beside_pictures(self.threads.map(NonZero::get)),
-            cache_bytes: None,
             brick_form: match self.brick_form {
                 BrickFormName::ByBudget => BrickForm::ByBudget,
                 BrickFormName::Plain => BrickForm::Plain,
@@ -296,10 +285,9 @@ impl Arguments {
             max_error: self.max_error,
             predict_error: self.states_error(),
             count_work: self.work_map.is_some(),
-            refining: Refining::Tiles,
-            progress: None,
-            rays_finished: None,
+            ..Options::default()
         }
+        .for_whole_process()
     }
 }
 
@@ -518,7 +506,7 @@ pub fn run(arguments: &Arguments, start: Instant) -> Result<(), Failure> {
     let outputs = PictureOutputs { picture: file, maps, fidelity, record };
     let bar = RayBar::over(&scene);
     let (progress, rays_finished) = (Some(bar.on_progress()), Some(bar.finished()));
-    let options = RenderOptions { progress, rays_finished, ..arguments.options(start) };
+    let options = Options { progress, rays_finished, ..arguments.options(start) };
     let result = picture::draw(&subject, outputs, (&options, start), arguments.check);
     drop(bar);
     let stats = result.map_err(|failure| failure.named(arguments.scene.as_deref().map(name_of_scene)))?;

@@ -7,14 +7,13 @@ use std::path::Path;
 use std::time::Instant;
 
 use serde_json::Value;
-use supervol::Renderer;
+use supervol::{Options, Renderer};
 use supervol_arguments::failure::{Failure, with_output};
 use supervol_arguments::output::{Force, PictureFile};
 use supervol_arguments::progress::Reporter;
 use supervol_decorations::frames::{Frames, FramesError, Others};
 use supervol_files::check_distinct;
 use supervol_format::readable::counted;
-use supervol_runtime::render::options::RenderOptions;
 use supervol_scene::image::ImageFormat;
 use supervol_scene::scene::CameraSpec;
 
@@ -44,7 +43,7 @@ pub struct Sequence<'a> {
 
 impl Sequence<'_> {
     /// Draws the missing pictures.
-    pub fn run(&self, options: &RenderOptions) -> Result<(), Failure> {
+    pub fn run(&self, options: &Options) -> Result<(), Failure> {
         let others = if self.force.is_given() { Others::Replace } else { Others::Keep("give --force") };
         let missing = self.frames().begin(options, others).map_err(with_frames)?;
         if missing.len() < self.cameras.len() {

@@ -4,6 +4,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use supervol::{CHECK_SEED, ProofOptions, Volume};
 use supervol_arguments::failure::{Failure, with_container, with_output};
 use supervol_arguments::input::{Input, for_each};
 use supervol_arguments::progress::Reporter;
@@ -14,8 +15,6 @@ use supervol_format::readable::counted;
 use supervol_preprocess::BuildError;
 use supervol_preprocess::compare::{Compared, compare};
 use supervol_preprocess::kept::Reading;
-use supervol_runtime::render::accuracy::check;
-use supervol_runtime::render::accuracy::proof::ProofOptions;
 use supervol_scene::image::read::is_picture;
 
 use crate::prove;
@@ -39,7 +38,7 @@ pub struct Arguments {
     #[arg(long, value_name = "N", default_value = "1000", requires = "container", value_parser = prove::pixels)]
     rays: u64,
     /// Seed of the choice of these pixels
-    #[arg(long, value_name = "S", default_value_t = check::SEED, requires = "container")]
+    #[arg(long, value_name = "S", default_value_t = CHECK_SEED, requires = "container")]
     seed: u64,
     /// Folder with the meshes that the picture's scene names [default: the folders of picture and container]
     #[arg(long, value_name = "FOLDER", requires = "container")]
@@ -93,9 +92,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 /// Proves pictures of a container.
 fn prove_pictures(arguments: &Arguments, path: &Path) -> Result<(), Failure> {
     let Arguments { containers: pictures, rays, seed, files, memory, .. } = arguments;
-    let container = Container::open(path).map_err(|error| with_container(path, error))?;
+    let volume = Volume::of(Container::open(path).map_err(|error| with_container(path, error))?);
     let options = ProofOptions { pixels: *rays, seed: *seed, host_memory_bytes: *memory, ..ProofOptions::default() };
-    for_each(pictures, |picture| prove::prove(picture, &container, &options, files.as_deref()))
+    for_each(pictures, |picture| prove::prove(picture, &volume, &options, files.as_deref()))
 }
 
 /// Compares a container with its source. Compressed voxels are decoded into a temporary file.

@@ -23,9 +23,9 @@
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
+use supervol::Backend;
+use supervol::runtime::render::process::cpu_time;
 use supervol_preprocess::kept::Reading;
-use supervol_runtime::render::options::Backend;
-use supervol_runtime::render::process::cpu_time;
 use supervol_scene::preset::slices::plane_across;
 use supervol_scene::scene::Scene;
 use supervol_scene::scene::section::face_on;
@@ -128,7 +128,7 @@ fn sections(
     [width, height]: [u32; 2],
 ) -> Result<[Vec<f64>; 2], String> {
     hand.worker.set(Settings { side_panels: SidePanels::Shown, ..settings });
-    let facts = &opened.facts;
+    let facts = opened.facts();
     let (cpu, mut times) = (cpu_time(), [Vec::new(), Vec::new()]);
     for step in 0..SECTION_STEPS {
         let at = (facts.dims.0[AXIS] - 1) as f64 * step as f64 / (SECTION_STEPS - 1) as f64;
@@ -181,7 +181,7 @@ fn run() -> Result<(), String> {
     hand.request(&opened, &scene)?;
     println!("first picture: {:.0} ms after the start", start.elapsed().as_secs_f64() * 1e3);
 
-    let stage = edit::stage(&opened.facts);
+    let stage = edit::stage(opened.facts());
     let turn = |scene: &mut Scene| {
         scene.camera = scene.camera.as_ref().map(|camera| navigate::orbit(camera, &stage, [2.0, 0.0]));
     };

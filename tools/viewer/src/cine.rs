@@ -65,13 +65,13 @@ pub(crate) fn advance(viewer: &mut Viewer, ctx: &egui::Context) {
         return;
     }
     if now >= viewer.cine.due {
-        let count = opened.facts.dims.0[axis];
+        let count = opened.facts().dims.0[axis];
         match viewer.slice.as_ref().map(|slice| slice.at) {
             Some(at) => viewer.set_slice(Some((axis, (at + 1) % count))),
             None => {
                 let mut cursor = viewer.sections.cursor;
                 cursor[axis] = if cursor[axis] + 1.0 < count as f64 { cursor[axis] + 1.0 } else { 0.0 };
-                viewer.sections.move_to(cursor, &opened.facts, &mut viewer.scene);
+                viewer.sections.move_to(cursor, opened.facts(), &mut viewer.scene);
             }
         }
         // A slice that came late does not make the next ones come early.

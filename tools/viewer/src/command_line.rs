@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use supervol_runtime::render::options::Backend;
+use supervol::Backend;
 use supervol_scene::image::GREY_LEVELS;
 use supervol_scene::scene::{Mode, Scene};
 use xxhash_rust::xxh3::xxh3_64;

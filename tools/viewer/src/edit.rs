@@ -27,10 +27,10 @@ pub fn stage(facts: &VolumeFacts) -> Stage {
 #[must_use]
 pub fn camera_from(scene: &Scene, opened: &OpenVolume, direction: Option<Direction>) -> Option<CameraSpec> {
     scene.camera.as_ref()?;
-    let facts = &opened.facts;
+    let facts = opened.facts();
     let view = direction.map_or_else(|| View::of(facts), |direction| View::from(facts, direction));
     let size = [scene.image.width, scene.image.height];
-    Some(view.camera(&scene.framed(facts, opened.overview.as_ref()), size))
+    Some(view.camera(&scene.framed(facts, opened.overview()), size))
 }
 
 /// Control points of the scene's transfer function, with their unit distance (a world length).
@@ -63,20 +63,21 @@ pub fn write_out(scene: &mut Scene, facts: &VolumeFacts) {
 /// The default picture of a kind of data, with the present camera.
 #[must_use]
 pub fn with_kind(scene: &Scene, opened: &OpenVolume, kind: DataKind) -> Scene {
-    let facts = VolumeFacts { kind, ..opened.facts.clone() };
+    let facts = VolumeFacts { kind, ..opened.facts().clone() };
     let open = Scene {
         camera: scene.camera.clone(),
         image: scene.image.clone(),
         clip: scene.clip.clone(),
+        vertical_exaggeration: scene.vertical_exaggeration,
         ..Scene::default()
     };
-    open.complete(&facts, opened.overview.as_ref())
+    open.complete(&facts, opened.overview())
 }
 
 /// The default picture of a mode, as `render --mode` draws it: with shading for solid data, with a surface for `iso`.
 #[must_use]
 pub fn with_mode(scene: &Scene, opened: &OpenVolume, mode: Mode) -> Scene {
-    let (facts, overview) = (&opened.facts, opened.overview.as_ref());
+    let (facts, overview) = (opened.facts(), opened.overview());
     let usual = with_kind(scene, opened, facts.kind);
     if usual.mode == Some(mode) {
         return usual;
@@ -180,7 +181,7 @@ pub fn remove_point(points: &mut Vec<PointSpec>, i: usize) {
 /// One slice inside the scene's clip box, face on, as `render --slice` shows it. `None` if nothing of it is left.
 #[must_use]
 pub fn sliced(scene: &Scene, opened: &OpenVolume, axis: usize, at: u64) -> Option<Scene> {
-    let facts = &opened.facts;
+    let facts = opened.facts();
     let open = Scene { image: scene.image.clone(), clip: scene.clip.clone(), ..Scene::default() };
     let slice = Slice { axis, at: at as f64, slab: None, zoom: 1.0 };
     slice.of(&open, facts, &ramps::of_slice(facts))

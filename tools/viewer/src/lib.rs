@@ -1,7 +1,7 @@
 //! The desktop application behind `supervol view`: views, cuts, colours and exports a volume interactively.
 //!
-//! The viewer contains no rendering algorithm. It edits a [`Scene`](supervol_scene::scene::Scene), which the runtime's
-//! [`Renderer`](supervol_runtime::render::renderer::Renderer) draws. Everything it can do is also possible with a scene
+//! The viewer contains no rendering algorithm. It edits a [`Scene`](supervol::Scene), which the library's
+//! [`Renderer`](supervol::Renderer) draws. Everything it can do is also possible with a scene
 //! file and `supervol render`.
 //!
 //! ```text

@@ -6,6 +6,7 @@ use std::num::NonZero;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+use supervol::Backend;
 use supervol_arguments::allocation::ExitOnOutOfMemory;
 use supervol_arguments::failure::Failure;
 use supervol_arguments::program::CommandLine;
@@ -14,7 +15,6 @@ use supervol_arguments::source::refuse_for_container;
 use supervol_arguments::view::{Arguments, BackendName};
 use supervol_preprocess::BuildOptions;
 use supervol_preprocess::kept::is_container;
-use supervol_runtime::render::options::Backend;
 use supervol_viewer::ViewerError;
 use supervol_viewer::folders::Folders;
 use supervol_viewer::launch::Launch;

@@ -17,7 +17,7 @@ pub(crate) fn carry_over(now: &Scene, begun: &Scene, preview_of: [u64; 3], opene
     if let Some([low, high]) = &mut scene.clip.index_box {
         for a in 0..3 {
             low[a] = volume_index(low[a], preview_of[a]);
-            high[a] = volume_index(high[a], preview_of[a]).min(opened.facts.dims.0[a] as f64 - 0.5);
+            high[a] = volume_index(high[a], preview_of[a]).min(opened.facts().dims.0[a] as f64 - 0.5);
         }
     }
     scene

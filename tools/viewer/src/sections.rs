@@ -7,9 +7,8 @@
 use eframe::egui::TextureHandle;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
+use supervol::{FrameStats, Picked};
 use supervol_format::cast::whole;
-use supervol_runtime::render::renderer::Picked;
-use supervol_runtime::render::stats::FrameStats;
 use supervol_scene::facts::{DataKind, VolumeFacts};
 use supervol_scene::preset::slices::plane_across;
 use supervol_scene::preset::{ramps, windows};
@@ -224,10 +223,10 @@ impl Sections {
     /// Scene of a panel in a picture of this size; `None` if nothing can be shown.
     #[must_use]
     pub fn scene_of(&self, axis: usize, opened: &OpenVolume, image: &ImageSpec) -> Option<Scene> {
-        let facts = &opened.facts;
+        let facts = opened.facts();
         let (normal, offset) = plane_across(facts, axis, self.cursor[axis]);
         let slice = SliceSpec { normal, offset, ..self.painted_look(facts) };
-        let vertical_exaggeration = (opened.exaggeration != 1.0).then_some(opened.exaggeration);
+        let vertical_exaggeration = opened.scene_exaggeration();
         let open = Scene { image: image.clone(), vertical_exaggeration, ..Scene::default() };
         let mut scene = match self.slab.filter(|_| self.shows_slabs(facts)) {
             Some(slab) => {
@@ -356,12 +355,12 @@ fn unbent(look: &SliceSpec, facts: &VolumeFacts) -> Vec<ControlPoint> {
 /// Description of a point: value with unit, voxel, world position; for a survey also its lines and its time or depth.
 #[must_use]
 pub fn describe_point(picked: &Picked, opened: &OpenVolume) -> String {
-    let manifest = opened.container.manifest();
+    let manifest = opened.container().manifest();
     let list = |places: [f64; 3], steps: [f64; 3]| [0, 1, 2].map(|a| place(places[a], steps[a])).join(", ");
     let value =
         if picked.value.is_nan() { "absent".into() } else { format!("{} {}", short(picked.value), manifest.unit) };
     let coordinates = &opened.coordinates;
-    let least = [opened.container.stored_geometry().smallest_spacing(); 3];
+    let least = [opened.container().stored_geometry().smallest_spacing(); 3];
     let (voxel, world) = (list(picked.index, [1.0; 3]), list(coordinates.world(picked.index), least));
     let unit = &manifest.axes[0].unit;
     let unit = if manifest.axes.iter().all(|axis| axis.unit == *unit) { unit.as_str() } else { "" };

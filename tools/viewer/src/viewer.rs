@@ -8,9 +8,9 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use eframe::egui::{self, ColorImage, TextureHandle, TextureOptions};
+use supervol::FrameStats;
 use supervol_format::cast::whole;
 use supervol_preprocess::kept::Reading;
-use supervol_runtime::render::stats::FrameStats;
 use supervol_scene::scene::{Mode, Scene};
 
 use crate::cine::Cine;
@@ -352,7 +352,7 @@ impl Viewer {
         if self.sections.moving == Some(probed.probe.number) {
             self.sections.moving = None;
             if let Ok(Some(picked)) = &probed.found {
-                self.sections.move_to(picked.index, &opened.facts, &mut self.scene);
+                self.sections.move_to(picked.index, opened.facts(), &mut self.scene);
             }
         }
         self.sections.answered = Some(probed);
@@ -369,7 +369,7 @@ impl Viewer {
         if let Some(before) =
             self.opened.as_ref().filter(|before| is_same && before.exaggeration != opened.exaggeration)
         {
-            planes::carry(&mut scene, &before.facts.geometry, &opened.facts.geometry);
+            planes::carry(&mut scene, &before.facts().geometry, &opened.facts().geometry);
             self.sections.panels.iter_mut().for_each(|panel| panel.camera = None);
         }
         // The window determines the picture's size, and with it the default camera.
@@ -377,12 +377,12 @@ impl Viewer {
         if !opened.has_requested_camera {
             scene.camera = edit::camera_from(&scene, &opened, None);
         }
-        edit::write_out(&mut scene, &opened.facts);
+        edit::write_out(&mut scene, opened.facts());
         if is_same {
             self.history.commit(&scene, ctx.input(|input| input.time));
         } else {
             self.history = History::new(&scene);
-            self.sections = Sections::of(&opened.facts, self.sections.layout);
+            self.sections = Sections::of(opened.facts(), self.sections.layout);
             self.panel_state = PanelState::of(&scene);
             self.keys = KeyFrames::default();
             self.picture = None;
@@ -403,11 +403,11 @@ impl Viewer {
         });
         let mut scene = preview::carry_over(&self.scene, &self.begun, strides, &opened);
         scene.image = self.scene.image.clone();
-        edit::write_out(&mut scene, &opened.facts);
+        edit::write_out(&mut scene, opened.facts());
         let cursor = self.sections.cursor;
-        self.sections = Sections::of(&opened.facts, self.sections.layout);
+        self.sections = Sections::of(opened.facts(), self.sections.layout);
         self.sections.cursor =
-            std::array::from_fn(|a| (cursor[a] * strides[a] as f64).min(opened.facts.dims.0[a] as f64 - 1.0));
+            std::array::from_fn(|a| (cursor[a] * strides[a] as f64).min(opened.facts().dims.0[a] as f64 - 1.0));
         self.history = History::new(&scene);
         self.panel_state = PanelState::of(&scene);
         (self.begun, self.scene) = (scene.clone(), scene);
@@ -524,7 +524,7 @@ impl Viewer {
 
     fn run_view(&mut self, command: Command) {
         let (Some(opened), Some(camera)) = (&self.opened, &self.scene.camera) else { return };
-        let stage = edit::stage(&opened.facts);
+        let stage = edit::stage(opened.facts());
         let steps = |[right, up]: [i8; 2], length: f64| [f64::from(right) * length, f64::from(up) * length];
         let camera = match command {
             Command::DefaultView => edit::camera_from(&self.scene, opened, None),
@@ -593,19 +593,23 @@ impl Viewer {
     pub(crate) fn step_slice(&mut self, steps: f64) {
         let Some(opened) = self.opened.clone() else { return };
         if let Some((axis, at)) = self.slice.as_ref().map(|slice| (slice.axis, slice.at)) {
-            let last = (opened.facts.dims.0[axis] - 1) as f64;
+            let last = (opened.facts().dims.0[axis] - 1) as f64;
             let next = whole::<u64>((at as f64 + steps).clamp(0.0, last));
             if next != at {
                 self.set_slice(Some((axis, next)));
             }
         } else if let Some(slice) = self.scene.slices.get_mut(self.panel_state.held_slice) {
-            planes::step(slice, &opened.facts, steps);
+            planes::step(slice, opened.facts(), steps);
         }
     }
 
     /// Sends the changes of this frame to the worker.
     pub(crate) fn send(&mut self, ctx: &egui::Context) {
         let Some(worker) = &self.worker else { return };
+        if let Some(opened) = &self.opened {
+            // Scenes of the history may be older than the place of the volume.
+            self.scene.vertical_exaggeration = opened.scene_exaggeration();
+        }
         // A drag is one edit: it ends when the button is released. So is a cine.
         if !ctx.input(|input| input.pointer.any_down()) && !self.cine.is_running {
             self.history.commit(&self.scene, ctx.input(|input| input.time));

@@ -244,6 +244,7 @@ impl Bench<'_> {
         let Some(file) = self.0.volume.first() else { return Ok(Subject::Scenes(self.0.scene.clone())) };
         let path = self.container(file, context)?;
         let container = Container::open(&path).map_err(|e| with_container(&path, e))?;
+        // Measured pictures show the container as it is stored, so the scene is completed for that.
         let scene = PlacedVolume::of(Arc::new(container)).complete(&Scene::default()).map_err(Failure::command)?;
         Ok(Subject::Own { container: path, scene: Box::new(scene) })
     }

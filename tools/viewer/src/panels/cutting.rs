@@ -27,12 +27,12 @@ pub(super) fn controls(viewer: &mut Viewer, ui: &mut Ui) {
     ui.horizontal_wrapped(|ui| {
         let words = "Removes the front half of the volume, as seen now (--clip)";
         if ui.button("+ plane").on_hover_text(words).clicked() {
-            added = Some(cutting::add_plane(&mut viewer.scene, &opened.facts));
+            added = Some(cutting::add_plane(&mut viewer.scene, opened.facts()));
         }
         let solids = [("+ sphere", NewSolid::Sphere), ("+ box", NewSolid::Cuboid), ("+ cylinder", NewSolid::Cylinder)];
         for (label, kind) in solids {
             if ui.button(label).on_hover_text("Removes the inside or the outside of this solid (--clip)").clicked() {
-                added = Some(cutting::add_solid(&mut viewer.scene, &opened.facts, kind));
+                added = Some(cutting::add_solid(&mut viewer.scene, opened.facts(), kind));
             }
         }
         let words = "Clips with a closed triangle mesh in world coordinates (.ply, .stl, .obj)";
@@ -45,7 +45,7 @@ pub(super) fn controls(viewer: &mut Viewer, ui: &mut Ui) {
         Some(Err(why)) => viewer.message = Some(Message::Failure(why)),
         None => {}
     }
-    let speed = edit::stage(&opened.facts).diagonal / STEPS;
+    let speed = edit::stage(opened.facts()).diagonal / STEPS;
     let (mut plane_gone, mut solid_gone) = (None, None);
     for (i, plane) in viewer.scene.clip.planes.iter_mut().enumerate() {
         if ui.push_id(("plane", i), |ui| plane_numbers(plane, i + 1, speed, ui)).inner {

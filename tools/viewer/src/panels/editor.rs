@@ -71,7 +71,7 @@ pub(super) fn show(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
         "Bars: number of voxels by value, logarithmic. Line: opacity (cube root). Drag a point to move it, double click to add one, \
          right click to remove one",
     );
-    let axes = Axes::new(rect.shrink2(egui::vec2(4.0, 8.0)), &opened.facts, &spec.points);
+    let axes = Axes::new(rect.shrink2(egui::vec2(4.0, 8.0)), opened.facts(), &spec.points);
     let chosen = &mut viewer.panel_state.chosen;
     *chosen = chosen.filter(|i| *i < spec.points.len());
     let pointer = ui.input(|input| input.pointer.press_origin().filter(|_| response.drag_started()));
@@ -99,7 +99,7 @@ pub(super) fn show(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
         }
     }
     let chosen = *chosen;
-    paint(ui, &axes, rect, &opened.facts, &spec.points, chosen);
+    paint(ui, &axes, rect, opened.facts(), &spec.points, chosen);
     strip(ui, &axes, &viewer.scene);
     numbers(viewer, opened, ui);
 }
@@ -188,11 +188,11 @@ fn numbers(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
         return;
     };
     let (mut value, mut alpha, mut rgb) = (point.value, point.alpha, point.color.map(single));
-    let speed = (opened.facts.central_range.width() / 500.0).max(f64::MIN_POSITIVE);
+    let speed = (opened.facts().central_range.width() / 500.0).max(f64::MIN_POSITIVE);
     let mut is_removed = false;
     ui.horizontal(|ui| {
         ui.color_edit_button_rgb(&mut rgb).accessible_name("Colour of the point");
-        let unit = &opened.container.manifest().unit;
+        let unit = &opened.container().manifest().unit;
         ui.add(DragValue::new(&mut value).speed(speed).max_decimals(4))
             .on_hover_text(format!("Value {unit}"))
             .accessible_name("Value of the point");

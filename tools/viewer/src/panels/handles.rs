@@ -32,14 +32,14 @@ pub(super) fn show(viewer: &mut Viewer, ui: &Ui, picture: &Response) {
     let rect = picture.rect;
     let projector = Projector { camera: &camera, rect };
     let painter = ui.painter().with_clip_rect(rect);
-    let corners = cutting::crop_corners(&viewer.scene.clip, &opened.facts).map(|corner| projector.place(corner));
+    let corners = cutting::crop_corners(&viewer.scene.clip, opened.facts()).map(|corner| projector.place(corner));
     for (from, to) in EDGES {
         if let (Some(from), Some(to)) = (corners[from], corners[to]) {
             painter.line_segment([from, to], Stroke::new(1.0, CUT_COLOR.gamma_multiply(0.7)));
         }
     }
     let mut is_held = false;
-    for handle in cutting::handles(&viewer.scene, &opened.facts, &camera) {
+    for handle in cutting::handles(&viewer.scene, opened.facts(), &camera) {
         // Handles outside the picture are shown at its border.
         let Some(at) = projector.place(handle.at).map(|at| rect.shrink(RADIUS).clamp(at)) else { continue };
         let ground = Rect::from_center_size(at, Vec2::splat(GROUND));
@@ -94,7 +94,7 @@ fn drag(viewer: &mut Viewer, opened: &OpenVolume, projector: &Projector<'_>, han
     let height = f64::from(projector.rect.height().max(1.0));
     let way = [f64::from(held.way.x) / height, -f64::from(held.way.y) / height];
     let by = navigate::drag_at(projector.camera, held.handle.at, way);
-    let after = cutting::moved(&held.before, &opened.facts, projector.camera, &held.handle, by);
+    let after = cutting::moved(&held.before, opened.facts(), projector.camera, &held.handle, by);
     (viewer.scene.clip, viewer.scene.slices) = (after.clip, after.slices);
 }
 

@@ -25,7 +25,7 @@ pub(super) fn paint(viewer: &Viewer, ui: &Ui, rect: Rect) {
         return;
     };
     let painter = ui.painter().with_clip_rect(rect);
-    let (projector, world) = (Projector { camera, rect }, opened.facts.geometry.world_from_index());
+    let (projector, world) = (Projector { camera, rect }, opened.facts().geometry.world_from_index());
     for mark in &picture.marks {
         let corner = |n: usize| {
             let at: [f64; 3] = std::array::from_fn(|a| mark.corners[n >> a & 1][a]);

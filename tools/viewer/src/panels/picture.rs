@@ -126,7 +126,7 @@ fn probe_under_mouse(viewer: &mut Viewer, response: &Response) {
 
 fn move_camera(viewer: &mut Viewer, ui: &Ui, response: &Response) {
     let (Some(opened), Some(camera)) = (&viewer.opened, &viewer.scene.camera) else { return };
-    let (stage, rect) = (edit::stage(&opened.facts), response.rect);
+    let (stage, rect) = (edit::stage(opened.facts()), response.rect);
     let aspect = f64::from(rect.width() / rect.height().max(1.0));
     let delta = response.drag_delta();
     let mut moved = None;

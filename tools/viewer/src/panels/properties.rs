@@ -1,11 +1,10 @@
 //! The right panel: properties of the volume, look, and render settings.
 
 use eframe::egui::{self, Button, ComboBox, DragValue, Slider, SliderClamping, Ui};
+use supervol::{Backend, MAX_ERROR_LIMITS};
 use supervol_arguments::flags;
 use supervol_format::cast::{narrow, single};
 use supervol_format::readable::counted;
-use supervol_runtime::engines::rules::MAX_ERROR_LIMITS;
-use supervol_runtime::render::options::Backend;
 use supervol_scene::facts::DataKind;
 use supervol_scene::image::GREY_LEVELS;
 use supervol_scene::preset::{colormap, looks};
@@ -91,7 +90,7 @@ pub(crate) fn show(viewer: &mut Viewer, ui: &mut Ui) {
 
 fn volume(opened: &OpenVolume, ui: &mut Ui) {
     heading(ui, "Volume");
-    let (facts, manifest) = (&opened.facts, opened.container.manifest());
+    let (facts, manifest) = (opened.facts(), opened.container().manifest());
     let [x, y, z] = facts.dims.0;
     let name = opened.source.file_name().unwrap_or_default().to_string_lossy();
     let read = &manifest.source.name;
@@ -99,7 +98,7 @@ fn volume(opened: &OpenVolume, ui: &mut Ui) {
     let name = if read.starts_with(&*name) { read.clone() } else { name.into_owned() };
     ui.label(name).on_hover_text(opened.path.display().to_string());
     let unit = &manifest.unit;
-    ui.label(format!("{x} x {y} x {z} voxels, {}", opened.container.descriptor().voxel_type.name()));
+    ui.label(format!("{x} x {y} x {z} voxels, {}", opened.container().descriptor().voxel_type.name()));
     ui.label(format!("values {} to {} {unit}", short(facts.value_range.min), short(facts.value_range.max)));
     for words in extent(opened) {
         ui.label(words);
@@ -167,13 +166,13 @@ fn part_number(part: Option<u64>, (name, words): (&str, &str), ui: &mut Ui) -> O
 
 /// Lines and samples of a survey; for other volumes, the voxel spacing.
 fn extent(opened: &OpenVolume) -> Vec<String> {
-    let axes = &opened.container.manifest().axes;
+    let axes = &opened.container().manifest().axes;
     let Some(survey) = &opened.survey else {
-        let [x, y, z] = opened.container.stored_geometry().spacing.map(short);
+        let [x, y, z] = opened.container().stored_geometry().spacing.map(short);
         return vec![format!("voxels {x} x {y} x {z} {}", axes[0].unit).trim_end().into()];
     };
     let scales = survey.scales();
-    let last = |axis: usize| scales[axis][0] + scales[axis][1] * (opened.facts.dims.0[axis] as f64 - 1.0);
+    let last = |axis: usize| scales[axis][0] + scales[axis][1] * (opened.facts().dims.0[axis] as f64 - 1.0);
     let range = |axis: usize| format!("{} {} to {}", axes[axis].name, short(scales[axis][0]), short(last(axis)));
     vec![format!("{}, {}", range(1), range(0)), format!("{} {}", range(2), axes[2].unit).trim_end().into()]
 }
@@ -182,10 +181,10 @@ fn look(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
     heading(ui, "Look");
     ui.horizontal(|ui| {
         ui.label("Kind");
-        let box_ = ComboBox::from_id_salt("preset").selected_text(opened.facts.kind.name()).show_ui(ui, |ui| {
+        let box_ = ComboBox::from_id_salt("preset").selected_text(opened.facts().kind.name()).show_ui(ui, |ui| {
             DataKind::ALL
                 .into_iter()
-                .find(|kind| ui.selectable_label(*kind == opened.facts.kind, kind.name()).clicked())
+                .find(|kind| ui.selectable_label(*kind == opened.facts().kind, kind.name()).clicked())
         });
         box_.response
             .on_hover_text("Default picture of a kind of data; `info` prints the recognised kind")
@@ -225,7 +224,7 @@ fn look(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
 
 fn colors(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
     heading(ui, "Colours and opacity");
-    let facts = &opened.facts;
+    let facts = opened.facts();
     editor::show(viewer, opened, ui);
     transfer::controls(viewer, ui);
     ui.horizontal(|ui| {
@@ -298,7 +297,7 @@ fn surfaces(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
     let is_lone = viewer.scene.iso.len() == 1;
     list_of_surfaces(&mut viewer.scene.iso, opened, !is_lone, ui);
     if ui.add_enabled(viewer.scene.iso.len() < ISO_LIMIT, egui::Button::new("Add a surface")).clicked() {
-        viewer.scene.iso.push(looks::default_surface(&opened.facts));
+        viewer.scene.iso.push(looks::default_surface(opened.facts()));
     }
 }
 
@@ -310,14 +309,14 @@ fn inner_surfaces(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
     let words = format!("Adds an isosurface inside the volume; at most {INNER_SURFACE_LIMIT} (--surface)");
     let button = ui.add_enabled(has_room, egui::Button::new("+ surface")).on_hover_text(words);
     if button.clicked() {
-        edit::add_inner_surface(&mut viewer.scene, &opened.facts);
+        edit::add_inner_surface(&mut viewer.scene, opened.facts());
     }
 }
 
 /// Draws colour, value and opacity of each surface, with a button to remove it if `may_go` is set.
 fn list_of_surfaces(surfaces: &mut Vec<IsoSpec>, opened: &OpenVolume, may_go: bool, ui: &mut Ui) {
-    let range = opened.facts.central_range;
-    let words = format!("Value of the surface {}", opened.container.manifest().unit);
+    let range = opened.facts().central_range;
+    let words = format!("Value of the surface {}", opened.container().manifest().unit);
     let mut removed = None;
     for (i, iso) in surfaces.iter_mut().enumerate() {
         ui.push_id(i, |ui| {

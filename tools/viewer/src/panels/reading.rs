@@ -22,10 +22,10 @@ const SLABS: [(SlabMode, &str); 3] = [(SlabMode::Mean, "mean"), (SlabMode::Max, 
 
 /// Draws the controls of the panels.
 pub(super) fn controls(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
-    if viewer.sections.has_window(&opened.facts) {
+    if viewer.sections.has_window(opened.facts()) {
         window(viewer, opened, ui);
     }
-    if viewer.sections.shows_slabs(&opened.facts) {
+    if viewer.sections.shows_slabs(opened.facts()) {
         slab(viewer, ui);
     }
     ui.horizontal_wrapped(|ui| {
@@ -41,7 +41,7 @@ pub(super) fn controls(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
 }
 
 fn window(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
-    let (sections, facts) = (&mut viewer.sections, &opened.facts);
+    let (sections, facts) = (&mut viewer.sections, opened.facts());
     let Some(now) = sections.window(facts) else { return };
     let speed = (facts.central_range.width() / 500.0).max(f64::MIN_POSITIVE);
     let [level, width] = windows::level_and_width(now);

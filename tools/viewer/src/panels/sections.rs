@@ -112,7 +112,7 @@ fn handle_input(viewer: &mut Viewer, opened: &OpenVolume, ui: &Ui, axis: usize, 
         viewer.sections.panels[axis].camera = None;
     } else if sets_window && response.drag_delta() != Vec2::ZERO {
         let delta = response.drag_delta() / rect.size().max(Vec2::splat(1.0));
-        viewer.sections.drag_window([f64::from(delta.x), -f64::from(delta.y)], &opened.facts);
+        viewer.sections.drag_window([f64::from(delta.x), -f64::from(delta.y)], opened.facts());
     } else if moves && response.drag_delta() != Vec2::ZERO {
         let height = f64::from(rect.height().max(1.0));
         let by = [f64::from(response.drag_delta().x) / height, -f64::from(response.drag_delta().y) / height];
@@ -120,7 +120,7 @@ fn handle_input(viewer: &mut Viewer, opened: &OpenVolume, ui: &Ui, axis: usize, 
     } else if let Some(at) =
         at.filter(|_| is_pointing && !moves && !wants_window && ui.input(|i| i.pointer.primary_down()))
     {
-        viewer.sections.point_at(axis, at, &opened.facts, &mut viewer.scene);
+        viewer.sections.point_at(axis, at, opened.facts(), &mut viewer.scene);
     }
     if !response.contains_pointer() {
         return;
@@ -130,12 +130,12 @@ fn handle_input(viewer: &mut Viewer, opened: &OpenVolume, ui: &Ui, axis: usize, 
     if steps != 0.0 {
         let mut cursor = viewer.sections.cursor;
         cursor[axis] += steps;
-        viewer.sections.move_to(cursor, &opened.facts, &mut viewer.scene);
+        viewer.sections.move_to(cursor, opened.facts(), &mut viewer.scene);
     }
     if let Some(at) = response.hover_pos().map(|at| place(rect, at)) {
         if zoom != 1.0 {
             let aspect = f64::from(rect.width() / rect.height().max(1.0));
-            let stage = edit::stage(&opened.facts);
+            let stage = edit::stage(opened.facts());
             turn(viewer, axis, |camera| navigate::dolly(camera, &stage, 1.0 / zoom, at, aspect));
         }
         probe(viewer, opened, Some(axis), at);
@@ -181,7 +181,7 @@ fn paint(viewer: &Viewer, opened: &OpenVolume, ui: &Ui, axis: usize, response: &
         let whole = Rect::from_min_max(Pos2::ZERO, pos2(1.0, 1.0));
         painter.image(shown.texture.id(), Rect::from_min_size(rect.min, size), whole, Color32::WHITE);
     }
-    let facts = &opened.facts;
+    let facts = opened.facts();
     let at_cursor = viewer.sections.place_of(axis, viewer.sections.cursor, facts).map(|place| point(rect, place));
     for other in (0..PANELS).filter(|other| *other != axis) {
         // The plane across the other axis appears as a line along the third axis.
@@ -220,7 +220,7 @@ fn name_borders(
 ) {
     let Some(camera) = scene.and_then(|scene| scene.camera.as_ref()) else { return };
     let right = navigate::right_of(camera);
-    let names = named_borders(&opened.container, &opened.facts, [right, right.cross(navigate::forward_of(camera))]);
+    let names = named_borders(opened.container(), opened.facts(), [right, right.cross(navigate::forward_of(camera))]);
     let inner = rect.shrink(MARGIN);
     let mut top = inner.center_top();
     if title.right() + 2.0 * MARGIN > top.x {
@@ -260,7 +260,7 @@ fn title(viewer: &Viewer, opened: &OpenVolume, axis: usize) -> String {
     let at = format!("{} {}", coordinate(scale, voxel), scale.unit);
     let failed = viewer.sections.panels[axis].shown.as_ref().map_or(0, |shown| shown.stats.bricks_failed);
     let failed = if failed > 0 { format!(", {failed} bricks failed") } else { String::new() };
-    let slab = viewer.sections.slab.filter(|_| viewer.sections.shows_slabs(&opened.facts));
+    let slab = viewer.sections.slab.filter(|_| viewer.sections.shows_slabs(opened.facts()));
     let slab = slab.map_or(String::new(), |slab| format!(", slab of {} voxels", short(slab.thickness)));
     format!("{} {}, voxel {voxel}{slab}{failed}", axis_name(opened, axis), at.trim_end())
 }
@@ -322,7 +322,7 @@ pub(super) fn controls(viewer: &mut Viewer, ui: &mut Ui) {
             .accessible_name(format!("Cursor, {name}"));
     }
     if cursor != viewer.sections.cursor {
-        viewer.sections.move_to(cursor, &opened.facts, &mut viewer.scene);
+        viewer.sections.move_to(cursor, opened.facts(), &mut viewer.scene);
     }
     ui.push_id("panels", |ui| {
         let look = &mut viewer.sections.look;
@@ -341,19 +341,19 @@ fn show_in_volume(viewer: &mut Viewer, opened: &OpenVolume) {
     for axis in (0..PANELS).filter(|axis| viewer.sections.layout.shows(*axis)) {
         let place = viewer.sections.cursor[axis];
         let is_there = |slice| {
-            let found = planes::place_of(slice, &opened.facts);
+            let found = planes::place_of(slice, opened.facts());
             found.axis == Some(axis) && (found.at - place).abs() < 0.5
         };
         if viewer.scene.slices.iter().any(is_there) {
             continue;
         }
-        if let Err(why) = planes::add(&mut viewer.scene, &opened.facts, Some(axis)) {
+        if let Err(why) = planes::add(&mut viewer.scene, opened.facts(), Some(axis)) {
             viewer.message = Some(Message::Failure(why));
             return;
         }
         if let Some(slice) = viewer.scene.slices.last_mut() {
-            planes::move_to(slice, &opened.facts, place);
-            let look = viewer.sections.painted_look(&opened.facts);
+            planes::move_to(slice, opened.facts(), place);
+            let look = viewer.sections.painted_look(opened.facts());
             (slice.interpolation, slice.filter, slice.colors) = (look.interpolation, look.filter, look.colors);
         }
     }

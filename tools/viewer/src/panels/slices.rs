@@ -35,7 +35,7 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
         ui.push_id(("slice", i), |ui| {
             ui.separator();
             ui.horizontal(|ui| {
-                let what = planes::place_of(slice, &opened.facts).axis;
+                let what = planes::place_of(slice, opened.facts()).axis;
                 let what = what.map_or("oblique".into(), |axis| planes::axis_name(&opened, axis));
                 let words = "Selects this slice: Alt and the wheel over the picture move it";
                 ui.radio_value(&mut viewer.panel_state.held_slice, i, format!("{number}: {what}")).on_hover_text(words);
@@ -57,7 +57,7 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     }
     viewer.scene = scene;
     if let Some(i) = removed {
-        planes::remove(&mut viewer.scene, &opened.facts, i);
+        planes::remove(&mut viewer.scene, opened.facts(), i);
         viewer.panel_state.held_slice = viewer.panel_state.held_slice.min(viewer.scene.slices.len().saturating_sub(1));
     }
 }
@@ -70,7 +70,7 @@ fn adders(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
             None => "Adds a slice in any direction".into(),
         };
         if ui.button(format!("+ {name}")).on_hover_text(words).clicked() {
-            match planes::add(&mut viewer.scene, &opened.facts, axis) {
+            match planes::add(&mut viewer.scene, opened.facts(), axis) {
                 Ok(()) => viewer.panel_state.held_slice = viewer.scene.slices.len() - 1,
                 Err(why) => viewer.message = Some(Message::Failure(why)),
             }
@@ -79,7 +79,7 @@ fn adders(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
 }
 
 fn place(slice: &mut SliceSpec, opened: &OpenVolume, number: usize, ui: &mut Ui) {
-    let Place { axis, mut at, range: [least, most], .. } = planes::place_of(slice, &opened.facts);
+    let Place { axis, mut at, range: [least, most], .. } = planes::place_of(slice, opened.facts());
     wide_slider(ui);
     let (slider, words) = match axis {
         Some(axis) => {
@@ -92,7 +92,7 @@ fn place(slice: &mut SliceSpec, opened: &OpenVolume, number: usize, ui: &mut Ui)
         ),
     };
     if ui.add(slider).on_hover_text(words).accessible_name(format!("Slice {number}, place")).changed() {
-        planes::move_to(slice, &opened.facts, at);
+        planes::move_to(slice, opened.facts(), at);
     }
     if axis.is_some() {
         return;
@@ -108,7 +108,7 @@ fn place(slice: &mut SliceSpec, opened: &OpenVolume, number: usize, ui: &mut Ui)
         }
     });
     if normal != slice.normal {
-        planes::turn(slice, &opened.facts, normal);
+        planes::turn(slice, opened.facts(), normal);
     }
 }
 
@@ -176,6 +176,6 @@ fn colors(slice: &mut SliceSpec, opened: &OpenVolume, what: &str, ui: &mut Ui) {
         .on_hover_text("Colour map of the slice, over its range of values")
         .accessible_name(format!("{what}, colours"));
     if let Some(name) = box_.inner.flatten() {
-        planes::paint(slice, &opened.facts, name);
+        planes::paint(slice, opened.facts(), name);
     }
 }

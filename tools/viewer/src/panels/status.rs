@@ -1,8 +1,7 @@
 //! The status line below the picture: present activity, progress of the picture, and its cost.
 
 use eframe::egui::{self, ProgressBar, Ui};
-use supervol_runtime::render::fidelity::{Outlook, grey_levels, missing_in_words};
-use supervol_runtime::render::stats::FrameStats;
+use supervol::{FrameStats, Outlook, grey_levels, missing_in_words};
 use supervol_scene::image::GREY_LEVELS;
 
 use crate::state::panels::StatusHeight;
@@ -207,7 +206,7 @@ fn bricks(stats: &FrameStats) -> String {
 
 #[cfg(test)]
 mod tests {
-    use supervol_runtime::render::accuracy::stated::ErrorStated;
+    use supervol::ErrorStated;
 
     use super::*;
 

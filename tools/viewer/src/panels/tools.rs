@@ -144,7 +144,7 @@ fn slice(viewer: &mut Viewer, ui: &mut Ui) {
         }
     });
     if chosen != viewer.slice.as_ref().map(|slice| slice.axis) {
-        viewer.set_slice(chosen.map(|axis| (axis, opened.facts.dims.0[axis] / 2)));
+        viewer.set_slice(chosen.map(|axis| (axis, opened.facts().dims.0[axis] / 2)));
     }
     if let Some((axis, mut at)) = viewer.slice.as_ref().map(|slice| (slice.axis, slice.at)) {
         wide_slider(ui);
@@ -164,8 +164,8 @@ fn crop(viewer: &mut Viewer, ui: &mut Ui) {
         ui.weak("Not available while a slice is shown; its crop is that of the volume.");
         return;
     };
-    let dims = opened.facts.dims.0;
-    let before = edit::kept_voxels(&viewer.scene, &opened.facts);
+    let dims = opened.facts().dims.0;
+    let before = edit::kept_voxels(&viewer.scene, opened.facts());
     let mut kept = before;
     for axis in 0..3 {
         let name = axis_name(&opened, axis);
@@ -189,7 +189,7 @@ fn crop(viewer: &mut Viewer, ui: &mut Ui) {
         };
     }
     if kept != before {
-        edit::keep_voxels(&mut viewer.scene, &opened.facts, kept);
+        edit::keep_voxels(&mut viewer.scene, opened.facts(), kept);
     }
     if ui.add_enabled(viewer.scene.clip.index_box.is_some(), Button::new("Show all")).clicked() {
         viewer.scene.clip.index_box = None;

@@ -47,7 +47,7 @@ fn take(
         edit::paint(&mut viewer.scene, &file.color_map()?);
         return Ok(());
     }
-    let mut spec = file.points(&opened.facts)?;
+    let mut spec = file.points(opened.facts())?;
     // Files of other programs keep the present unit distance.
     let present = edit::points(&viewer.scene).and_then(|points| points.unit_distance);
     spec.unit_distance = spec.unit_distance.or(present);

@@ -57,7 +57,7 @@ impl PanelState {
         self.left.retain(|(left, _)| *left != now);
         self.left.push((now, Look { transfer_function, shading, iso, samples_per_pixel }));
         self.chosen = None;
-        let slices = slices_in_mode(&mut self.kept_slices, &opened.facts, (now, &scene.slices), mode);
+        let slices = slices_in_mode(&mut self.kept_slices, opened.facts(), (now, &scene.slices), mode);
         let scene = Scene { slices, ..scene.clone() };
         let mut shown = match self.left.iter().find(|(left, _)| *left == mode) {
             Some((_, look)) => {
@@ -67,7 +67,7 @@ impl PanelState {
             None => Scene { slices: scene.slices.clone(), ..edit::with_mode(&scene, opened, mode) },
         };
         let alone = Scene { slices: Vec::new(), ..shown.clone() };
-        planes::follow_slices(&alone, &mut shown, &opened.facts);
+        planes::follow_slices(&alone, &mut shown, opened.facts());
         shown
     }
 }

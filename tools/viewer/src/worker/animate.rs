@@ -15,6 +15,7 @@ use supervol_scene::scene::{CameraSpec, Scene};
 use super::drawing::{DrawingState, options};
 use super::messages::{Animation, Busy, Decorations, Message, Motion, Settings};
 use super::shared::{Shared, lock};
+use super::written::encode;
 
 impl Motion {
     /// The request as it is written to `sequence.json`.
@@ -45,12 +46,12 @@ impl DrawingState {
         let camera = animation.scene.camera.as_ref();
         let camera =
             camera.ok_or("cannot animate: the world coordinates of this volume are too coarse for a camera")?;
-        let (cameras, motion) = (animation.motion.cameras(camera, &opened.facts), animation.motion.asked());
+        let (cameras, motion) = (animation.motion.cameras(camera, opened.facts()), animation.motion.asked());
         let scene = Scene { camera: cameras.first().cloned(), ..animation.scene.clone() };
         let inputs: Vec<&Path> =
             [opened.source.as_path(), opened.path.as_path()].into_iter().chain(scene.files()).collect();
         let frames = Frames {
-            container: &opened.container,
+            container: opened.container(),
             scene: &scene,
             decorate: settings.decorations == Decorations::On,
             cameras: &cameras,
@@ -97,19 +98,12 @@ impl DrawingState {
         let path = frames.path(frame);
         check_distinct(&path, frames.inputs.iter().copied()).map_err(|e| e.to_string())?;
         let output = OutputFile::begin(&path, Existing::ReplacePicture).map_err(|e| e.to_string())?;
-        let shown = frames.scene(frame);
-        let scene = shown.resolve(&self.opened.facts).map_err(|e| e.to_string())?;
-        self.aim(shared, scene.clone(), settings);
-        let step = self.renderer.advance(None).map_err(|e| e.to_string())?;
-        if step.is_cancelled || !step.is_finished {
-            return Ok(false);
-        }
-        let failed = self.renderer.stats().bricks_failed;
+        let Some(picture) = self.finished(shared, &frames.scene(frame), settings)? else { return Ok(false) };
+        let failed = picture.failed_bricks();
         if failed > 0 {
             return Err(format!("{} is not written: {failed} bricks could not be read", path.display()));
         }
-        let mut file = output.file();
-        self.encode_picture((&shown, &scene), frames.format, &mut file).map_err(|e| e.to_string())?;
+        encode(&picture, settings.decorations, frames.format, &mut output.file()).map_err(|e| e.to_string())?;
         output.publish().map_err(|e| e.to_string())?;
         Ok(true)
     }

@@ -5,14 +5,12 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use supervol_runtime::engines::maps::work_in_colors;
-use supervol_runtime::render::accuracy::stated::in_colors;
-use supervol_runtime::render::options::{Backend, Progress, Refining, RenderOptions};
-use supervol_runtime::render::renderer::Renderer;
-use supervol_runtime::render::volume::PlacedVolume;
-use supervol_runtime::stop::Canceller;
+use supervol::{
+    Backend, Canceller, DrawingProgress, Error, Options, PlacedVolume, Refining, Renderer, errors_in_colors,
+    work_in_colors,
+};
 use supervol_scene::image::Image;
-use supervol_scene::scene::{Mode, ResolvedScene, Scene, SceneError};
+use supervol_scene::scene::{Mode, ResolvedScene, Scene};
 
 use super::marks::marks;
 use super::messages::{
@@ -39,8 +37,6 @@ pub(super) struct DrawingState {
     /// Renderer of the panels beside the picture, created on first use.
     sections: Option<Sections>,
     view: Option<View>,
-    /// The scene of `view`, resolved.
-    scene: Option<ResolvedScene>,
     /// Whether the picture of `view` is final, or cannot be drawn.
     is_settled: bool,
     /// Remaining steps of looking ahead.
@@ -60,9 +56,9 @@ pub(super) fn next_interval(least: Duration, shown_in: Duration) -> Duration {
 }
 
 /// Options for pictures of the volume.
-pub(super) fn options(shared: &Arc<Shared>, settings: &Settings) -> RenderOptions {
+pub(super) fn options(shared: &Arc<Shared>, settings: &Settings) -> Options {
     let shared = Arc::downgrade(shared);
-    let on_progress = move |progress: Progress| {
+    let on_progress = move |progress: DrawingProgress| {
         let Some(shared) = shared.upgrade() else { return };
         let mut messages = lock(&shared.messages);
         // Only exports report progress; pictures on the screen show it themselves.
@@ -76,7 +72,7 @@ pub(super) fn options(shared: &Arc<Shared>, settings: &Settings) -> RenderOption
         SidePanels::Hidden => settings.host_memory_bytes,
         SidePanels::Shown => shares(settings.host_memory_bytes)[0],
     };
-    RenderOptions {
+    Options {
         backend: settings.backend,
         host_memory_bytes,
         threads: settings.threads,
@@ -85,26 +81,25 @@ pub(super) fn options(shared: &Arc<Shared>, settings: &Settings) -> RenderOption
         count_work: settings.inspect == Inspect::Work,
         refining: Refining::WholeStages,
         progress: Some(Arc::new(on_progress)),
-        ..RenderOptions::default()
+        ..Options::default()
     }
 }
 
 /// Options for sections.
-fn options_of_sections(settings: &Settings) -> RenderOptions {
-    RenderOptions {
+fn options_of_sections(settings: &Settings) -> Options {
+    Options {
         backend: Backend::Cpu,
         host_memory_bytes: shares(settings.host_memory_bytes)[1],
         threads: settings.threads,
         max_error: settings.max_error,
-        ..RenderOptions::default()
+        ..Options::default()
     }
 }
 
 impl DrawingState {
     /// A new drawing state without a picture. Tells the window about the volume.
     pub(super) fn new(shared: &Arc<Shared>, opened: Arc<OpenVolume>, settings: &Settings) -> Result<Self, String> {
-        let volume = PlacedVolume::of(opened.container.clone());
-        let renderer = Renderer::new(volume, options(shared, settings)).map_err(|e| e.to_string())?;
+        let renderer = opened.volume.renderer(options(shared, settings)).map_err(|e| e.to_string())?;
         shared.send(|messages| (messages.opened, messages.frame) = (Some(opened.clone()), None));
         let Settings { decorations, inspect, .. } = *settings;
         Ok(Self {
@@ -112,7 +107,6 @@ impl DrawingState {
             renderer,
             sections: None,
             view: None,
-            scene: None,
             is_settled: true,
             look_ahead_steps: 0,
             ahead: LookedAhead::default(),
@@ -132,7 +126,7 @@ impl DrawingState {
     /// Clears a cancellation that came just after the work it was meant for had ended, so that it does not stop the
     /// next work.
     pub(super) fn clear_cancellation(&mut self) {
-        if self.scene.is_some() && self.renderer.canceller().is_cancelled() {
+        if self.view.is_some() && self.renderer.canceller().is_cancelled() {
             // A cancelled step ends at once and clears the cancellation. An error here appears again in the next step.
             let _ = self.renderer.advance(Some(Instant::now()));
         }
@@ -157,16 +151,9 @@ impl DrawingState {
         }
         self.began = Instant::now();
         self.look_ahead_steps = 0;
-        match self.resolved(shared, &view.scene) {
-            Ok(scene) => {
-                self.scene = Some(scene.clone());
-                self.aim(shared, scene, settings);
-            }
-            Err(error) => {
-                self.is_settled = true;
-                shared.report_failure(error);
-                return;
-            }
+        if let Err(error) = self.aim_reading(shared, &view.scene, settings) {
+            self.is_settled = true;
+            return shared.report_failure(error);
         }
         self.view = Some(view);
         self.is_settled = false;
@@ -174,23 +161,24 @@ impl DrawingState {
     }
 
     /// Sets the scene that the renderer draws. Sections are drawn by the CPU, even if pictures are drawn by a GPU.
-    pub(super) fn aim(&mut self, shared: &Arc<Shared>, scene: ResolvedScene, settings: &Settings) {
-        let wanted = if scene.mode == Mode::Slice { Backend::Cpu } else { settings.backend };
+    pub(super) fn aim(&mut self, shared: &Arc<Shared>, scene: &Scene, settings: &Settings) -> Result<(), Error> {
+        self.renderer.set_scene(scene)?;
+        let is_slice = self.renderer.resolved().is_some_and(|resolved| resolved.mode == Mode::Slice);
+        let wanted = if is_slice { Backend::Cpu } else { settings.backend };
         if self.renderer.options().backend != wanted {
-            let options = options(shared, &Settings { backend: wanted, ..*settings });
-            self.renderer.set_options(options).unwrap_or_else(|error| shared.report_failure(error));
+            self.renderer.set_options(options(shared, &Settings { backend: wanted, ..*settings }))?;
         }
-        self.renderer.set_scene(scene);
+        Ok(())
     }
 
-    /// Resolves a scene. Reading files that the last scene did not use may take long and is reported to the window.
-    fn resolved(&self, shared: &Shared, scene: &Scene) -> Result<ResolvedScene, SceneError> {
+    /// The same. Reading files that the last scene did not use may take long and is reported to the window.
+    fn aim_reading(&mut self, shared: &Arc<Shared>, scene: &Scene, settings: &Settings) -> Result<(), Error> {
         let is_known = |file: &Path| self.view.iter().flat_map(|view| view.scene.files()).any(|known| known == file);
-        let Some(file) = scene.files().find(|file| !is_known(file)) else { return scene.resolve(&self.opened.facts) };
+        let Some(file) = scene.files().find(|file| !is_known(file)) else { return self.aim(shared, scene, settings) };
         shared.send(|messages| messages.busy = Some(Busy::Reading(file.into())));
-        let resolved = scene.resolve(&self.opened.facts);
+        let aimed = self.aim(shared, scene, settings);
         shared.send(|messages| messages.busy = messages.busy.take().filter(|busy| !matches!(busy, Busy::Reading(_))));
-        resolved
+        aimed
     }
 
     /// Begins the section of a panel.
@@ -199,7 +187,7 @@ impl DrawingState {
             return;
         }
         match needed(&mut self.sections, &self.opened, || options_of_sections(settings)) {
-            Ok(sections) => sections.begin(shared, &self.opened, panel, view, settings.interaction_ms),
+            Ok(sections) => sections.begin(shared, panel, view, settings.interaction_ms),
             Err(error) => shared.report_failure(error),
         }
     }
@@ -286,38 +274,49 @@ impl DrawingState {
     }
 
     fn show(&self, shared: &Shared, is_converged: bool) {
-        let (Some(view), Some(scene), Some(picture)) = (&self.view, &self.scene, self.renderer.picture()) else {
+        let renderer = &self.renderer;
+        let (Some(view), Some(scene), Some(image)) = (&self.view, renderer.resolved(), renderer.image()) else {
             return;
         };
-        let map = match self.inspect {
-            Inspect::Errors if is_converged => self.renderer.error_map().map(in_colors),
-            Inspect::Work if is_converged => self.renderer.work_map().map(work_in_colors),
-            Inspect::Nothing | Inspect::Bricks | Inspect::Errors | Inspect::Work => None,
-        };
-        let picture = map.map_or_else(|| self.decorated(picture, scene), Cow::Owned);
-        // The stated error of an unfinished picture is not computed: it would take as long as casting the rays.
-        let stats = if is_converged { self.renderer.stats() } else { self.renderer.counts() };
+        let placed = &self.opened.placed;
+        let map = if is_converged { self.map() } else { None };
+        let image = map.map_or_else(|| decorated(image, placed, scene, self.decorations), Cow::Owned);
+        let stats = renderer.stats();
         let has_marks = stats.bricks_failed > 0 || self.inspect == Inspect::Bricks;
-        let marks = if has_marks { marks(&self.renderer, self.inspect) } else { Vec::new() };
-        let frame = frame_of(view, (&picture, scene.background), (stats, is_converged), self.began);
+        let marks = if has_marks { marks(renderer, placed, self.inspect) } else { Vec::new() };
+        let frame = frame_of(view, (&image, scene.background), (stats, is_converged), self.began);
         let frame = Frame { marks, ..frame };
         shared.send(|messages| messages.frame = Some(frame));
     }
 
-    /// The picture with decorations, if they are on.
-    pub(super) fn decorated<'a>(&self, picture: Cow<'a, Image>, scene: &ResolvedScene) -> Cow<'a, Image> {
-        if self.decorations == Decorations::Off {
-            return picture;
+    /// The map that is shown in place of the picture.
+    fn map(&self) -> Option<Image> {
+        match self.inspect {
+            Inspect::Errors => self.renderer.picture()?.error_map().cloned().map(errors_in_colors),
+            Inspect::Work => self.renderer.picture()?.work_map().cloned().map(work_in_colors),
+            Inspect::Nothing | Inspect::Bricks => None,
         }
-        let mut picture = picture.into_owned();
-        supervol_decorations::decorate(&mut picture, &self.opened.container, &self.opened.facts, scene, None);
-        Cow::Owned(picture)
     }
 
     /// Continues the picture of `view` after another picture was drawn. A converged picture stays on the screen.
     pub(super) fn resume(&mut self, shared: &Arc<Shared>, settings: &Settings) {
-        if let Some(scene) = self.scene.clone() {
-            self.aim(shared, scene, settings);
-        }
+        let Some(view) = self.view.take() else { return };
+        self.aim(shared, &view.scene, settings).unwrap_or_else(|error| shared.report_failure(error));
+        self.view = Some(view);
     }
+}
+
+/// An image of a volume with decorations, if they are on.
+pub(super) fn decorated<'a>(
+    image: Cow<'a, Image>,
+    volume: &PlacedVolume,
+    scene: &ResolvedScene,
+    decorations: Decorations,
+) -> Cow<'a, Image> {
+    if decorations == Decorations::Off {
+        return image;
+    }
+    let mut image = image.into_owned();
+    supervol_decorations::decorate(&mut image, volume.container(), volume.facts(), scene, None);
+    Cow::Owned(image)
 }

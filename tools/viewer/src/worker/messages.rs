@@ -6,15 +6,12 @@ use std::time::Instant;
 
 use eframe::egui::ColorImage;
 use serde::{Deserialize, Serialize};
+use supervol::{Backend, Error, ErrorKind, FrameStats, Picked, PlacedVolume, Volume};
 use supervol_format::Container;
 use supervol_format::coordinates::Coordinates;
 use supervol_preprocess::Existing;
 use supervol_preprocess::kept::Reading;
 use supervol_preprocess::report::Progress as BuildProgress;
-use supervol_runtime::render::error::RenderError;
-use supervol_runtime::render::options::Backend;
-use supervol_runtime::render::renderer::Picked;
-use supervol_runtime::render::stats::FrameStats;
 use supervol_scene::camera_path::CameraPath;
 use supervol_scene::facts::VolumeFacts;
 use supervol_scene::image::{Image, ImageFormat};
@@ -170,22 +167,46 @@ pub struct OpenVolume {
     /// Only for a preview, which is shown while the container is built: distance of its voxels along each axis, in
     /// voxels of the volume.
     pub preview_of: Option<[u64; 3]>,
-    /// The container, with the geometry that is drawn.
-    pub container: Arc<Container>,
-    /// Facts of the container.
-    pub facts: VolumeFacts,
+    /// The volume that is drawn.
+    pub volume: Volume,
+    /// The same at the place where it is drawn.
+    pub placed: PlacedVolume,
     /// Line numbers and times or depths of a survey.
     pub survey: Option<Survey>,
     /// Coordinates of the volume's places.
     pub coordinates: Coordinates,
-    /// Overview from a coarse level, if one is small enough.
-    pub overview: Option<Overview>,
     /// Vertical exaggeration: factor of heights or depths.
     pub exaggeration: f64,
     /// The scene of the request with all defaults filled in.
     pub scene: Scene,
     /// Whether the request contained a camera.
     pub has_requested_camera: bool,
+}
+
+impl OpenVolume {
+    /// The container, with the geometry that is drawn.
+    #[must_use]
+    pub fn container(&self) -> &Arc<Container> {
+        self.placed.container()
+    }
+
+    /// Facts of the volume at the place where it is drawn.
+    #[must_use]
+    pub fn facts(&self) -> &VolumeFacts {
+        self.placed.facts()
+    }
+
+    /// Overview from a coarse level, if one is small enough. It was read when the volume was opened.
+    #[must_use]
+    pub fn overview(&self) -> Option<&Overview> {
+        self.placed.overview()
+    }
+
+    /// The vertical exaggeration as scenes of this volume name it.
+    #[must_use]
+    pub fn scene_exaggeration(&self) -> Option<f64> {
+        self.scene.vertical_exaggeration
+    }
 }
 
 /// A drawn picture.
@@ -330,9 +351,9 @@ pub(super) fn frame_of(
 }
 
 /// The answer to a probe; `None` if it was interrupted by another request.
-pub(super) fn picked(found: Result<Option<Picked>, RenderError>) -> Option<Result<Option<Picked>, String>> {
+pub(super) fn picked(found: Result<Option<Picked>, Error>) -> Option<Result<Option<Picked>, String>> {
     match found {
-        Err(RenderError::Cancelled) => None,
+        Err(error) if error.kind() == ErrorKind::Cancelled => None,
         found => Some(found.map_err(|e| e.to_string())),
     }
 }

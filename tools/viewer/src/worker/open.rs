@@ -6,14 +6,13 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use supervol::Volume;
+use supervol::{Canceller, Volume};
 use supervol_arguments::flags;
 use supervol_format::Container;
 use supervol_format::coordinates::Coordinates;
 use supervol_preprocess::kept::{Cache, Told};
 use supervol_preprocess::preview::Preview;
 use supervol_preprocess::{BuildError, BuildOptions};
-use supervol_runtime::stop::Canceller;
 use supervol_scene::scene::Scene;
 use supervol_sources::open::split_array;
 use supervol_sources::{SourceError, Survey};
@@ -47,14 +46,15 @@ fn opened(
 ) -> Result<Arc<OpenVolume>, Message> {
     let path = container.path().to_path_buf();
     let exaggerated = Scene { vertical_exaggeration: Some(request.exaggeration), ..Scene::default() };
-    let volume = Volume::of(container).placed_for(&exaggerated).map_err(|e| Message::Failure(e.to_string()))?;
-    let (facts, overview) = (volume.facts().clone(), volume.overview().cloned());
-    let mut scene = request.scene.complete(&facts, overview.as_ref());
-    scene.vertical_exaggeration = (request.exaggeration != 1.0).then_some(request.exaggeration);
-    let container = volume.container().clone();
+    let volume = Volume::of(container);
+    let placed = volume.placed_for(&exaggerated).map_err(|e| Message::Failure(e.to_string()))?;
+    // Reads the overview here, so that edits in the window never wait for it.
+    let overview = placed.overview();
+    let mut scene = request.scene.complete(placed.facts(), overview);
+    scene.vertical_exaggeration = exaggerated.vertical_exaggeration.filter(|factor| *factor != 1.0);
     let has_requested_camera = request.scene.camera.is_some();
-    let survey = Survey::of(container.manifest());
-    let coordinates = Coordinates::of(&container);
+    let survey = Survey::of(placed.container().manifest());
+    let coordinates = Coordinates::of(placed.container());
     let Open { path: source, reading, exaggeration, .. } = request;
     Ok(Arc::new(OpenVolume {
         number,
@@ -62,11 +62,10 @@ fn opened(
         reading,
         path,
         preview_of,
-        container,
-        facts,
+        volume,
+        placed,
         survey,
         coordinates,
-        overview,
         exaggeration,
         scene,
         has_requested_camera,

@@ -6,11 +6,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use supervol_runtime::render::options::RenderOptions;
-use supervol_runtime::render::renderer::{Picked, Renderer};
-use supervol_runtime::render::volume::PlacedVolume;
-use supervol_runtime::stop::Canceller;
-use supervol_scene::scene::ResolvedScene;
+use supervol::{Canceller, Options, Picked, Renderer};
 
 use super::drawing::next_interval;
 use super::messages::{OpenVolume, PANELS, View, frame_of, picked};
@@ -30,7 +26,6 @@ pub(super) struct Sections {
 /// The section of one panel.
 struct Panel {
     view: View,
-    scene: ResolvedScene,
     /// Whether its picture is final, or cannot be drawn.
     is_settled: bool,
     began: Instant,
@@ -38,38 +33,21 @@ struct Panel {
 
 impl Sections {
     /// No sections yet.
-    pub(super) fn new(opened: &OpenVolume, options: RenderOptions) -> Result<Self, String> {
-        let volume = PlacedVolume::of(opened.container.clone());
-        let renderer = Renderer::new(volume, options).map_err(|e| e.to_string())?;
+    pub(super) fn new(opened: &OpenVolume, options: Options) -> Result<Self, String> {
+        let renderer = opened.volume.renderer(options).map_err(|e| e.to_string())?;
         Ok(Self { renderer, panels: [const { None }; PANELS], shown_in: Duration::ZERO })
     }
 
     /// Applies options from the next request on.
-    pub(super) fn set(&mut self, shared: &Shared, options: RenderOptions) {
+    pub(super) fn set(&mut self, shared: &Shared, options: Options) {
         self.renderer.set_options(options).unwrap_or_else(|error| shared.report_failure(error));
         self.panels.iter_mut().flatten().for_each(|panel| panel.is_settled = true);
     }
 
     /// Begins the picture of a panel, and shows the result after the time for interaction.
-    pub(super) fn begin(
-        &mut self,
-        shared: &Shared,
-        opened: &OpenVolume,
-        number: usize,
-        view: View,
-        interaction_ms: u64,
-    ) {
-        match view.scene.resolve(&opened.facts) {
-            Ok(scene) => {
-                let panel = Panel { view, scene, is_settled: false, began: Instant::now() };
-                self.panels[number] = Some(panel);
-                self.advance(shared, number, Duration::from_millis(interaction_ms));
-            }
-            Err(error) => {
-                self.panels[number] = None;
-                shared.report_failure(error);
-            }
-        }
+    pub(super) fn begin(&mut self, shared: &Shared, number: usize, view: View, interaction_ms: u64) {
+        self.panels[number] = Some(Panel { view, is_settled: false, began: Instant::now() });
+        self.advance(shared, number, Duration::from_millis(interaction_ms));
     }
 
     /// Continues the first unfinished panel.
@@ -102,16 +80,17 @@ impl Sections {
 
     fn advance(&mut self, shared: &Shared, number: usize, time: Duration) {
         let Some(panel) = &mut self.panels[number] else { return };
-        self.renderer.set_scene(panel.scene.clone());
+        if let Err(error) = self.renderer.set_scene(&panel.view.scene) {
+            self.panels[number] = None;
+            return shared.report_failure(error);
+        }
         match self.renderer.advance(Some(Instant::now() + time)) {
             Ok(step) => {
                 panel.is_settled = step.is_finished;
                 let began = Instant::now();
-                let Some(picture) = self.renderer.picture() else { return };
-                // The error of a section is zero or unknown, so counts suffice.
-                let stats = self.renderer.counts();
-                let frame =
-                    frame_of(&panel.view, (&picture, panel.scene.background), (stats, step.is_finished), panel.began);
+                let (Some(image), Some(scene)) = (self.renderer.image(), self.renderer.resolved()) else { return };
+                let stats = self.renderer.stats();
+                let frame = frame_of(&panel.view, (&image, scene.background), (stats, step.is_finished), panel.began);
                 shared.send(|messages| messages.sections[number] = Some(frame));
                 self.shown_in = began.elapsed();
             }
@@ -130,8 +109,8 @@ impl Sections {
     /// The point under a pixel of a panel; `None` if it was interrupted, or if the panel shows nothing.
     pub(super) fn pick(&mut self, number: usize, pixel: [u32; 2]) -> Option<Result<Option<Picked>, String>> {
         let panel = self.panels[number].as_ref()?;
-        self.renderer.set_scene(panel.scene.clone());
-        picked(self.renderer.pick(pixel))
+        let set = self.renderer.set_scene(&panel.view.scene);
+        picked(set.and_then(|()| self.renderer.pick(pixel)))
     }
 }
 
@@ -147,7 +126,7 @@ pub(super) fn shares(host_memory_bytes: u64) -> [u64; 2] {
 pub(super) fn needed<'a>(
     sections: &'a mut Option<Sections>,
     opened: &Arc<OpenVolume>,
-    options: impl FnOnce() -> RenderOptions,
+    options: impl FnOnce() -> Options,
 ) -> Result<&'a mut Sections, String> {
     match sections {
         Some(sections) => Ok(sections),

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
+use supervol::Canceller;
 use supervol_preprocess::preview::Preview;
-use supervol_runtime::stop::Canceller;
 
 use super::messages::{Animation, Busy, Export, Message, Messages, Open, PANELS, Probe, Settings, View};
 use crate::folders::Folders;

@@ -17,9 +17,9 @@ use std::sync::atomic::Ordering;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use supervol::Canceller;
 use supervol_preprocess::kept::is_container;
 use supervol_preprocess::preview::Preview;
-use supervol_runtime::stop::Canceller;
 
 use super::drawing::DrawingState;
 use super::messages::{Busy, Message, Open, OpenVolume, Settings};

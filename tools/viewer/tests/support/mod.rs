@@ -10,13 +10,11 @@ use eframe::egui::accesskit::{Action, ActionData, ActionRequest, Role, TreeId};
 use eframe::egui::{Color32, Event, Key, Modifiers, PointerButton, Pos2, Vec2};
 use egui_kittest::kittest::{NodeT, Queryable};
 use egui_kittest::{Harness, Node};
+use supervol::{Backend, Options, Picture};
 use supervol_format::Dims;
 use supervol_format::container::manifest::Source;
 use supervol_preprocess::kept::Reading;
 use supervol_preprocess::{BuildOptions, build};
-use supervol_runtime::render::options::{Backend, RenderOptions};
-use supervol_runtime::render::renderer::render;
-use supervol_scene::image::Image;
 use supervol_scene::image::stored::{StoredPicture, StoredPixels};
 use supervol_scene::scene::Scene;
 use supervol_sources::synthetic::Synthetic;
@@ -68,19 +66,17 @@ pub fn npy_of(folder: &Path, name: &str, shape: [usize; 3], voxel: impl Fn(usize
     path
 }
 
-/// The picture that `render` draws of a scene, and the background.
-pub fn headless(viewer: &Viewer, scene: &Scene) -> (Image, [f64; 3]) {
-    let opened = viewer.opened().expect("a volume is open");
-    let options = RenderOptions {
+/// The picture that `render` draws of a scene.
+pub fn headless(viewer: &Viewer, scene: &Scene) -> Picture {
+    let options = Options {
         backend: Backend::Cpu,
         max_error: viewer.settings().max_error,
         predict_error: true,
-        ..RenderOptions::default()
+        ..Options::default()
     };
-    let scene = scene.resolve(&opened.facts).expect("a scene");
-    let (image, stats) = render(&opened.container, &scene, &options).expect("a picture");
-    assert!(stats.converged);
-    (image, scene.background)
+    let picture = viewer.opened().expect("a volume is open").volume.draw(scene, &options).expect("a picture");
+    assert!(picture.is_converged());
+    picture
 }
 
 /// Pixels of a picture file.
@@ -318,9 +314,10 @@ impl Session {
     /// Asserts that the picture on the screen is the one that `render` draws of the scene, bit for bit.
     pub fn assert_is_as_rendered(&mut self) {
         let picture = self.viewer().picture().expect("a picture");
-        let (expected, background) = headless(self.viewer(), self.viewer().scene());
-        assert_eq!(picture.image.size, [expected.width, expected.height].map(|n| n as usize));
-        let expected = expected.to_rgb8(background);
+        let expected = headless(self.viewer(), self.viewer().scene());
+        let size = [expected.image().width, expected.image().height];
+        assert_eq!(picture.image.size, size.map(|n| n as usize));
+        let expected = expected.to_rgb8();
         let shown: Vec<u8> = picture.image.pixels.iter().flat_map(|p| [p.r(), p.g(), p.b()]).collect();
         let most = shown.iter().zip(&expected).map(|(a, b)| a.abs_diff(*b)).max();
         assert_eq!(most, Some(0), "grey levels between what is shown and what is rendered");
@@ -330,10 +327,11 @@ impl Session {
     pub fn assert_section_is_as_rendered(&mut self, axis: usize) {
         let panel = self.viewer().sections().panel(axis).expect("a panel");
         let (scene, shown) = (panel.scene().expect("a scene"), panel.shown().expect("a picture"));
-        let (expected, background) = headless(self.viewer(), scene);
-        assert_eq!(shown.image.size, [expected.width, expected.height].map(|n| n as usize));
+        let expected = headless(self.viewer(), scene);
+        let size = [expected.image().width, expected.image().height];
+        assert_eq!(shown.image.size, size.map(|n| n as usize));
         let bytes: Vec<u8> = shown.image.pixels.iter().flat_map(|p| [p.r(), p.g(), p.b()]).collect();
-        assert!(bytes == expected.to_rgb8(background), "section {axis} is not what render draws");
+        assert!(bytes == expected.to_rgb8(), "section {axis} is not what render draws");
     }
 
     /// Draws the window, and writes it to a file on request. Without a graphics adapter, prints a message.

@@ -23,8 +23,7 @@ fn done(session: &mut Session) -> String {
 /// Pixels of a picture file as `render` writes it.
 fn drawn(session: &Session, scene: &Scene) -> StoredPixels {
     let path = session.folder.path().join("expected.png");
-    let (image, background) = headless(session.viewer(), scene);
-    image.write(&path, background).expect("a file");
+    headless(session.viewer(), scene).save(&path).expect("a file");
     pixels(&path)
 }
 
@@ -44,7 +43,7 @@ fn a_turntable_is_what_render_draws_and_goes_on_where_it_was() {
     let mut scene = session.viewer().scene().clone();
     (scene.image.width, scene.image.height) = (120, 90);
     let opened = session.viewer().opened().expect("open").clone();
-    let cameras = turntable(scene.camera.as_ref().expect("a camera"), upright(&opened.facts), 3);
+    let cameras = turntable(scene.camera.as_ref().expect("a camera"), upright(opened.facts()), 3);
     for (frame, camera) in cameras.into_iter().enumerate() {
         let scene = Scene { camera: Some(camera), ..scene.clone() };
         let written = pixels(&folder.join(format!("frame-{frame:05}.png")));
@@ -78,8 +77,7 @@ fn a_turntable_is_what_render_draws_and_goes_on_where_it_was() {
     let path = session.folder.path().join("expected.exr");
     let mut first = session.viewer().scene().clone();
     (first.image.width, first.image.height) = (120, 90);
-    let (image, background) = headless(session.viewer(), &first);
-    image.write(&path, background).expect("a file");
+    headless(session.viewer(), &first).save(&path).expect("a file");
     let [written, expected] = [folder.join("frame-00000.exr"), path].map(|p| pixels(&p));
     assert!(written == expected, "the first picture, as floats");
     // A different animation in the same folder is refused.

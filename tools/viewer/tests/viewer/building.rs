@@ -73,7 +73,7 @@ fn a_build_that_is_cancelled_goes_on_when_its_file_is_opened_again() {
     session.harness.state_mut().open(&file);
     session.until("it is open", |s| s.viewer().opened().is_some_and(|opened| opened.source == file));
     session.rest();
-    let notes = &session.viewer().opened().expect("open").container.manifest().notes;
+    let notes = &session.viewer().opened().expect("open").container().manifest().notes;
     assert!(
         !notes.iter().any(|note| note.contains("interrupted")),
         "the same bytes as of a build in one go: {notes:?}"
@@ -127,7 +127,7 @@ fn a_headerless_file_is_read_as_the_command_line_says() {
     let window = ([1280.0, 800.0], 1.0);
     let mut session = Session::launched(folder, (file.clone(), reading), Scene::default(), window, Settings::default());
     session.rest();
-    assert_eq!(session.viewer().opened().expect("open").facts.dims.0, [40, 30, 20]);
+    assert_eq!(session.viewer().opened().expect("open").facts().dims.0, [40, 30, 20]);
     session.assert_is_as_rendered();
     // After a change of exaggeration it is the same file, read with the same options.
     session.harness.state_mut().set_exaggeration(2.0);
@@ -160,14 +160,14 @@ fn a_file_without_a_header_gets_its_options_in_the_window() {
     session.click("Open with these options");
     session.until("it is open", |s| s.viewer().opened().is_some_and(|opened| opened.source == file));
     session.rest();
-    assert_eq!(session.viewer().opened().expect("open").facts.dims.0, [6, 5, 4]);
+    assert_eq!(session.viewer().opened().expect("open").facts().dims.0, [6, 5, 4]);
     session.assert_is_as_rendered();
     // Options of the open file: other dimensions.
     session.click("File options ...");
     session.type_over("Voxels along x, y, z", "5,6,4");
     session.type_over("Type of the voxels", "u8");
     session.click("Open with these options");
-    session.until("it is open", |s| s.viewer().opened().is_some_and(|opened| opened.facts.dims.0 == [5, 6, 4]));
+    session.until("it is open", |s| s.viewer().opened().is_some_and(|opened| opened.facts().dims.0 == [5, 6, 4]));
 }
 
 #[test]
@@ -200,7 +200,7 @@ fn datasets_are_chosen_in_the_window() {
         s.viewer().opened().is_some_and(|opened| opened.source.display().to_string().ends_with(":/volume_1"))
     });
     session.rest();
-    assert_eq!(session.viewer().opened().expect("open").facts.dims.0, [84, 84, 69]);
+    assert_eq!(session.viewer().opened().expect("open").facts().dims.0, [84, 84, 69]);
 }
 
 /// Floats with a usual null: the note of the build stands in the window.
@@ -218,7 +218,7 @@ fn notes_of_the_build_stand_in_the_window() {
     let session = Session::of_file(null);
     assert!(session.harness.query_by_label_contains("-999.25 are absent").is_some());
     assert!(session.harness.query_by_label_contains("--keep-nulls").is_some());
-    let range = session.viewer().opened().expect("open").facts.value_range;
+    let range = session.viewer().opened().expect("open").facts().value_range;
     assert_eq!([range.min, range.max], [1.0, 99.0]);
 }
 
@@ -252,7 +252,7 @@ fn a_large_volume_is_looked_at_while_it_is_built() {
     session.until("the volume is there", |s| !s.viewer().is_preview());
     session.rest();
     let opened = session.viewer().opened().expect("open").clone();
-    assert_eq!((opened.facts.dims.0, opened.preview_of), ([512, 272, 256], None));
+    assert_eq!((opened.facts().dims.0, opened.preview_of), ([512, 272, 256], None));
     let shown = session.viewer().scene();
     assert_eq!(shown.camera, turned);
     assert_eq!(shown.clip.index_box, Some([[-0.5, 41.5, -0.5], [511.5, 271.5, 255.5]]));
@@ -297,7 +297,7 @@ fn channels_of_a_file_are_switched_between_and_what_is_not_there_is_refused() {
     let mut session = Session::of_file(colours);
     let range = |s: &Session| {
         let opened = s.viewer().opened().expect("a volume is open");
-        (opened.reading.options.selection.channel, opened.facts.value_range.min, opened.facts.value_range.max)
+        (opened.reading.options.selection.channel, opened.facts().value_range.min, opened.facts().value_range.max)
     };
     let (_, least, most) = range(&session);
     assert!(least > 50.0 && most < 120.0, "luminances, found {least} to {most}");

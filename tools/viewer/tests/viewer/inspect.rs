@@ -1,13 +1,8 @@
 //! Diagnostic displays: bricks, errors, failures. None of them is part of an exported picture.
 
-use std::sync::Arc;
-
 use eframe::egui::{Key, Modifiers};
+use supervol::{Backend, Options, errors_in_colors, work_in_colors};
 use supervol_preprocess::Existing;
-use supervol_runtime::engines::maps::work_in_colors;
-use supervol_runtime::render::accuracy::stated::in_colors;
-use supervol_runtime::render::options::{Backend, RenderOptions};
-use supervol_runtime::render::renderer::{render_with_errors, render_with_maps};
 use supervol_scene::preset::slices::plane_across;
 use supervol_scene::scene::Scene;
 use supervol_scene::scene::section::face_on;
@@ -51,16 +46,9 @@ fn errors_are_those_that_render_writes() {
     session.click("errors");
     session.rest();
     let viewer = session.viewer();
-    let opened = viewer.opened().expect("open");
-    let scene = viewer.scene().resolve(&opened.facts).expect("a scene");
-    let options = RenderOptions {
-        backend: Backend::Cpu,
-        max_error: viewer.settings().max_error,
-        predict_error: true,
-        ..RenderOptions::default()
-    };
-    let (_, errors, _) = render_with_errors(&Arc::clone(&opened.container), &scene, &options).expect("a picture");
-    let expected = in_colors(errors.expect("errors are stated")).to_rgb8(scene.background);
+    let picture = support::headless(viewer, viewer.scene());
+    let errors = picture.error_map().expect("errors are stated").clone();
+    let expected = errors_in_colors(errors).to_rgb8(picture.resolved().background);
     let shown: Vec<u8> = session.pixels().iter().flat_map(|p| [p.r(), p.g(), p.b()]).collect();
     assert!(shown == expected, "another map");
     session.screenshot("inspect-errors");
@@ -77,16 +65,16 @@ fn work_is_what_render_writes() {
     session.click("work");
     session.rest();
     let viewer = session.viewer();
-    let opened = viewer.opened().expect("open");
-    let scene = viewer.scene().resolve(&opened.facts).expect("a scene");
-    let options = RenderOptions {
+    let options = Options {
         backend: Backend::Cpu,
         max_error: viewer.settings().max_error,
         count_work: true,
-        ..RenderOptions::default()
+        ..Options::default()
     };
-    let (_, maps, _) = render_with_maps(&Arc::clone(&opened.container), &scene, &options).expect("a picture");
-    let expected = work_in_colors(maps.work.expect("work is counted")).to_rgb8(scene.background);
+    let volume = &viewer.opened().expect("open").volume;
+    let picture = volume.draw(viewer.scene(), &options).expect("a picture");
+    let work = picture.work_map().expect("work is counted").clone();
+    let expected = work_in_colors(work).to_rgb8(picture.resolved().background);
     let shown: Vec<u8> = session.pixels().iter().flat_map(|p| [p.r(), p.g(), p.b()]).collect();
     assert!(shown == expected, "another map");
     session.screenshot("inspect-work");
@@ -145,12 +133,13 @@ fn pictures_may_be_drawn_by_a_graphics_device() {
     assert!(matches!(session.viewer().message(), Some(Message::Done(line)) if line.contains("--backend gpu")));
     let volume = session.viewer().scene().clone();
     let opened = session.viewer().opened().expect("open").clone();
-    let (normal, offset) = plane_across(&opened.facts, 2, 30.0);
+    let (normal, offset) = plane_across(opened.facts(), 2, 30.0);
     let interpolation = Interpolation::Linear;
     let slice =
         SliceSpec { normal, offset, opacity: 1.0, interpolation, filter: None, colors: Vec::new(), labels: false };
     let open = Scene { image: volume.image.clone(), ..Scene::default() };
-    let section = face_on(&open, &opened.facts, slice, 1.0).expect("there is a section").complete(&opened.facts, None);
+    let section =
+        face_on(&open, opened.facts(), slice, 1.0).expect("there is a section").complete(opened.facts(), None);
     // A section is exported while a GPU draws the picture.
     let path = session.folder.path().join("section.png");
     session.export(Export { scene: section.clone(), path: path.clone(), existing: Existing::Keep });

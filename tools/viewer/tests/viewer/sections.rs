@@ -6,10 +6,10 @@ use std::path::Path;
 use eframe::egui::{
     Event, Key, Modifiers, MouseWheelSource, MouseWheelUnit, PointerButton, Pos2, Rect, TouchPhase, Vec2,
 };
+use supervol::Picked;
 use supervol_export::extract::{Extraction, extract};
 use supervol_format::{Lod, VoxelBox, VoxelType};
 use supervol_preprocess::Existing;
-use supervol_runtime::render::renderer::Picked;
 use supervol_scene::scene::{CameraSpec, IsoSpec, Mode, Scene};
 use supervol_scene::slices::Interpolation;
 use supervol_viewer::sections::{Layout, describe_point, place, short};
@@ -90,7 +90,7 @@ fn the_cursor_links_the_panels() {
     assert_eq!((of(0, &session), of(1, &session), of(2, &session)), (x, y, z), "voxels of 1 at the origin");
     // The cross lies at the end of the drag, to half a voxel.
     let pixels_a_voxel = f64::from(panel.width().min(panel.height())) / 64.0;
-    let place = session.viewer().sections().place_of(2, [x, y, z], &opened.facts).expect("on the panel");
+    let place = session.viewer().sections().place_of(2, [x, y, z], opened.facts()).expect("on the panel");
     let shown = panel.min + Vec2::new(0.5 * (1.0 + place[0] as f32), 0.5 * (1.0 - place[1] as f32)) * panel.size();
     let expected = panel.center() + Vec2::new(40.0, 30.0);
     assert!(f64::from((shown - expected).length()) < pixels_a_voxel, "{shown:?} {expected:?}");
@@ -141,7 +141,7 @@ fn stored(session: &Session, voxel: [u64; 3]) -> f64 {
         existing: Existing::Replace,
         memory_bytes: 64 << 20,
     };
-    let container = &session.viewer().opened().expect("open").container;
+    let container = session.viewer().opened().expect("open").container();
     let (_, voxel_type) = extract(container, &path, &what).expect("it is extracted");
     let bytes = std::fs::read(&path).expect("a file");
     let last = &bytes[bytes.len() - voxel_type.bytes()..];
@@ -166,7 +166,7 @@ fn the_point_under_the_mouse_is_told_with_its_value() {
     assert!(picked.index[0] > 33.0 && picked.index[1] != 32.0, "{picked:?}");
     // The reported position is the one under the mouse, to one pixel.
     let opened = session.viewer().opened().expect("open").clone();
-    let place = session.viewer().sections().place_of(2, picked.index, &opened.facts).expect("on the panel");
+    let place = session.viewer().sections().place_of(2, picked.index, opened.facts()).expect("on the panel");
     let shown = panel.min + Vec2::new(0.5 * (1.0 + place[0] as f32), 0.5 * (1.0 - place[1] as f32)) * panel.size();
     assert!((shown - (panel.center() + Vec2::new(31.0, -17.0))).length() < 1.5, "{shown:?}");
     // With `nearest`, values are those of the container.
@@ -296,7 +296,7 @@ fn windows_slabs_and_gamma_of_panels_are_what_render_draws() {
     let mut session = at_rest_with_three();
     let window = |session: &Session| {
         let opened = session.viewer().opened().expect("open").clone();
-        session.viewer().sections().window(&opened.facts).expect("a window")
+        session.viewer().sections().window(opened.facts()).expect("a window")
     };
     let cursor = session.viewer().sections().cursor();
     let [low, high] = window(&session);
@@ -509,8 +509,7 @@ fn a_section_is_saved_and_exported_as_it_is_shown() {
     let exported = session.folder.path().join("sphere.section.png");
     session.until("it is written", |s| exported.exists() && s.viewer().is_idle());
     let expected = session.folder.path().join("expected.png");
-    let (image, background) = support::headless(session.viewer(), &scene);
-    image.write(&expected, background).expect("a file");
+    support::headless(session.viewer(), &scene).save(&expected).expect("a file");
     assert!(support::pixels(&exported) == support::pixels(&expected), "other pixels");
     session.assert_section_is_as_rendered(1);
 }

@@ -7,6 +7,7 @@ use eframe::egui::{Event, Key, Modifiers, MouseWheelSource, MouseWheelUnit, Poin
 use egui_kittest::kittest::Queryable;
 use glam::DVec3;
 use supervol_preprocess::Existing;
+use supervol_scene::image::stored::StoredPicture;
 use supervol_scene::scene::{CameraSpec, Mode, Scene, ShadingSpec, TransferFunctionSpec};
 use supervol_scene::slices::Interpolation;
 use supervol_scene::slices::filter::{FilterKind, FilterSpec};
@@ -187,9 +188,10 @@ fn an_exported_picture_is_the_one_that_render_writes() {
     let written = session.folder.path().join("vessels.png");
     session.until("the file is written", |session| written.exists() && session.viewer().is_idle());
     let expected = session.folder.path().join("expected.png");
-    let (image, background) = headless(session.viewer(), session.viewer().scene());
-    image.write(&expected, background).expect("a file");
-    assert!(support::pixels(&written) == support::pixels(&expected), "other pixels");
+    headless(session.viewer(), session.viewer().scene()).save(&expected).expect("a file");
+    let [written, expected] = [written, expected].map(|path| StoredPicture::read(&path).expect("a picture"));
+    assert!(written.pixels == expected.pixels, "other pixels");
+    assert_eq!(written.record, expected.record);
     session.assert_is_as_rendered();
 }
 
@@ -225,8 +227,13 @@ fn crops_and_exaggerations_are_those_of_the_scene_and_the_command() {
     session.set("Vertical exaggeration", 3.0);
     session.until("the volume is placed anew", |s| s.viewer().opened().is_some_and(|o| o.exaggeration == 3.0));
     session.rest();
-    assert_eq!(session.viewer().opened().expect("open").facts.geometry.spacing[2], 3.0);
+    assert_eq!(session.viewer().opened().expect("open").facts().geometry.spacing[2], 3.0);
     assert!(session.viewer().scene().clip.index_box.is_some(), "the crop stays");
+    session.assert_is_as_rendered();
+    // An older scene is drawn at the new place of the volume, as the scene and the command say.
+    session.press(Modifiers::COMMAND, Key::Z);
+    session.rest();
+    assert_eq!(session.viewer().scene().vertical_exaggeration, Some(3.0));
     session.assert_is_as_rendered();
 }
 
@@ -477,16 +484,10 @@ fn decorations_are_those_of_render() {
     session.click("Box, scale, colours");
     session.rest();
     let viewer = session.viewer();
-    let opened = viewer.opened().expect("open");
-    let (mut image, background) = headless(viewer, viewer.scene());
-    supervol_decorations::decorate(
-        &mut image,
-        &opened.container,
-        &opened.facts,
-        &viewer.scene().resolve(&opened.facts).expect("a scene"),
-        None,
-    );
-    let expected = image.to_rgb8(background);
+    let picture = headless(viewer, viewer.scene());
+    let (mut image, placed, scene) = (picture.image().clone(), picture.volume(), picture.resolved());
+    supervol_decorations::decorate(&mut image, placed.container(), placed.facts(), scene, None);
+    let expected = image.to_rgb8(scene.background);
     let shown: Vec<u8> = session.pixels().iter().flat_map(|p| [p.r(), p.g(), p.b()]).collect();
     assert!(shown == expected && session.pixels() != plain);
     session.press(Modifiers::COMMAND | Modifiers::SHIFT, Key::C);
