@@ -149,8 +149,8 @@ prepare() {
 
 clippy() {
     cargo clippy --workspace --all-targets --locked -- -D warnings
-    # Without the GPU engine, as benches and programs without wgpu build it.
-    cargo clippy -p supervol-runtime --no-default-features --locked -- -D warnings
+    # Without the GPU engine, as programs without wgpu build the runtime; and one bench alone, with all that it depends on.
+    cargo clippy -p supervol-runtime -p supervol-benches --no-default-features --lib --bench tree --locked -- -D warnings
 }
 
 # All libraries, and the programs whose names no library has. The example brings the dependencies of tests, and with

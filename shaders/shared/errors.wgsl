@@ -23,7 +23,7 @@ fn of_ray(deviation: GpuDeviation, length: f32, through: f32) -> f32 {
     let opacity = 1.0 - through;
     // A bound above 1 is useless.
     var integral = 1.0;
-    for (var i = 0; i < 7; i += 1) {
+    for (var i = 0u; i < SHARES; i += 1u) {
         integral = min(integral, PER_OPACITY[i] * opacity + deviation.per_length[i] * length);
     }
     return min(integral * exp(thinner(deviation, length, through)), of_nothing(deviation, length));

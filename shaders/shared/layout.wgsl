@@ -76,6 +76,7 @@ const STEP_OF_FLOATS: u32 = 3u;
 const APRON: i32 = 2;
 const MACRO_CELL: i32 = 8;
 const BLOCK: i32 = 4;
+const SHARES: u32 = 12u;
 const KNOT_LIMIT: u32 = 8u;
 const PAIR_LIMIT: u32 = 64u;
 const ISO_LIMIT: u32 = 32u;
@@ -145,7 +146,7 @@ const EPSILON: f32 = 1.1920929e-7;
 const LEAST_NORMAL: f32 = 1.1754944e-38;
 const LEAST_LENGTH: f32 = 1.0842022e-19;
 const OVERSHOOT: f32 = 0.25;
-const PER_OPACITY: array<f32, 7> = array<f32, 7>(0.0, 0.0009765625, 0.00390625, 0.015625, 0.0625, 0.25, 1.0);
+const PER_OPACITY: array<f32, SHARES> = array<f32, SHARES>(0.0, 0.000984251968503937, 0.001968503937007874, 0.003937007874015748, 0.007874015748031496, 0.015748031496062992, 0.031496062992125984, 0.06299212598425197, 0.12598425196850394, 0.25196850393700787, 0.5039370078740157, 1.0);
 
 // Position of one cache texture's slots.
 struct SlotGrid {
@@ -484,7 +485,7 @@ struct RayErrors {
 // `FAR`.
 struct GpuDeviation {
     // Mode dvr: error per length for each of `PER_OPACITY`.
-    per_length: array<f32, 7>,
+    per_length: array<f32, 12>,
     // Mode dvr: greatest difference of the drawn extinction above the exact one.
     thinner: f32,
     // Greatest extinction, drawn or exact; `FAR` if a surface may lie beneath.

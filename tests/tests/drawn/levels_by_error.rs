@@ -63,6 +63,9 @@ fn a_larger_error_draws_coarser_levels_and_is_kept() {
             println!("{mode}: target {levels}, {error:.3} measured, {} bricks coarse", coarse_bricks(&stats));
             assert!(error <= levels + ELSEWHERE, "{mode}, {levels}: {error}");
             assert_eq!(stats.bricks_without_bound, 0, "{mode}, {levels}");
+            let said = stats.error_stated.expect("it is asked for").largest_grey_levels;
+            let is_aim = mode == "dvr" && (0.5..=16.0).contains(&levels);
+            assert!(!is_aim || said <= levels, "{levels} levels asked for, {said} stated");
             fine_bricks.push(stats.bricks_by_level[0].page_ins);
         }
         assert!(fine_bricks.is_sorted_by(|a, b| a >= b), "{mode}: {fine_bricks:?}");

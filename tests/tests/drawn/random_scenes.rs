@@ -155,7 +155,7 @@ fn scenes_that_were_further_off_than_asked_or_stated() {
     }
 }
 
-/// The GPU integrates no cell in `f64`: an error of 0.1 is requested but not asserted.
+/// The CPU casts again what the GPU cannot settle.
 #[test]
 fn random_scenes_keep_the_error_on_the_gpu() {
     if gpu_name().is_none() {
@@ -173,7 +173,7 @@ fn random_scenes_keep_the_error_on_the_gpu() {
     let found = with_context(|context| run(context, options, None)).unwrap_or_else(|e| panic!("seed {SEED}: {e}"));
     println!("{found:#?}");
     assert!(found.scenes_that_show_something > GPU_SCENES / 2, "{found:#?}");
-    for at in found.errors.iter().filter(|at| at.asked_grey_levels >= 0.5) {
+    for at in &found.errors {
         assert!(at.scenes_above.is_empty(), "further off than was asked for: {at:#?}");
     }
     for at in &found.errors {
@@ -183,9 +183,10 @@ fn random_scenes_keep_the_error_on_the_gpu() {
     for at in &found.stated {
         assert!(at.scenes_above_stated.is_empty(), "further off than is stated of a pixel: {at:#?}");
         // Hardly a pixel is off by anything where a tenth of a level is asked for.
-        assert!(at.pixels > 300 || at.asked_grey_levels < 0.5, "{at:#?}");
+        assert!(at.pixels > 200 || at.asked_grey_levels < 0.5, "{at:#?}");
         assert!(at.largest_share_of_stated > 0.05, "{at:#?}");
     }
+    assert_no_more_is_stated_than_asked(&found);
     let [smallest, greatest] = [0, ERRORS.len() - 1].map(|i| found.errors[i].largest_grey_levels);
     assert!(greatest > smallest && smallest > 0.0, "the error that is asked for changes nothing: {found:#?}");
 }

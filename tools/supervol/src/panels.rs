@@ -1,28 +1,23 @@
 //! `supervol render --slice ... --slice ...`: several slices side by side in one picture.
 
 use std::path::Path;
-use std::sync::Arc;
 
+use supervol::Volume;
 use supervol_arguments::failure::Failure;
 use supervol_arguments::output::PictureFile;
-use supervol_format::Container;
 use supervol_format::readable::counted;
 use supervol_runtime::render::options::RenderOptions;
-use supervol_runtime::render::renderer::render;
-use supervol_scene::facts::VolumeFacts;
 use supervol_scene::image::Image;
 use supervol_scene::scene::Scene;
 
 use crate::failed_bricks::{FailedBricks, check_all_read, check_any_read};
 use crate::grid::Grid;
-use crate::picture::with_render;
+use crate::picture::with_picture;
 use crate::written::warn_of_nothing;
 
 /// Slices of one volume, drawn as panels.
 pub struct Panels<'a> {
-    /// The volume and its facts.
-    pub container: &'a Arc<Container>,
-    pub facts: &'a VolumeFacts,
+    pub volume: &'a Volume,
     /// Name and scene of each panel.
     pub panels: &'a [(String, Scene)],
     pub grid: Grid,
@@ -42,16 +37,17 @@ impl Panels<'_> {
         let mut picture = Image { width, height, pixels: vec![[0.0; 4]; width as usize * height as usize] };
         let (mut background, mut failed) = ([0.0; 3], 0);
         for (number, (name, scene)) in self.panels.iter().enumerate() {
-            let resolved = scene.resolve(self.facts).map_err(Failure::command)?;
-            let (mut panel, stats) = render(self.container, &resolved, options).map_err(with_render)?;
-            check_any_read(&stats)?;
-            warn_of_nothing(&panel, &resolved, self.facts)?;
+            let drawn = self.volume.draw(scene, options).map_err(with_picture)?;
+            check_any_read(drawn.stats())?;
+            let (placed, resolved) = (drawn.volume(), drawn.resolved());
+            warn_of_nothing(drawn.image(), resolved, placed.facts())?;
+            let mut panel = drawn.image().clone();
             if self.decorate {
-                supervol_decorations::decorate(&mut panel, self.container, self.facts, &resolved, Some(name));
+                supervol_decorations::decorate(&mut panel, placed.container(), placed.facts(), resolved, Some(name));
             }
             self.grid.put(&mut picture, number, &panel);
             background = resolved.background;
-            failed += stats.bricks_failed;
+            failed += drawn.failed_bricks();
         }
         file.write(&picture, background)?;
         let slices = counted(self.panels.len() as u64, "slice");

@@ -1,22 +1,19 @@
 //! `supervol render --pick X,Y`: prints the point under pixels of the picture, as text or JSON.
 
 use std::io::Write;
-use std::sync::Arc;
 
 use serde_json::{Map, Value, json};
+use supervol::Volume;
 use supervol_arguments::failure::{Failure, with_output};
 use supervol_arguments::terminal::Format;
-use supervol_format::Container;
 use supervol_format::cast::whole;
 use supervol_format::coordinates::Coordinates;
 use supervol_format::readable::Number;
 use supervol_runtime::render::options::RenderOptions;
-use supervol_runtime::render::renderer::{Picked, PickedOn, Renderer};
-use supervol_runtime::render::volume::PlacedVolume;
-use supervol_scene::facts::VolumeFacts;
+use supervol_runtime::render::renderer::{Picked, PickedOn};
 use supervol_scene::scene::Scene;
 
-use crate::picture::with_render;
+use crate::picture::with_picture;
 
 /// Digits of a value after the first one.
 const SINGLE_DIGITS: f64 = 6.0;
@@ -26,18 +23,18 @@ const PLACE_DIGITS: f64 = 3.0;
 /// Prints the points under these pixels of a picture of `scene`: a line or more for each pixel, or a JSON array with an
 /// object for each pixel.
 pub fn run(
-    (container, facts, scene): (&Arc<Container>, &VolumeFacts, &Scene),
+    (volume, scene): (&Volume, &Scene),
     options: &RenderOptions,
     pixels: &[[u32; 2]],
     format: Format,
 ) -> Result<(), Failure> {
-    let resolved = scene.resolve(facts).map_err(Failure::command)?;
-    let mut renderer = Renderer::new(PlacedVolume::of(container.clone()), options.clone()).map_err(with_render)?;
-    renderer.set_scene(resolved);
-    let coordinates = Coordinates::of(container);
+    let mut renderer = volume.renderer(options.clone()).map_err(with_picture)?;
+    renderer.set_scene(scene).map_err(with_picture)?;
+    let placed = volume.placed_for(scene).map_err(with_picture)?;
+    let coordinates = Coordinates::of(placed.container());
     let mut found = Vec::with_capacity(pixels.len());
     for &pixel in pixels {
-        let mut picked = renderer.pick(pixel).map_err(with_render)?;
+        let mut picked = renderer.pick(pixel).map_err(with_picture)?;
         let lines = picked.as_mut().map_or_else(Vec::new, |picked| {
             // Without vertical exaggeration, as on axes.
             picked.world = coordinates.world(picked.index);
@@ -47,7 +44,7 @@ pub fn run(
     }
     let written = match format {
         Format::Text => {
-            let spacing = facts.geometry.smallest_spacing();
+            let spacing = placed.facts().geometry.smallest_spacing();
             found.iter().map(|(pixel, picked, lines)| text(*pixel, picked.as_ref(), lines, spacing)).collect()
         }
         Format::Json => {

@@ -89,9 +89,9 @@ pub struct Arguments {
     backend: Option<BackendName>,
     /// Largest allowed error of a pixel channel, as a fraction of full scale: 0.05/255 to 16/255, or 1
     ///
-    /// The error sets the accuracy of integration along rays (mode dvr; on the GPU only in unshaded pictures). With
-    /// --level auto, it also decides where coarser levels may be drawn. With 1, levels follow from the size of a
-    /// pixel alone, and rays are integrated within 16/255.
+    /// The error sets the accuracy of integration along rays, on both backends. With --level auto, it also decides
+    /// where coarser levels may be drawn. With 1, levels follow from the size of a pixel alone, and rays are integrated
+    /// within 16/255.
     #[arg(long, value_name = "E", default_value = "0.5/255", value_parser = quantity::picture_error)]
     max_error: f64,
     /// Instruction set for packets of rays (CPU backend): avx512, avx2 or portable [default: the best of this
@@ -489,7 +489,8 @@ pub fn run(arguments: &Arguments, start: Instant) -> Result<(), Failure> {
         // All panels have the same cuts.
         panels.first().iter().for_each(|(_, scene)| announce_files(scene));
         let (decorate, failed_bricks) = (arguments.decorates(output), arguments.failed_bricks());
-        let panels = Panels { container: &container, facts: &facts, panels: &panels, grid, decorate, failed_bricks };
+        let volume = &volume.without_overview();
+        let panels = Panels { volume, panels: &panels, grid, decorate, failed_bricks };
         return panels.run(file, (path, output), &arguments.options(start));
     }
     let (scene, motion) = arguments.shown(scene, placed)?;
@@ -504,7 +505,7 @@ pub fn run(arguments: &Arguments, start: Instant) -> Result<(), Failure> {
     }
     if !arguments.pick.is_empty() {
         let format = if arguments.json { Format::Json } else { Format::Text };
-        pick::run((&container, &facts, &scene), &arguments.options(start), &arguments.pick, format)
+        pick::run((volume, &scene), &arguments.options(start), &arguments.pick, format)
             .map_err(|failure| failure.named(arguments.scene.as_deref().map(name_of_scene)))?;
     }
     let Some(output) = &arguments.output else { return Ok(()) };

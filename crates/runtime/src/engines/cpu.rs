@@ -11,6 +11,7 @@ use supervol_format::ValueRange;
 use supervol_scene::image::Image;
 use supervol_scene::scene::{Mode, ResolvedScene};
 
+use super::asked::AskedPixels;
 use super::cells;
 use super::cells::frame::CellFrame;
 use super::cells::rays::CellRays;
@@ -170,6 +171,15 @@ impl CpuFrame {
     pub fn with_deviations(self, deviations: Deviations) -> Self {
         match self {
             Self::Packets(frame) => Self::Packets(Box::new(frame.with_deviations(deviations))),
+            cells @ Self::Cells(_) => cells,
+        }
+    }
+
+    /// The same picture of these pixels only, by packets: all others are NaN. Single rays are always cast for all pixels.
+    #[must_use]
+    pub(crate) fn only(self, asked: AskedPixels) -> Self {
+        match self {
+            Self::Packets(frame) => Self::Packets(Box::new(frame.only(asked))),
             cells @ Self::Cells(_) => cells,
         }
     }

@@ -3,6 +3,7 @@
 //! - [`rules`]: every tolerance of the integral, with its reason;
 //! - [`value_error`]: what values of rays may be off by;
 //! - [`totals`], [`maps`]: counters and errors of a picture; maps of its errors and its work;
+//! - `asked`: some pixels of a picture, where not all are to be cast;
 //! - [`engine`], [`error`]: the interface of an engine, with its protocol; its errors;
 //! - [`reference`](mod@reference): the brute-force `f64` integrator that defines the right picture;
 //! - [`ray`], [`ray_scene`], [`feedback`]: a ray between passes, the description of its picture, the result of a pass;
@@ -12,6 +13,7 @@
 //! - [`cpu`]: the choice between the two;
 //! - [`gpu`]: the same ray caster in WGSL, and all other code for graphics devices.
 
+pub(crate) mod asked;
 pub mod blocks;
 pub mod cells;
 pub mod cpu;

@@ -58,6 +58,20 @@ pub struct ErrorsByReason {
     pub presence_may_change: bool,
 }
 
+impl EngineErrors {
+    /// The greater of both, each.
+    #[must_use]
+    pub fn or(self, other: Self) -> Self {
+        Self {
+            cells: self.cells.max(other.cells),
+            levels: self.levels.max(other.levels),
+            ray_ends: self.ray_ends.max(other.ray_ends),
+            transfer_function: self.transfer_function.max(other.transfer_function),
+            rounding: self.rounding.max(other.rounding),
+        }
+    }
+}
+
 impl ErrorsByReason {
     /// The greater of both.
     #[must_use]
@@ -68,4 +82,15 @@ impl ErrorsByReason {
             presence_may_change: self.presence_may_change | other.presence_may_change,
         }
     }
+}
+
+/// Pixels of a picture that may be off by more than requested, coarser levels apart.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct PixelsAbove {
+    /// Whether a pixel is one, row by row from the top.
+    pub(crate) is_above: Vec<bool>,
+    /// Largest errors of all other rays.
+    pub(crate) within: ErrorsByReason,
+    /// Totals of the picture, with these errors.
+    pub(crate) totals_within: EngineTotals,
 }

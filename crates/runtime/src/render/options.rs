@@ -100,7 +100,7 @@ pub struct RenderOptions {
     /// suffices, and voxels are as large as a pixel.
     pub max_error: f64,
     /// Whether errors are stated: of each pixel (`error_stated`), and in mode `dvr` term by term (`error_predicted`).
-    /// Costs 1 to 2 % of the time on the CPU, 3 to 6 % on graphics devices.
+    /// Costs 1 to 2 % of the time on the CPU. Graphics devices sum errors up in any case.
     pub predict_error: bool,
     /// Whether the work of each pixel's rays is counted, for a map: several times the time, on the CPU. The picture is
     /// the same.

@@ -102,6 +102,8 @@ pub struct FrameStats {
     pub pixels_unfinished: u64,
     /// Edge of a pixel of that picture, in pixels; 0 if all are finished.
     pub coarsest_pixel: u32,
+    /// Pixels that the CPU cast again, because the graphics device might be off by more than `max_error_requested`.
+    pub pixels_cast_again: u64,
     /// Bricks that failed.
     pub bricks_failed: u64,
     /// The first failures.
@@ -263,7 +265,7 @@ mod tests {
         gpu_bytes gpu_budget_bytes gpu_page_ins gpu_anomalies upload_bytes gpu_written_bytes gpu_read_bytes
         gpu_submits gpu_dispatches gpu_dispatch_ms_max gpu_lost_because rays
         rays_terminated_early samples cells cells_refined cells_exact macro_cells macro_cells_skipped
-        fallbacks bricks_missing_at_deadline pixels_unfinished coarsest_pixel bricks_failed failures
+        fallbacks bricks_missing_at_deadline pixels_unfinished coarsest_pixel pixels_cast_again bricks_failed failures
         max_error_requested error_bound bricks_without_bound levels_drawn reference_capped_pieces error_predicted
         error_stated error_measured
     ";

@@ -35,9 +35,11 @@ pub const MADE_LIMIT: u64 = 32 << 20;
 /// Divisor of the budget: the share of data derived from bricks.
 const MADE_SHARE: u64 = 16;
 /// Bytes of one pixel of an image.
-const PIXEL_BYTES: u64 = 16;
+pub(crate) const PIXEL_BYTES: u64 = 16;
 /// Bytes of a waiting ray in the list of misses.
 const MISS_BYTES: u64 = 16;
+/// Bytes of a ray beside an engine's own: its miss and its pixel.
+pub(crate) const RAY_BYTES: u64 = MISS_BYTES + PIXEL_BYTES;
 
 /// The budget is too small.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -118,15 +120,14 @@ pub struct EngineBytes {
     pub made_of_brick: u64,
     /// Bytes per pixel of the statements made beside its colour.
     pub of_pixel: u64,
+    /// Bytes per ray of the whole picture, beside those of a band.
+    pub of_ray: u64,
 }
 
 impl EngineBytes {
     /// An engine without host memory of its own, which draws the whole picture at once.
     pub const NONE: Self =
-        Self { bands: BandMode::Whole, group_side: 1, group: 0, thread: 0, made_of_brick: 0, of_pixel: 0 };
-
-    /// An engine that holds its rays on a device, and states errors: these lie in host memory once a band is read.
-    pub const STATED_BY_DEVICE: Self = Self { of_pixel: 2 * PIXEL_BYTES, ..Self::NONE };
+        Self { bands: BandMode::Whole, group_side: 1, group: 0, thread: 0, made_of_brick: 0, of_pixel: 0, of_ray: 0 };
 }
 
 /// Reserve of memory for deadlines. With it, the coarsest brick stays in the cache, beside the brick that makes
@@ -192,7 +193,7 @@ impl Demand {
     fn ray_bytes(&self, band_rows: u64) -> u64 {
         let [columns, rows] = [u64::from(self.image_size[0]), band_rows].map(|n| n * u64::from(self.subgrid));
         let groups = [columns, rows].map(|n| n.div_ceil(u64::from(self.engine.group_side)));
-        groups[0] * groups[1] * self.engine.group + columns * rows * (MISS_BYTES + PIXEL_BYTES)
+        groups[0] * groups[1] * self.engine.group + columns * rows * RAY_BYTES
     }
 
     /// Most pixel rows of a band whose rays take at most `bytes`; at least 1, whole groups if possible.
@@ -224,7 +225,8 @@ impl HostPlan {
             DeadlineReserve::None => (0, 1),
             DeadlineReserve::Kept => (image.div_ceil(4), 2),
         };
-        let image = image + coarser_image + width * height * demand.engine.of_pixel;
+        let of_rays = u64::from(demand.subgrid).pow(2) * demand.engine.of_ray;
+        let image = image + coarser_image + width * height * (demand.engine.of_pixel + of_rays);
         let casting = demand.threads * demand.engine.thread;
         let toc = demand.toc_pages.min(CACHED_TOC_PAGES as u64) * toc::PAGE_BYTES as u64;
         let scratch = demand.threads * demand.brick.decoding;
@@ -287,6 +289,7 @@ mod tests {
         thread: 250_000,
         made_of_brick: 5_000,
         of_pixel: 0,
+        of_ray: 0,
     };
 
     fn demand() -> Demand {

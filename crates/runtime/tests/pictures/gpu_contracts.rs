@@ -417,7 +417,7 @@ fn a_lost_device_is_reported_and_replaced() {
     let options = GpuOptions { memory_bytes: 16 << 20, ..GpuOptions::default() };
     let mut renderer = GpuRenderer::new(&lost, &volume.gpu_volume(), &scene, FINEST, options, None).unwrap();
     renderer.cast_pass().unwrap();
-    lost.device.destroy();
+    lost.destroy();
     assert!(matches!(renderer.cast_pass(), Err(GpuError::DeviceLost { .. })));
     assert!(matches!(renderer.image(), Err(GpuError::DeviceLost { .. })));
     let again = GpuRenderer::new(&lost, &volume.gpu_volume(), &scene, FINEST, options, None);

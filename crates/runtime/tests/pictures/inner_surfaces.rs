@@ -251,8 +251,12 @@ fn errors_are_stated_truthfully() {
     let scene = scene(&volume, &smooth_json(""));
     for level in [LevelChoice::Auto, LevelChoice::Fixed(Lod(1))] {
         let options = RenderOptions { predict_error: true, ..options(level) };
-        let (image, map, _) = render_with_errors(&container, &scene, &options).expect("a picture");
+        let (image, map, stats) = render_with_errors(&container, &scene, &options).expect("a picture");
         let map = map.expect("errors are summed up");
+        let said = stats.error_stated.expect("errors are summed up");
+        if level == LevelChoice::Auto {
+            assert!(said.largest_grey_levels <= GREY_LEVELS * options.max_error + 1e-6, "{said:?}");
+        }
         let exact = reference(&volume, &scene);
         let is_stable = stable(&volume, &scene, &exact);
         for i in (0..exact.pixels.len()).filter(|i| is_stable[*i]) {

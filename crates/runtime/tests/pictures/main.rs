@@ -17,6 +17,7 @@ mod gpu_contracts;
 mod gpu_errors;
 mod gpu_images;
 mod gpu_places;
+mod gpu_recast;
 mod gpu_support;
 mod gpu_twin_list;
 mod gpu_twins;

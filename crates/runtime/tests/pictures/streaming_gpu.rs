@@ -27,7 +27,7 @@ const TOLERANCE: f64 = 0.5;
 const ROUNDING: f64 = 1e-3;
 
 /// Whether there is a GPU; with `SUPERVOL_REQUIRE_GPU=1` its absence is a failure.
-fn has_adapter() -> bool {
+pub fn has_adapter() -> bool {
     let Err(error) = GpuDevice::open() else { return true };
     assert!(std::env::var_os("SUPERVOL_REQUIRE_GPU").is_none_or(|v| v != "1"), "SUPERVOL_REQUIRE_GPU=1, but {error}");
     eprintln!("SKIPPED: no GPU adapter ({error})");

@@ -62,5 +62,6 @@ pub fn bytes_held() -> EngineBytes {
         thread: 0,
         made_of_brick: 0,
         of_pixel: 0,
+        of_ray: 0,
     }
 }

@@ -25,6 +25,7 @@ macro_rules! of_rules {
 pub(super) fn constants() -> Vec<Constant> {
     let whole = [("APRON", APRON), ("MACRO_CELL", MACRO_CELL), ("BLOCK", BLOCK)];
     let counts = [
+        ("SHARES", PER_OPACITY.len().to_string()),
         ("KNOT_LIMIT", quadrature::KNOT_LIMIT.to_string()),
         ("PAIR_LIMIT", quadrature::PAIR_LIMIT.to_string()),
         ("ISO_LIMIT", supervol_scene::scene::ISO_LIMIT.to_string()),
@@ -34,7 +35,7 @@ pub(super) fn constants() -> Vec<Constant> {
     let whole = whole.map(|(name, value)| (name, "i32", value.to_string()));
     let counts = counts.map(|(name, value)| (name, "u32", format!("{value}u")));
     let numbers = numbers.map(|(name, value)| (name, "f32", format!("{value:?}")));
-    let arrays = [("PER_OPACITY", "array<f32, 7>", format!("array<f32, 7>({shares})"))];
+    let arrays = [("PER_OPACITY", "array<f32, SHARES>", format!("array<f32, SHARES>({shares})"))];
     whole.into_iter().chain(counts).chain(numbers).chain(arrays).collect()
 }
 

@@ -136,7 +136,7 @@ mod tests {
     #[test]
     fn bounds_are_never_rounded_down_and_infinity_is_far() {
         let deviation = Deviation {
-            per_length: [0.1, 0.2, 1e-9, 3.0, 0.0, 1e-40, 0.7],
+            per_length: [0.1, 0.2, 1e-9, 3.0, 0.0, 1e-40, 0.7, 0.3, 1.5, 1e-3, 1e5, 0.9],
             thinner: 1.0 / 3.0,
             kappa_max: f64::INFINITY,
             value: 0.3,

@@ -37,6 +37,12 @@ const STORAGE_TEXTURES: u32 = TEXTURE_LIMIT as u32 + 1;
 /// Pipelines, and the parameters that they were compiled for.
 type KeptPipelines = (Variant, TexelAccess, Arc<Pipelines>);
 
+/// wgpu's flags for this build, without debug information in shaders: for each statement naga counts the lines of the source
+/// from its start, which takes longer than the translation. `WGPU_DEBUG=1` adds debug information.
+fn instance_flags() -> wgpu::InstanceFlags {
+    wgpu::InstanceFlags::from_build_config().difference(wgpu::InstanceFlags::DEBUG).with_env()
+}
+
 /// One opened GPU: device, queue and limits. A clone is the same device.
 #[derive(Debug, Clone)]
 pub struct GpuDevice {
@@ -69,7 +75,10 @@ impl GpuDevice {
     /// # Errors
     /// As [`Self::open`].
     pub fn open_named(wanted: Option<&str>) -> Result<Self, GpuError> {
-        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
+        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
+            flags: instance_flags(),
+            ..wgpu::InstanceDescriptor::new_without_display_handle()
+        });
         let mut adapters = block_on(instance.enumerate_adapters(wgpu::Backends::PRIMARY));
         let names = adapters.iter().map(|a| a.get_info().name).collect::<Vec<_>>().join(", ");
         if let Some(wanted) = wanted {
@@ -131,6 +140,11 @@ impl GpuDevice {
             uncaptured,
             pipelines: Arc::default(),
         })
+    }
+
+    /// Destroys the device, as a driver does that resets it: every later call returns [`GpuError::DeviceLost`].
+    pub fn destroy(&self) {
+        self.device.destroy();
     }
 
     /// The adapter's name and kind, for statistics and messages.

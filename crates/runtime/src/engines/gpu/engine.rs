@@ -11,11 +11,10 @@ use supervol_format::BrickKey;
 use supervol_scene::image::Image;
 
 use super::caster::{GpuRenderer, PageEntry};
-use super::errors::BandErrors;
 use crate::engines::engine::{Advance, Engine};
 use crate::engines::error::EngineError;
 use crate::engines::maps::Maps;
-use crate::engines::totals::{EngineErrors, EngineTotals, ErrorsByReason, GpuStats};
+use crate::engines::totals::{EngineErrors, EngineTotals, ErrorsByReason, GpuStats, PixelsAbove};
 use crate::lod::deviation::Deviations;
 use crate::stop::{Stop, WhenDue};
 use crate::stream::counters::{DeviceCounters, RayCounters};
@@ -43,6 +42,10 @@ pub(crate) struct GpuEngine {
     deviations: Option<Arc<Deviations>>,
     /// Errors of the picture so far.
     errors: ErrorsByReason,
+    /// The same of its rays that keep to the requested error.
+    errors_within: ErrorsByReason,
+    /// Whether a pixel of the bands so far may be off by more.
+    is_above: Vec<bool>,
     /// Errors of the pixels of the last band.
     error_pixels: Option<Image>,
     /// Bricks without voxels to draw, of this picture and earlier ones. The next camera requests most of them again.
@@ -69,6 +72,8 @@ impl GpuEngine {
             before,
             deviations,
             errors: ErrorsByReason::default(),
+            errors_within: ErrorsByReason::default(),
+            is_above: Vec::new(),
             error_pixels: None,
             answered: BTreeSet::new(),
         }
@@ -92,6 +97,27 @@ impl GpuEngine {
     /// Largest errors of its rays so far; zero unless they are summed up.
     pub(crate) fn errors(&self) -> ErrorsByReason {
         self.errors
+    }
+
+    /// The pixels of the finished picture that may be off by more than requested; `None` if there are none, or none is known.
+    pub(crate) fn take_pixels_above(&mut self) -> Option<PixelsAbove> {
+        let is_above = std::mem::take(&mut self.is_above);
+        let within = self.errors_within;
+        is_above.contains(&true).then(|| PixelsAbove { is_above, within, totals_within: self.totals_of(within) })
+    }
+
+    /// The totals, if these are the errors.
+    fn totals_of(&self, ErrorsByReason { cells, levels, .. }: ErrorsByReason) -> EngineTotals {
+        let stats = self.renderer.stats();
+        let counters = stats.counters.since(&self.before);
+        let [ray_ends, transfer_function, rounding] = self.renderer.common_errors();
+        let states_errors = self.deviations.is_some() && self.renderer.sums_cells();
+        EngineTotals {
+            rays: self.counters,
+            errors: states_errors.then_some(EngineErrors { cells, levels, ray_ends, transfer_function, rounding }),
+            device: Some(GpuStats { counters, ..stats }),
+            ..EngineTotals::default()
+        }
     }
 
     /// Copies bricks of the host cache to slots, as far as there are some for them.
@@ -199,12 +225,12 @@ impl Engine for GpuEngine {
 
     fn write_image(&mut self, to: &mut [[f32; 4]]) -> Result<(), EngineError> {
         let Some(deviations) = &self.deviations else { return Ok(self.renderer.write_image(to)?) };
-        if let Some(BandErrors { pixels, greatest, ended_early }) =
-            self.renderer.write_image_with_errors(deviations, to)?
-        {
-            self.errors = self.errors.or(greatest);
-            self.counters.rays_terminated_early += ended_early;
-            self.error_pixels = Some(pixels);
+        if let Some(band) = self.renderer.write_image_with_errors(deviations, to)? {
+            self.errors = self.errors.or(band.greatest);
+            self.errors_within = self.errors_within.or(band.greatest_within);
+            self.is_above.extend(band.is_above);
+            self.counters.rays_terminated_early += band.ended_early;
+            self.error_pixels = Some(band.pixels);
         }
         Ok(())
     }
@@ -214,16 +240,6 @@ impl Engine for GpuEngine {
     }
 
     fn totals(&self) -> EngineTotals {
-        let stats = self.renderer.stats();
-        let counters = stats.counters.since(&self.before);
-        let [ray_ends, transfer_function, rounding] = self.renderer.common_errors();
-        let ErrorsByReason { cells, levels, .. } = self.errors;
-        let states_errors = self.deviations.is_some() && self.renderer.sums_cells();
-        EngineTotals {
-            rays: self.counters,
-            errors: states_errors.then_some(EngineErrors { cells, levels, ray_ends, transfer_function, rounding }),
-            device: Some(GpuStats { counters, ..stats }),
-            ..EngineTotals::default()
-        }
+        self.totals_of(self.errors)
     }
 }

@@ -28,7 +28,7 @@ wgsl_type! {
     u32 => "u32", i32 => "i32", f32 => "f32",
     [u32; 2] => "vec2<u32>", [f32; 2] => "vec2<f32>",
     [u32; 3] => "vec3<u32>", [i32; 3] => "vec3<i32>", [f32; 3] => "vec3<f32>",
-    [u32; 4] => "vec4<u32>", [f32; 4] => "vec4<f32>", [f32; 7] => "array<f32, 7>",
+    [u32; 4] => "vec4<u32>", [f32; 4] => "vec4<f32>", [f32; 12] => "array<f32, 12>",
 }
 
 /// Text and field offsets of one shared struct.
@@ -548,7 +548,7 @@ shared_struct! {
     /// `FAR`.
     GpuDeviation {
         /// Mode dvr: error per length for each of `PER_OPACITY`.
-        per_length: [f32; 7],
+        per_length: [f32; 12],
         /// Mode dvr: greatest difference of the drawn extinction above the exact one.
         thinner: f32,
         /// Greatest extinction, drawn or exact; `FAR` if a surface may lie beneath.

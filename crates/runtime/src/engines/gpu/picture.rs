@@ -14,7 +14,7 @@ use super::rays::RayGrid;
 use super::scene_tables::{Exactness, GpuVolume};
 use crate::engines::gpu::error::GpuError;
 use crate::engines::gpu::piece_table::PieceTable;
-use crate::engines::rules::MAX_ERROR_LIMITS;
+use crate::engines::rules::{BESIDE_SURFACES, MAX_ERROR_LIMITS};
 use crate::lod::{LodChoice, LodRule};
 
 /// Data of one picture.
@@ -53,7 +53,8 @@ impl Picture {
         before: Option<&Self>,
     ) -> Self {
         let [least, most] = MAX_ERROR_LIMITS;
-        let max_error = options.max_error.clamp(least, most);
+        let share = if scene.has_inner_surfaces() { BESIDE_SURFACES } else { 1.0 };
+        let max_error = (share * options.max_error).clamp(least, most);
         let shift = volume.value_map.shift;
         let lod = LodRule::new(lod, &scene.camera, volume.geometry);
         let transfer_function = scene.transfer_function.without_surfaces();

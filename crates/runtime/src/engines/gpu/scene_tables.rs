@@ -20,7 +20,9 @@ use crate::engines::gpu::error::GpuError;
 use crate::engines::gpu::texels::VoxelStorage;
 use crate::engines::packets::highlight::Highlight;
 use crate::engines::packets::shade::whole_half_of;
-use crate::engines::rules::{BY_OPACITY, END_SHARE, LEAST_SHADED_SHARE, PAIR_ERROR, TERMINATION_OPACITY, reserve};
+use crate::engines::rules::{
+    BY_OPACITY, END_SHARE, LEAST_SHADED_SHARE, PAIR_ERROR, TERMINATION_OPACITY, aimed_error, reserve,
+};
 use crate::stream::classify::Skipping;
 
 /// The volume that a renderer draws.
@@ -75,6 +77,7 @@ pub fn config(
     if scene.gradient_opacity.is_some() {
         return Err(GpuError::Scene { reason: "opacity by the gradient is not available".to_owned() });
     }
+    let core = volume.pyramid.layout().core();
     let Exactness { skipping, max_error, sums_errors } = options;
     let [light_centre, light_scale, light_offset] = light.values_of_stored(volume.storage, volume.value_map);
     let limits = light.limits();
@@ -108,7 +111,7 @@ pub fn config(
         value_scale: map.scale,
         value_offset: map.offset,
         absent: map.absent.map_or(0, u32::from),
-        core: narrow::<u32>(volume.pyramid.layout().core()),
+        core: narrow::<u32>(core),
         point_count: narrow::<u32>(tf.points.len()),
         bin_count: narrow::<u32>(tf.bins.len()),
         alpha_limit: single(ALPHA_LIMIT),
@@ -122,7 +125,7 @@ pub fn config(
         light_scale,
         light_offset,
         by_opacity: single(BY_OPACITY * max_error),
-        reserve: single(reserve(max_error, volume.pyramid.layout().core())),
+        reserve: single(reserve(max_error, core)),
         first_piece: light.first_piece,
         search_step: light.search_step,
         narrow: limits.narrow,
@@ -131,7 +134,7 @@ pub fn config(
         rounded_bends: limits.rounded[0],
         rounded_kinks: limits.rounded[1],
         // The error of a Gauss pair falls with the fourth power of its width.
-        pair_share: single((PAIR_ERROR / max_error).sqrt().sqrt()),
+        pair_share: single((PAIR_ERROR / aimed_error(max_error, core)).sqrt().sqrt()),
         miss_limit: MISS_LIMIT,
         visible_points: narrow::<u32>(tf.points.iter().filter(|p| p.rgba[3] > 0.0).count()),
         miss_words: narrow::<u32>(miss_words(places.slots)),

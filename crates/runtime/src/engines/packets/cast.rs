@@ -59,7 +59,7 @@ pub(super) fn cast_tiles(view: &dyn BrickView, frame: &PacketFrame, tiles: &mut 
                 dispatch(tables.set, BoundRays(rays));
                 CastTile { view, frame, tables, corner, rays, queues, feedback: &mut feedback }.run();
             }
-            *tile = end_tile(frame, rays);
+            *tile = end_tile(frame, corner, rays);
             feedback.counters.rays_waiting += tile.waiting();
             feedback.counters.rays_finished += match (frame.scene.cuts_rays(), &*tile) {
                 (false, tile) => begun as u64 - tile.waiting(),
@@ -125,14 +125,22 @@ impl Task for BoundRays<'_> {
     }
 }
 
-fn end_tile(frame: &PacketFrame, rays: &TileRays) -> Tile {
+fn end_tile(frame: &PacketFrame, corner: [u32; 2], rays: &TileRays) -> Tile {
     let gathered = &rays.gathered;
     if gathered.waiting.iter().any(Option::is_some) {
         return Tile::Waiting(Box::new(gathered.clone()));
     }
     let terminated_early = (0..TILE_RAYS).filter(|&ray| has_ended(frame, gathered, ray)).count() as u64;
-    let pixels = pixels_of_tile(&frame.scene, gathered);
-    let errors = errors_of(frame, gathered, &pixels);
+    let mut pixels = pixels_of_tile(&frame.scene, gathered);
+    let mut errors = errors_of(frame, gathered, &pixels);
     let work = gathered.work.clone();
+    if frame.asked.is_some() {
+        for ray in (0..TILE_RAYS).filter(|&ray| !is_in_picture(frame, corner, ray)) {
+            pixels[ray] = [f32::NAN; 4];
+            if let Some(errors) = &mut errors {
+                errors.of_rays[ray] = f32::NAN;
+            }
+        }
+    }
     Tile::Finished(Box::new(FinishedTile { pixels, terminated_early, errors, work }))
 }

@@ -11,8 +11,9 @@ use super::plans::{BrickPlans, Made};
 use super::rule::PacketRule;
 use super::simd::InstructionSet;
 use super::tables::PacketTables;
+use crate::engines::asked::AskedPixels;
 use crate::engines::ray_scene::{BrickChoice, DrawnVolume, RayScene};
-use crate::engines::rules::{ErrorKnowledge, NEVER, TERMINATION_OPACITY, own_error};
+use crate::engines::rules::{BESIDE_SURFACES, NEVER, TERMINATION_OPACITY, own_error, surfaces_error};
 use crate::engines::totals::{EngineErrors, ErrorsByReason};
 use crate::engines::value_error::{by_f32, by_f64};
 use crate::lod::deviation::Deviations;
@@ -28,6 +29,8 @@ pub struct PacketFrame {
     pub(super) inner: Option<Arc<PacketFrame>>,
     /// Deviations of coarser levels, if errors are summed up.
     pub(super) deviations: Option<Arc<Deviations>>,
+    /// The pixels to cast; `None`: all.
+    pub(super) asked: Option<Arc<AskedPixels>>,
     /// When packets stop where they are.
     stop: Stop,
     /// Rays that packets have finished, where somebody counts them.
@@ -44,9 +47,10 @@ impl PacketFrame {
         rule: PacketRule,
         (mut made_bytes, plans): Made,
     ) -> Self {
-        let mut inner = None;
+        let (mut inner, mut rule) = (None, rule);
         if scene.mode == Mode::Dvr && !scene.iso.is_empty() {
             made_bytes /= 2;
+            rule.max_error *= BESIDE_SURFACES;
             let scene = ResolvedScene { mode: Mode::Iso, ..scene.clone() };
             let mut surfaces = RayScene::new(&scene, volume, bricks, TERMINATION_OPACITY);
             surfaces.lists_crossings = true;
@@ -60,7 +64,7 @@ impl PacketFrame {
 
     fn of(ray_scene: RayScene, scene: &ResolvedScene, rule: PacketRule, made: Made, inner: Option<Arc<Self>>) -> Self {
         let tables = Arc::new(PacketTables::new(&ray_scene, &scene.transfer_function, rule, made));
-        Self { scene: ray_scene, tables, inner, deviations: None, stop: Stop::NEVER, finished: None }
+        Self { scene: ray_scene, tables, inner, deviations: None, asked: None, stop: Stop::NEVER, finished: None }
     }
 
     /// Adds the deviations of coarser levels to the sums of errors, if errors are summed up.
@@ -68,6 +72,12 @@ impl PacketFrame {
     pub fn with_deviations(self, deviations: Deviations) -> Self {
         let deviations = self.tables.sums_errors().then(|| Arc::new(deviations));
         Self { deviations, ..self }
+    }
+
+    /// The same picture of these pixels only; all others are NaN.
+    #[must_use]
+    pub(crate) fn only(self, asked: AskedPixels) -> Self {
+        Self { asked: Some(Arc::new(asked)), ..self }
     }
 
     /// Packets stop when this is due: rays wait where they are, and go on from there in the next pass.
@@ -136,8 +146,9 @@ impl PacketFrame {
 
     /// See [`own_error`].
     pub(super) fn own_error(&self, opacity: f64) -> f64 {
-        // Surfaces only aim at this error, as in mode `iso`.
-        let known = if self.inner.is_some() { ErrorKnowledge::Aimed } else { ErrorKnowledge::Bounded };
-        own_error(self.scene.mode, opacity, (self.tables.max_error, known), self.scene.pyramid.layout().core())
+        let max_error = self.tables.max_error;
+        // Surfaces only aim at an error, as in mode `iso`.
+        let aimed = if self.inner.is_some() { surfaces_error(max_error) } else { 0.0 };
+        own_error(self.scene.mode, opacity, max_error, aimed, self.scene.pyramid.layout().core())
     }
 }

@@ -177,7 +177,7 @@ impl CastTile<'_> {
                 Mode::Mean => ray.note_mean(length, deviation),
                 Mode::Dvr | Mode::Iso | Mode::Slice => {
                     if let Some(Some(crossed)) = crossing.crossed.get(i) {
-                        ray.note_cells(before, gathered.transmittance[place], crossed);
+                        ray.note_cells([before, gathered.transmittance[place]], length, deviation, crossed);
                         continue;
                     }
                     let after = crossing.is_drawn.then_some(gathered.transmittance[place]);

@@ -36,6 +36,7 @@ pub fn bytes_held(core: usize, rule: PacketRule) -> EngineBytes {
         thread: (size_of::<TileRays>() + PartsAhead::MOST_BYTES + size_of::<Queues>() + gathered) as u64
             + MAKING * made_of_brick,
         made_of_brick,
+        of_ray: 0,
         // Each map, and a copy to hand out.
         of_pixel: (u64::from(rule.sums_errors) + u64::from(rule.counts_work)) * 2 * size_of::<[f32; 4]>() as u64,
     }

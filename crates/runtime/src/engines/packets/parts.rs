@@ -47,10 +47,17 @@ pub(super) fn part_of_ray(
     Some((index_ray, segment))
 }
 
-/// Whether a ray of a tile, whose first pixel is counted in the frame's rows, lies in the picture.
+/// Whether a ray of a tile, whose first pixel is counted in the frame's rows, lies in the picture and is asked for.
 pub(super) fn is_in_picture(frame: &PacketFrame, corner: [u32; 2], ray: usize) -> bool {
-    let size = [frame.scene.camera.width, narrow::<u32>(frame.scene.rows.len())];
-    (0..2).all(|a| corner[a] + place_of(ray)[a] < size[a])
+    let (size, [x, y]) = (size_of(frame), place_of(ray));
+    let [x, y] = [corner[0] + x, corner[1] + y];
+    let is_asked = || frame.asked.as_ref().is_none_or(|asked| asked.has_ray([x, frame.scene.rows.start + y]));
+    x < size[0] && y < size[1] && is_asked()
+}
+
+/// Rays along both sides of the rows of a frame.
+fn size_of(frame: &PacketFrame) -> [u32; 2] {
+    [frame.scene.camera.width, narrow::<u32>(frame.scene.rows.len())]
 }
 
 /// Whether a ray is opaque already, so that nothing behind is visible.
@@ -61,9 +68,12 @@ pub(super) fn has_ended(frame: &PacketFrame, gathered: &Gathered, ray: usize) ->
     }
 }
 
-/// Rays of a tile that lie in the picture.
+/// Rays of a tile that lie in the picture and are asked for.
 pub(super) fn rays_in_picture(frame: &PacketFrame, corner: [u32; 2]) -> u64 {
-    let size = [frame.scene.camera.width, narrow::<u32>(frame.scene.rows.len())];
+    if frame.asked.is_some() {
+        return (0..TILE_RAYS).filter(|&ray| is_in_picture(frame, corner, ray)).count() as u64;
+    }
+    let size = size_of(frame);
     let [columns, rows] = [0, 1].map(|a| TILE_SIDE.min(size[a].saturating_sub(corner[a])));
     u64::from(columns) * u64::from(rows)
 }

@@ -29,8 +29,10 @@ pub const PART_NUMBERS: usize = 5;
 pub const ERROR: usize = 3;
 /// Index of the optical depth.
 pub const DEPTH: usize = 4;
-/// Numbers of the light in front of a cell: red, green, blue, optical depth.
-const LIGHT_NUMBERS: usize = 4;
+/// Numbers of the light in front of a cell: red, green, blue, their error, optical depth.
+const LIGHT_NUMBERS: usize = 5;
+/// Numbers of a part that are light: its colour, and its error if errors are summed up.
+const CHANNELS: usize = ERROR + 1;
 /// Parts of cells: the numbers of each lane, cell after cell.
 pub type Parts<const CELLS: usize> = [[PerLane; PART_NUMBERS]; CELLS];
 
@@ -95,8 +97,8 @@ pub struct Pending {
     pub cells: RefineQueue,
     /// Contributions of the cells, once they are known.
     pub parts: PendingParts,
-    /// Light in front of each: premultiplied colour since the previous one, and the known optical depth; infinite
-    /// behind the end of the ray.
+    /// Light in front of each: premultiplied colour and error since the previous one, and the known optical depth;
+    /// infinite behind the end of the ray.
     light: [[PerLane; LIGHT_NUMBERS]; PENDING_LIMIT],
     /// Lower bounds on their optical depths.
     least_depths: [PerLane; PENDING_LIMIT],
@@ -146,9 +148,9 @@ impl Pending {
 
     /// Records the light in front of the next waiting cell of each lane of a mask.
     #[inline(always)]
-    fn note_light<S: Simd>(&mut self, mask: u32, [r, g, b]: [S::F; 3], depth: S::F) {
+    fn note_light<S: Simd>(&mut self, mask: u32, [r, g, b, error]: [S::F; CHANNELS], depth: S::F) {
         let mut numbers = [[0.0; LANES_LIMIT]; LIGHT_NUMBERS];
-        for (into, values) in numbers.iter_mut().zip([r, g, b, depth]) {
+        for (into, values) in numbers.iter_mut().zip([r, g, b, error, depth]) {
             S::store(values, into);
         }
         for lane in lanes(mask) {
@@ -166,17 +168,15 @@ impl Pending {
 pub struct Light<S: Simd> {
     /// Transmittance in front of the brick.
     front: S::F,
-    /// Premultiplied colour behind the last cell that waits or waited, weighted by the known transmittance.
-    color: [S::F; 3],
+    /// Premultiplied colour and error behind the last cell that waits or waited, weighted by the known transmittance.
+    color: [S::F; CHANNELS],
     /// Known transmittance and optical depth.
     transmittance: S::F,
     depth: S::F,
-    /// Premultiplied colour up to the last cell that waited.
-    behind: [S::F; 3],
+    /// The same up to the last cell that waited.
+    behind: [S::F; CHANNELS],
     /// Optical depth of the cells that waited, minus its lower bounds.
     hidden: S::F,
-    /// Errors of the cells, each times the known transmittance in front of it.
-    error: S::F,
     /// Rays that have ended in a cell that waited.
     ended: S::M,
     /// Whether errors are summed.
@@ -188,19 +188,9 @@ impl<S: Simd> Light<S> {
     #[inline(always)]
     pub fn new(front: S::F) -> Self {
         let (zero, one) = (S::splat(0.0), S::splat(1.0));
-        let (color, behind) = ([zero; 3], [zero; 3]);
+        let (color, behind) = ([zero; CHANNELS], [zero; CHANNELS]);
         let ended = S::lt(one, zero);
-        Self {
-            front,
-            color,
-            transmittance: one,
-            depth: zero,
-            behind,
-            hidden: zero,
-            error: zero,
-            ended,
-            sums_errors: false,
-        }
+        Self { front, color, transmittance: one, depth: zero, behind, hidden: zero, ended, sums_errors: false }
     }
 
     /// Rays whose known transmittance is at most `last`.
@@ -217,10 +207,10 @@ impl<S: Simd> Light<S> {
         (color, exp_minus::<S>(self.depth + self.hidden))
     }
 
-    /// Error of colour and opacity, when nothing waits.
+    /// Error of colour and opacity, when nothing waits: those of the cells, each times the transmittance in front of it.
     #[inline(always)]
     pub fn error(&self) -> S::F {
-        self.error
+        S::mul_add(exp_minus::<S>(self.hidden), self.color[ERROR], self.behind[ERROR])
     }
 
     /// Adds the parts of a round, without the lanes `left` at each step. Rays whose transmittance falls to `last` end
@@ -229,7 +219,7 @@ impl<S: Simd> Light<S> {
     /// A ray ends in the cell that makes it end, not with the round: rounds begin elsewhere if rays leap.
     #[inline(always)]
     pub fn composite(&mut self, parts: &RoundParts, left: &[u32; ROUND], pending: &mut Pending, last: S::F) {
-        let zero = S::splat(0.0);
+        let (zero, sums_errors) = (S::splat(0.0), self.sums_errors);
         if !parts.shows.contains(&true) {
             return;
         }
@@ -260,18 +250,15 @@ impl<S: Simd> Light<S> {
                 let depth = S::select(goes_on, depths[i], S::splat(f32::INFINITY));
                 pending.note_light::<S>(left[i], self.color, depth);
                 let is_noted = S::mask_from_bits(left[i]) & goes_on;
-                for c in 0..3 {
+                for c in (0..CHANNELS).filter(|&c| sums_errors || c < ERROR) {
                     self.color[c] = S::select(is_noted, zero, self.color[c]);
                 }
             }
             if !parts.shows[i] {
                 continue;
             }
-            for c in 0..3 {
+            for c in (0..CHANNELS).filter(|&c| sums_errors || c < ERROR) {
                 self.color[c] = S::mul_add(transmittances[i], S::load(&parts.numbers[i][c]), self.color[c]);
-            }
-            if self.sums_errors {
-                self.error = S::mul_add(transmittances[i], S::load(&parts.numbers[i][ERROR]), self.error);
             }
         }
     }
@@ -279,7 +266,7 @@ impl<S: Simd> Light<S> {
     /// Adds all waiting cells, each behind its light.
     #[inline(always)]
     pub fn settle(&mut self, pending: &mut Pending, last: S::F) {
-        let zero = S::splat(0.0);
+        let (zero, sums_errors) = (S::splat(0.0), self.sums_errors);
         let mut counts = [0; LANES_LIMIT];
         for (into, count) in counts.iter_mut().zip(&pending.counts) {
             *into = i32::from(*count);
@@ -288,17 +275,14 @@ impl<S: Simd> Light<S> {
         let counts = S::load_int(&counts);
         for number in 0..usize::from(most).min(PENDING_LIMIT) {
             let (light, part) = (&pending.light[number], &pending.parts[number]);
-            let depth = S::load(&light[3]);
+            let depth = S::load(&light[CHANNELS]);
             let is_there = S::lt_int(S::splat_int(narrow::<i32>(number)), counts) & !self.ended;
             let is_there = is_there & S::lt(depth, S::splat(f32::INFINITY));
             let dimmed = S::select(is_there, exp_minus::<S>(self.hidden), zero);
             let transmittance = S::select(is_there, exp_minus::<S>(depth + self.hidden), zero);
-            for c in 0..3 {
+            for c in (0..CHANNELS).filter(|&c| sums_errors || c < ERROR) {
                 let in_front = S::mul_add(dimmed, S::load(&light[c]), self.behind[c]);
                 self.behind[c] = S::mul_add(transmittance, S::load(&part[c]), in_front);
-            }
-            if self.sums_errors {
-                self.error = S::mul_add(transmittance, S::load(&part[ERROR]), self.error);
             }
             let known = S::load(&pending.least_depths[number]);
             self.hidden = S::select(is_there, self.hidden + (S::load(&part[DEPTH]) - known), self.hidden);
@@ -306,7 +290,7 @@ impl<S: Simd> Light<S> {
             let ends = is_there & S::le(exp_minus::<S>(depth + self.hidden) * self.front, last);
             // Light that the ray gathered behind its end is dropped.
             self.depth = S::select(ends, depth, self.depth);
-            for c in 0..3 {
+            for c in (0..CHANNELS).filter(|&c| sums_errors || c < ERROR) {
                 self.color[c] = S::select(ends, zero, self.color[c]);
             }
             self.ended = self.ended | ends;
@@ -347,10 +331,11 @@ mod tests {
             let chord = Chord::nothing();
             let mut pending = Pending::new();
             let mut light = Light::<S>::new(S::splat(1.0));
-            let mut exact = [[0.0f64, 1.0]; LANES_LIMIT];
+            light.sums_errors = true;
+            let mut exact = [[0.0f64, 0.0, 1.0]; LANES_LIMIT];
             for _ in 0..20 {
                 let mut parts = RoundParts::new();
-                let mut truth = [[[0.0f32; 2]; LANES_LIMIT]; ROUND];
+                let mut truth = [[[0.0f32; 3]; LANES_LIMIT]; ROUND];
                 // Ended rays do not walk on.
                 let ended = S::bits(light.ended(S::splat(self.last)));
                 let mut settled = [false; LANES_LIMIT];
@@ -367,23 +352,27 @@ mod tests {
                         let is_settled = settled[lane];
                         let tau = if is_settled && !is_first { 0.0 } else { self.depth * random() };
                         let color = random() * (1.0 - (-tau).exp());
-                        truth[lane] = [color as f32, tau as f32];
-                        let [sum, through] = &mut exact[lane];
+                        let error = random() * (1.0 - (-tau).exp());
+                        truth[lane] = [color as f32, error as f32, tau as f32];
+                        let [sum, errors, through] = &mut exact[lane];
                         *sum += *through * color;
+                        *errors += *through * error;
                         *through *= (-tau).exp();
                         waits |= u32::from(!is_settled) << lane;
-                        let [color, tau] = match (has_ended, is_settled) {
-                            (true, _) => [0.0, 0.0],
-                            (false, true) => [color, tau],
-                            (false, false) => [random(), random()],
+                        let [color, error, tau] = match (has_ended, is_settled) {
+                            (true, _) => [0.0; 3],
+                            (false, true) => [color, error, tau],
+                            (false, false) => [random(), random(), random()],
                         };
                         // The contribution of a span is stored in its first cell; the numbers of the others are not
                         // read.
-                        let [color, tau] = if is_first { [color as f32, tau as f32] } else { [f32::NAN; 2] };
-                        (parts.numbers[step][0][lane], parts.numbers[step][DEPTH][lane]) = (color, tau);
+                        let [color, error, tau] =
+                            if is_first { [color as f32, error as f32, tau as f32] } else { [f32::NAN; 3] };
+                        let numbers = &mut parts.numbers[step];
+                        (numbers[0][lane], numbers[ERROR][lane], numbers[DEPTH][lane]) = (color, error, tau);
                         // No lower bound is known of a waiting span.
                         let known = if SPAN == 1 { random() as f32 } else { 0.0 };
-                        parts.least_depths[step][lane] = truth[lane][1] * known;
+                        parts.least_depths[step][lane] = truth[lane][2] * known;
                     }
                     let slots = std::array::from_fn(|lane| (step * LANES_LIMIT + lane) as i32);
                     let cell = QueuedCell {
@@ -400,9 +389,9 @@ mod tests {
                 light.composite(&parts, &left, &mut pending, S::splat(self.last));
                 let slots: Vec<_> = pending.cells.slots_from(0).iter().map(|slot| slot.to_bits() as usize).collect();
                 for (from, to) in steps.into_iter().zip(slots) {
-                    let [color, tau] = truth[from / LANES_LIMIT][from % LANES_LIMIT];
-                    let part = &mut pending.parts[to / LANES_LIMIT];
-                    (part[0][to % LANES_LIMIT], part[DEPTH][to % LANES_LIMIT]) = (color, tau);
+                    let [color, error, tau] = truth[from / LANES_LIMIT][from % LANES_LIMIT];
+                    let (part, lane) = (&mut pending.parts[to / LANES_LIMIT], to % LANES_LIMIT);
+                    (part[0][lane], part[ERROR][lane], part[DEPTH][lane]) = (color, error, tau);
                 }
                 pending.cells.clear();
                 if pending.is_enough() || random() < 0.3 {
@@ -411,12 +400,12 @@ mod tests {
             }
             light.settle(&mut pending, S::splat(self.last));
             let (color, transmittance) = light.sum();
-            let (mut found, mut through) = ([0.0; LANES_LIMIT], [0.0; LANES_LIMIT]);
-            S::store(color[0], &mut found);
-            S::store(transmittance, &mut through);
-            let differences = (0..S::LANES).map(|lane| {
-                let [color, transmittance] = exact[lane];
-                (f64::from(found[lane]) - color).abs().max((f64::from(through[lane]) - transmittance).abs())
+            let mut found = [[0.0; LANES_LIMIT]; 3];
+            for (into, values) in found.iter_mut().zip([color[0], light.error(), transmittance]) {
+                S::store(values, into);
+            }
+            let differences = (0..S::LANES).flat_map(|lane| {
+                exact[lane].into_iter().zip(found).map(move |(exact, found)| (f64::from(found[lane]) - exact).abs())
             });
             differences.fold(0.0, f64::max)
         }

@@ -46,7 +46,7 @@ impl PacketRays {
         scene.image_of(pixels_of(scene, &self.tiles, |state| scene.pixel(state)))
     }
 
-    /// The picture of finished tiles, sub-grid averaged: NaN elsewhere.
+    /// The picture of finished tiles, sub-grid averaged: NaN elsewhere, and where pixels are not asked for.
     #[must_use]
     pub fn finished_pixels(&self) -> Image {
         let scene = &self.frame.scene;
@@ -95,10 +95,11 @@ impl PacketRays {
         self.tiles.iter().map(Tile::terminated_early).sum()
     }
 
-    /// Rays of the picture.
+    /// Rays of the picture; of the pixels that are asked for, if these are not all.
     #[must_use]
     pub fn ray_count(&self) -> u64 {
-        self.frame.scene.ray_count()
+        let PacketFrame { scene, asked, .. } = &self.frame;
+        asked.as_ref().map_or_else(|| scene.ray_count(), |asked| asked.rays_in(&scene.rows))
     }
 }
 

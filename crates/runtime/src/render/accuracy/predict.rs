@@ -5,11 +5,10 @@
 //! a bound; the total is a bound if all terms are. A term that is no bound is an estimate from above:
 //! - *cells*: error of the integration rule in each cell (the final cells, after refinement), times the transmittance
 //!   in front, summed up along each ray. The ray with the greatest sum counts. Errors of both signs add up, so the sum
-//!   is usually several times the true error. It is no bound: tests on random chords show that a cell's error is at
-//!   most 1.5 times the stated one, but there is no proof.
+//!   is usually several times the true error. docs/bounds.md proves each cell's error, but for cells that are integrated exactly.
 //! - *ray ends*: light behind the end of rays that end early. A bound, because no channel exceeds 1.
-//! - *transfer function*: extinction and emission are fitted by quadratic pieces, within a share of the extinction. The
-//!   fit is checked at nine places between two control points, so this is no bound.
+//! - *transfer function*: extinction and emission are fitted by quadratic pieces, within a share of the extinction. Proven but for
+//!   roundings.
 //! - *levels*: if levels are chosen automatically, the deviation of coarser levels, summed up brick by brick along each
 //!   ray ([`crate::lod::deviation`]). The ray with the greatest sum counts. A bound.
 //! - *rounding*: `f32` sums over the cells of a brick. No bound: values and positions are rounded, too.

@@ -1,5 +1,6 @@
 //! Stages by a device. A stage replaces the picture before it once all its rays are finished. The first picture waits for
-//! bricks until it must begin ([`Device::pace`]).
+//! bricks until it must begin ([`Device::pace`]). In the requested picture, rays that may be off by more than requested are then cast
+//! again by the CPU ([`Recast`]).
 
 use std::time::{Duration, Instant};
 
@@ -7,6 +8,7 @@ use supervol_scene::scene::ResolvedScene;
 
 use super::device::{Device, LEAST_SURE_SHARE};
 use super::means::Tools;
+use super::recast::Recast;
 use super::stage::{Begun, Canvas, Cast, StageCaster, options_for, sketch_pixel, with_pixels};
 use crate::engines::gpu::device::GpuDevice;
 use crate::engines::maps::AskedMaps;
@@ -18,7 +20,16 @@ use crate::stop::{Stop, WhenDue};
 /// Casts stages on the device of the [`Tools`]. The device itself keeps the rays of a paused stage.
 pub(super) struct DeviceStages {
     /// Whether pictures of large pixels are enlarged between steps.
-    pub(super) enlarges: bool,
+    enlarges: bool,
+    /// Rays of the requested picture that are cast again.
+    recast: Option<Recast>,
+}
+
+impl DeviceStages {
+    /// Nothing is cast yet. `enlarges`: whether pictures of large pixels are enlarged between steps.
+    pub(super) fn new(enlarges: bool) -> Self {
+        Self { enlarges, recast: None }
+    }
 }
 
 impl StageCaster for DeviceStages {
@@ -54,7 +65,7 @@ impl StageCaster for DeviceStages {
         tools: &mut Tools<'_>,
         stop: &Stop,
     ) -> Result<Cast, RenderError> {
-        draw(canvas, Begun { pixel, spent: Duration::ZERO }, WhenDue::Complete, tools, stop)
+        self.draw(canvas, Begun { pixel, spent: Duration::ZERO }, WhenDue::Complete, tools, stop)
     }
 
     fn cast(
@@ -64,8 +75,11 @@ impl StageCaster for DeviceStages {
         tools: &mut Tools<'_>,
         stop: &Stop,
     ) -> Result<Cast, RenderError> {
+        if let Some(recast) = &mut self.recast {
+            return recast.advance(canvas, stage, tools, stop);
+        }
         let began = Instant::now();
-        match draw(canvas, stage, WhenDue::Pause, tools, stop) {
+        match self.draw(canvas, stage, WhenDue::Pause, tools, stop) {
             Err(RenderError::Cancelled) => {
                 Ok(Cast { is_finished: false, took: stage.spent + began.elapsed(), is_typical: false })
             }
@@ -85,42 +99,47 @@ impl StageCaster for DeviceStages {
     }
 }
 
-/// Draws the picture of one pixel size. If the canvas shows a full-size picture already, its memory is reused later.
-fn draw(
-    canvas: &mut Canvas,
-    Begun { pixel, spent }: Begun,
-    when_due: WhenDue,
-    tools: &mut Tools<'_>,
-    stop: &Stop,
-) -> Result<Cast, RenderError> {
-    let began = Instant::now();
-    let (scene, options) = (&canvas.scene, tools.options);
-    let room = ([scene.camera.width, scene.camera.height], options.predict_error);
-    // Shaders that sum up errors differ. If the final picture needs errors, all stages use these shaders.
-    let options = RenderOptions {
-        predict_error: options.predict_error,
-        ..options_for(tools.resident.container(), options, pixel)
-    };
-    let seen = with_pixels(scene, pixel);
-    tools.resident.aim(&seen, &options);
-    let (plan, before) = (tools.resident.plan(), canvas.stats.clone());
-    let picture = GpuPicture { scene: &seen, options: &options, plan, stop, when_due, before, room };
-    let (Device { backend, pace }, resident) = tools.device_and_volume();
-    let GpuDrawn { image, stats, maps, errors, fetching } =
-        backend.draw(resident.streamer(), &picture, &GpuDevice::open)?;
-    let took = began.elapsed();
-    pace.note(scene.image_size, pixel, took.saturating_sub(fetching));
-    let full_size = scene.pixels();
-    if let Some(before) = canvas.picture.replace(image)
-        && before.pixels.len() as u64 == full_size
-    {
-        backend.take_back(before);
+impl DeviceStages {
+    /// Draws the picture of one pixel size. If the canvas shows a full-size picture already, its memory is reused later.
+    fn draw(
+        &mut self,
+        canvas: &mut Canvas,
+        Begun { pixel, spent }: Begun,
+        when_due: WhenDue,
+        tools: &mut Tools<'_>,
+        stop: &Stop,
+    ) -> Result<Cast, RenderError> {
+        let began = Instant::now();
+        let (scene, options) = (&canvas.scene, tools.options);
+        let room = ([scene.camera.width, scene.camera.height], true);
+        // The errors of rays decide which are cast again, and all stages use the same shaders.
+        let options = RenderOptions { predict_error: true, ..options_for(tools.resident.container(), options, pixel) };
+        let seen = with_pixels(scene, pixel);
+        tools.resident.aim(&seen, &options);
+        let (plan, before) = (tools.resident.plan(), canvas.stats.clone());
+        let picture = GpuPicture { scene: &seen, options: &options, plan, stop, when_due, before, room };
+        let (Device { backend, pace }, resident) = tools.device_and_volume();
+        let GpuDrawn { image, mut stats, maps, errors, above, fetching } =
+            backend.draw(resident.streamer(), &picture, &GpuDevice::open)?;
+        let took = began.elapsed();
+        pace.note(scene.image_size, pixel, took.saturating_sub(fetching));
+        let full_size = scene.pixels();
+        if let Some(before) = canvas.picture.replace(image)
+            && before.pixels.len() as u64 == full_size
+        {
+            backend.take_back(before);
+        }
+        let is_stated = tools.options.predict_error;
+        stats.error_predicted = stats.error_predicted.filter(|_| is_stated);
+        (canvas.pixel, canvas.stats) = (pixel, stats);
+        if pixel == 1 {
+            canvas.finished = full_size;
+            canvas.maps.errors = maps.errors.filter(|_| is_stated);
+            canvas.by_reason = errors;
+            // A picture with stand-ins is drawn once more.
+            self.recast = above.filter(|_| canvas.stats.converged).map(|above| Recast::new(canvas, above, tools));
+            canvas.above = self.recast.as_ref().map_or(0, Recast::count);
+        }
+        Ok(Cast { is_finished: true, took: spent + took, is_typical: true })
     }
-    (canvas.pixel, canvas.stats) = (pixel, stats);
-    if pixel == 1 {
-        canvas.finished = full_size;
-        canvas.maps.errors = maps.errors;
-        canvas.by_reason = errors;
-    }
-    Ok(Cast { is_finished: true, took: spent + took, is_typical: true })
 }

@@ -62,9 +62,10 @@ impl<'a> Means<'a> {
 
     /// Host memory of the device's engine, or of the CPU's.
     pub(crate) fn engine_bytes(&self) -> EngineBytes {
+        let core = self.container.pyramid().layout().core();
         match self.device {
-            Some(_) => device_bytes(self.options),
-            None => self.options.ray_caster().bytes(self.container.pyramid().layout().core()),
+            Some(_) => device_bytes(self.options, core),
+            None => self.options.ray_caster().bytes(core),
         }
     }
 }

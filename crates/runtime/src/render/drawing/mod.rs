@@ -15,6 +15,7 @@ mod device_stages;
 pub(crate) mod loaded;
 pub(crate) mod means;
 mod packet_stages;
+mod recast;
 pub(crate) mod slices;
 mod spread;
 pub(crate) mod stage;

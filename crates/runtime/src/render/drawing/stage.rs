@@ -42,6 +42,8 @@ pub(super) struct Canvas {
     pub(super) by_reason: ErrorsByReason,
     /// Finished pixels of the requested picture.
     pub(super) finished: u64,
+    /// Those of them that may be off by more than requested, and are cast again.
+    pub(super) above: u64,
     /// Statistics of all stages.
     pub(super) stats: FrameStats,
 }
@@ -120,6 +122,7 @@ impl Canvas {
             maps: Maps::default(),
             by_reason: ErrorsByReason::default(),
             finished: 0,
+            above: 0,
             stats: FrameStats::default(),
         }
     }

@@ -49,13 +49,13 @@ impl StagedDrawing {
     /// A picture by a device that is not begun.
     #[must_use]
     pub(crate) fn by_device(scene: ResolvedScene) -> Self {
-        Self::new(scene, Box::new(DeviceStages { enlarges: true }))
+        Self::new(scene, Box::new(DeviceStages::new(true)))
     }
 
     /// A part of a picture by a device. It stays small until it is finished, because other parts take memory, too.
     #[must_use]
     pub(crate) fn part_by_device(scene: ResolvedScene) -> Self {
-        Self::new(scene, Box::new(DeviceStages { enlarges: false }))
+        Self::new(scene, Box::new(DeviceStages::new(false)))
     }
 
     fn new(scene: ResolvedScene, caster: Box<dyn StageCaster>) -> Self {
@@ -137,7 +137,8 @@ impl Drawing for StagedDrawing {
 
     fn is_finished(&self) -> bool {
         // A sketch of pixels of the requested size may contain coarser bricks.
-        self.canvas.finished == self.canvas.scene.pixels() && self.canvas.stats.converged
+        let Canvas { scene, finished, above, stats, .. } = &self.canvas;
+        *finished == scene.pixels() && *above == 0 && stats.converged
     }
 
     fn picture(&self) -> Option<Cow<'_, Image>> {
@@ -171,8 +172,9 @@ impl Drawing for StagedDrawing {
     }
 
     fn stats(&self) -> FrameStats {
-        let Canvas { scene, behind, finished, stats, .. } = &self.canvas;
+        let Canvas { scene, behind, finished, above, stats, .. } = &self.canvas;
         let mut stats = FrameStats { backend: self.caster.backend(), ..stats.clone() };
+        stats.converged &= *above == 0;
         stats.pixels_unfinished = scene.pixels() - finished;
         if stats.pixels_unfinished > 0 {
             stats.coarsest_pixel = behind.unwrap_or(0);

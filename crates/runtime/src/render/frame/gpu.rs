@@ -33,7 +33,7 @@ use crate::render::error::RenderError;
 use crate::render::options::RenderOptions;
 use crate::render::stats::FrameStats;
 use crate::stop::{Stop, WhenDue};
-use crate::stream::budget::DeadlineReserve;
+use crate::stream::budget::{DeadlineReserve, HostPlan};
 use crate::stream::classify::holes_in;
 use crate::stream::counters::DeviceCounters;
 use crate::stream::field::FieldBrick;
@@ -126,6 +126,8 @@ impl GpuBackend {
         // After an error no unfinished picture is kept.
         let (caster, paused) = (self.caster.take(), self.paused.take());
         let GpuPicture { scene, options, plan, stop, .. } = *picture;
+        // Bands are for rays in host memory.
+        let plan = HostPlan { band_rows: scene.image_size[1], ..plan };
         let lod = options.lod();
         let (mut caster, mut bands) = match (caster, paused) {
             (Some(caster), Some(paused)) if paused.scene == *scene && paused.lod == lod => {
@@ -149,8 +151,9 @@ impl GpuBackend {
             Ok(image) => {
                 let fetching = walk.fetching();
                 let (stats, errors) = (FrameStats { backend: "gpu", ..walk.into_stats() }, caster.errors());
+                let above = caster.take_pixels_above();
                 self.caster = Some(caster);
-                Ok(GpuDrawn { image, stats, maps: bands.into_maps(), errors, fetching })
+                Ok(GpuDrawn { image, stats, maps: bands.into_maps(), errors, above, fetching })
             }
             Err(RenderError::Cancelled) => {
                 self.paused = Some(Paused { scene: scene.clone(), lod, bands });
@@ -264,8 +267,8 @@ pub fn render_gpu_surviving(
     scene: &ResolvedScene,
     options: &RenderOptions,
 ) -> Result<(Image, FrameStats), RenderError> {
-    let plan =
-        plan_host_for(device_bytes(options), container, scene, options, DeadlineReserve::of(options.time_budget_ms))?;
+    let bytes = device_bytes(options, container.pyramid().layout().core());
+    let plan = plan_host_for(bytes, container, scene, options, DeadlineReserve::of(options.time_budget_ms))?;
     let stop = Stop::at(options.time_budget_ms.map(|ms| Instant::now() + Duration::from_millis(ms)));
     let mut streamer = streamer_for(container, scene, options, plan);
     let before = FrameStats::default();

@@ -25,7 +25,7 @@ impl GpuBackend {
 
     /// See the type.
     pub(crate) fn default_memory(&self) -> u64 {
-        match self.0 {}
+        match self.0.0 {}
     }
 
     /// See the type.
@@ -35,12 +35,12 @@ impl GpuBackend {
 
     /// See the type.
     pub(crate) fn take_back(&mut self, _picture: Image) {
-        match self.0 {}
+        match self.0.0 {}
     }
 
     /// See the type.
     pub(crate) fn enlarged(&mut self, _picture: Image, _factor: u32, _size: [u32; 2]) -> Image {
-        match self.0 {}
+        match self.0.0 {}
     }
 
     /// See the type.
@@ -50,7 +50,7 @@ impl GpuBackend {
         _picture: &GpuPicture<'_>,
         _reopen: &dyn Fn() -> Result<GpuDevice, GpuError>,
     ) -> Result<GpuDrawn, RenderError> {
-        match self.0 {}
+        match self.0.0 {}
     }
 }
 
@@ -65,5 +65,5 @@ pub fn render_gpu_surviving(
     _scene: &ResolvedScene,
     _options: &RenderOptions,
 ) -> Result<(Image, FrameStats), RenderError> {
-    match device {}
+    match device.0 {}
 }

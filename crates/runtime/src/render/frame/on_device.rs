@@ -9,11 +9,11 @@ use supervol_scene::scene::ResolvedScene;
 #[cfg(feature = "gpu")]
 use crate::engines::gpu::engine::WhenToStop;
 use crate::engines::maps::Maps;
-use crate::engines::totals::ErrorsByReason;
+use crate::engines::totals::{ErrorsByReason, PixelsAbove};
 use crate::render::options::RenderOptions;
 use crate::render::stats::FrameStats;
 use crate::stop::{Stop, WhenDue};
-use crate::stream::budget::{EngineBytes, HostPlan};
+use crate::stream::budget::{EngineBytes, HostPlan, PIXEL_BYTES, RAY_BYTES};
 
 /// Input of a picture.
 pub(crate) struct GpuPicture<'a> {
@@ -37,6 +37,8 @@ pub(crate) struct GpuDrawn {
     pub(crate) maps: Maps,
     /// Largest errors of its rays, if requested.
     pub(crate) errors: ErrorsByReason,
+    /// Pixels that may be off by more than requested, if errors are summed up and there are some.
+    pub(crate) above: Option<PixelsAbove>,
     /// Time that went into fetching bricks.
     pub(crate) fetching: Duration,
 }
@@ -49,7 +51,14 @@ impl GpuPicture<'_> {
     }
 }
 
-/// Host memory of the device's engine.
-pub(crate) fn device_bytes(options: &RenderOptions) -> EngineBytes {
-    if options.predict_error { EngineBytes::STATED_BY_DEVICE } else { EngineBytes::NONE }
+/// Bytes per pixel of the error that a device states, and of a copy to hand out.
+const STATED_BYTES: u64 = 2 * PIXEL_BYTES;
+/// Bytes per pixel of the mark that the CPU is to cast it again.
+const MARK_BYTES: u64 = 1;
+
+/// Host memory of a picture by a device, which casts all rays at once, whatever the bands are. The CPU casts the rays again that the device may have wrong by more than requested; `core`:
+/// voxels along an edge of a full brick's core.
+pub(crate) fn device_bytes(options: &RenderOptions, core: usize) -> EngineBytes {
+    let by_cpu = options.ray_caster().bytes(core);
+    EngineBytes { of_pixel: by_cpu.of_pixel.max(STATED_BYTES) + MARK_BYTES, of_ray: RAY_BYTES, ..by_cpu }
 }

@@ -44,6 +44,8 @@ pub struct FrameWalk<'a> {
     fetching: Duration,
     rows: u32,
     rows_finished: u32,
+    /// Whether it goes on with a frame of the streamer that another engine has begun.
+    goes_on: bool,
 }
 
 /// Progress through the bands of a picture that is cast with interruptions.
@@ -99,7 +101,14 @@ impl<'a> FrameWalk<'a> {
             fetching: Duration::ZERO,
             rows: 0,
             rows_finished: 0,
+            goes_on: false,
         }
+    }
+
+    /// The same walk, in a frame that another engine has begun: what the streamer knows of drawn bricks stays.
+    #[must_use]
+    pub fn going_on(self) -> Self {
+        Self { goes_on: true, ..self }
     }
 
     /// The same walk with this stop condition instead of the options'.
@@ -222,7 +231,9 @@ impl<'a> FrameWalk<'a> {
         if let Some(order) = engine.order() {
             self.streamer.set_order(order);
         }
-        self.streamer.begin_frame();
+        if !self.goes_on {
+            self.streamer.begin_frame();
+        }
     }
 
     /// Runs the passes of a band until none of its rays waits. If cancelled, `wanted` holds the bricks that its rays

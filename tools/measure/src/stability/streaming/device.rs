@@ -114,7 +114,7 @@ fn losses(context: &Context<'_>, volume: &Volume) -> Result<Losses, ChartError> 
         let doomed = device.clone();
         let destroy = move |_: Progress| {
             if passes.fetch_add(1, Ordering::Relaxed) + 1 == lose_after {
-                doomed.device.destroy();
+                doomed.destroy();
             }
         };
         let options = RenderOptions { progress: Some(Arc::new(destroy)), ..options() };

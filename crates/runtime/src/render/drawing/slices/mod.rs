@@ -325,6 +325,8 @@ impl SlicedDrawing {
         let per_pixel = u64::from(self.cut.scene.subgrid).pow(2);
         let unfinished = of_regions.iter().map(|region| region.pixels_unfinished).max().unwrap_or(0);
         stats.pixels_unfinished = unfinished.div_ceil(per_pixel);
+        let cast_again = of_regions.iter().map(|region| region.pixels_cast_again).max().unwrap_or(0);
+        stats.pixels_cast_again = cast_again.div_ceil(per_pixel);
         if self.sampled < self.cut.scene.slices.len() {
             stats.pixels_unfinished = self.cut.scene.pixels();
         }
