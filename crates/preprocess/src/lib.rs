@@ -26,6 +26,7 @@
 //! | [`kept`] | containers built for a picture and kept for the next one |
 //! | [`batch`], [`naming`] | many inputs, one folder of containers |
 //! | [`verify`], [`compare`] | a container checked rule by rule; a container compared with its source or another one |
+//! | [`gradients`] | lengths of the gradient, for a choice of opacity by the gradient |
 //! | [`level_reader`] | boxes of a level, decoded by all threads |
 //! | [`provenance`], [`statistics`], [`report`], [`error`] | types and functions that the modules above share |
 //!
@@ -48,6 +49,7 @@
 pub mod batch;
 pub mod compare;
 pub mod error;
+pub mod gradients;
 pub mod kept;
 pub mod level_reader;
 pub mod naming;

@@ -4,7 +4,7 @@
 
 #![allow(clippy::print_stdout, reason = "the distances measured are what these tests are for")]
 
-use supervol_measure::random_scenes::{ERRORS, Found, Options, RandomScene, aimed_at, run};
+use supervol_measure::random_scenes::{ERRORS, Found, Opacity, Options, RandomScene, aimed_at, run};
 use supervol_measure::{Context, Scale};
 use supervol_runtime::engines::cpu::Caster;
 use supervol_runtime::engines::packets::PacketRule;
@@ -16,6 +16,8 @@ use supervol_tests::pictures::{distance, gpu_name};
 const SCENES: u64 = 80;
 /// Number of scenes in each mode other than `dvr`.
 const SCENES_OF_MODE: u64 = 20;
+/// Number of scenes with opacity by the gradient.
+const GRADIENT_SCENES: u64 = 40;
 /// Fewer on the GPU: software adapters take a second per scene.
 const GPU_SCENES: u64 = 20;
 const SEED: u64 = 1;
@@ -27,7 +29,15 @@ fn with_context<T>(test: impl FnOnce(&Context<'_>) -> T) -> T {
 
 #[test]
 fn random_scenes_keep_the_error() {
-    let options = Options { seed: SEED, first: 0, scenes: SCENES, mode: Mode::Dvr, threads: 2, backend: Backend::Cpu };
+    let options = Options {
+        seed: SEED,
+        first: 0,
+        scenes: SCENES,
+        mode: Mode::Dvr,
+        opacity: Opacity::ByValue,
+        threads: 2,
+        backend: Backend::Cpu,
+    };
     let found = with_context(|context| run(context, options, None)).unwrap_or_else(|e| panic!("seed {SEED}: {e}"));
     println!("{found:#?}");
     assert!(found.scenes_above().is_empty(), "further off than was asked for: {found:#?}");
@@ -48,6 +58,25 @@ fn random_scenes_keep_the_error() {
     assert!(greatest > smallest && smallest > 0.0, "the error that is asked for changes nothing: {found:#?}");
 }
 
+/// With opacity by the gradient, cells are integrated in `f64` and state a bound.
+#[test]
+fn random_scenes_with_opacity_by_the_gradient_keep_the_error() {
+    let (mode, opacity) = (Mode::Dvr, Opacity::ByGradient);
+    let options =
+        Options { seed: SEED, first: 0, scenes: GRADIENT_SCENES, mode, opacity, threads: 2, backend: Backend::Cpu };
+    let found = with_context(|context| run(context, options, None)).unwrap_or_else(|e| panic!("seed {SEED}: {e}"));
+    println!("{found:#?}");
+    assert!(found.scenes_above().is_empty(), "further off than was asked for: {found:#?}");
+    assert!(found.scenes_not_judged.is_empty(), "the reference did not converge: {found:#?}");
+    assert!(found.scenes_that_show_something > GRADIENT_SCENES / 2, "{found:#?}");
+    assert_no_more_is_stated_than_asked(&found);
+    for at in &found.stated {
+        assert!(at.scenes_above_stated.is_empty(), "further off than is stated of a pixel: {at:#?}");
+    }
+    let coarser = found.stated.iter().find(|at| at.level == 1).expect("level 1 is drawn");
+    assert!(coarser.pixels > 300, "hardly a pixel changes with the level: {coarser:#?}");
+}
+
 /// Asserts that no pixel of the finest level states more than was asked for.
 fn assert_no_more_is_stated_than_asked(found: &Found) {
     for at in found.stated.iter().filter(|at| at.level == 0) {
@@ -59,7 +88,15 @@ fn assert_no_more_is_stated_than_asked(found: &Found) {
 #[test]
 fn random_scenes_keep_what_is_stated_in_every_mode() {
     for mode in [Mode::Mip, Mode::Minip, Mode::Mean, Mode::Iso] {
-        let options = Options { seed: SEED, first: 0, scenes: SCENES_OF_MODE, mode, threads: 2, backend: Backend::Cpu };
+        let options = Options {
+            seed: SEED,
+            first: 0,
+            scenes: SCENES_OF_MODE,
+            mode,
+            opacity: Opacity::ByValue,
+            threads: 2,
+            backend: Backend::Cpu,
+        };
         let found = with_context(|context| run(context, options, None)).unwrap_or_else(|e| panic!("{mode:?}: {e}"));
         println!("{found:#?}");
         assert!(found.scenes_that_show_something > SCENES_OF_MODE / 2, "{found:#?}");
@@ -98,7 +135,15 @@ fn scenes_that_were_further_off_than_asked_or_stated() {
         (6, &[737, 860]),
     ];
     for (seed, first) in scenes.iter().flat_map(|(seed, scenes)| scenes.iter().map(|&scene| (*seed, scene))) {
-        let options = Options { seed, first, scenes: 1, mode: Mode::Dvr, threads: 2, backend: Backend::Cpu };
+        let options = Options {
+            seed,
+            first,
+            scenes: 1,
+            mode: Mode::Dvr,
+            opacity: Opacity::ByValue,
+            threads: 2,
+            backend: Backend::Cpu,
+        };
         let found =
             with_context(|context| run(context, options, None)).unwrap_or_else(|e| panic!("scene {first}: {e}"));
         println!("{found:#?}");
@@ -116,8 +161,15 @@ fn random_scenes_keep_the_error_on_the_gpu() {
     if gpu_name().is_none() {
         return;
     }
-    let options =
-        Options { seed: SEED, first: 0, scenes: GPU_SCENES, mode: Mode::Dvr, threads: 2, backend: Backend::Gpu };
+    let options = Options {
+        seed: SEED,
+        first: 0,
+        scenes: GPU_SCENES,
+        mode: Mode::Dvr,
+        opacity: Opacity::ByValue,
+        threads: 2,
+        backend: Backend::Gpu,
+    };
     let found = with_context(|context| run(context, options, None)).unwrap_or_else(|e| panic!("seed {SEED}: {e}"));
     println!("{found:#?}");
     assert!(found.scenes_that_show_something > GPU_SCENES / 2, "{found:#?}");
@@ -144,7 +196,15 @@ fn scenes_that_were_further_off_on_the_gpu() {
     if gpu_name().is_none() {
         return;
     }
-    let options = Options { seed: 7, first: 197, scenes: 1, mode: Mode::Dvr, threads: 2, backend: Backend::Gpu };
+    let options = Options {
+        seed: 7,
+        first: 197,
+        scenes: 1,
+        mode: Mode::Dvr,
+        opacity: Opacity::ByValue,
+        threads: 2,
+        backend: Backend::Gpu,
+    };
     let found = with_context(|context| run(context, options, None)).unwrap_or_else(|e| panic!("scene 197: {e}"));
     println!("{found:#?}");
     assert!(found.scenes_above().is_empty(), "further off than was asked for: {found:#?}");

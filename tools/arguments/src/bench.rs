@@ -75,6 +75,9 @@ pub struct Arguments {
     /// Rendering mode of the random scenes
     #[arg(long, value_enum, value_name = "MODE", default_value = "dvr", requires = "random_scenes")]
     pub mode: ModeName,
+    /// Give each random scene a random opacity by the gradient, too (mode dvr, on the CPU)
+    #[arg(long, requires = "random_scenes")]
+    pub gradient_opacity: bool,
     /// Measure empty-space leaping: its cost, and the time that it saves
     #[arg(long, conflicts_with_all = ["peers", "path", "record", "output", "shading"])]
     pub leaping: bool,

@@ -86,6 +86,7 @@ pub fn with_mode(scene: &Scene, opened: &OpenVolume, mode: Mode) -> Scene {
         mode: Some(mode),
         transfer_function: None,
         shading: (mode == Mode::Dvr).then(|| (!facts.kind.is_seismic()).then(ShadingSpec::default)),
+        gradient_opacity: None,
         iso: if mode == Mode::Iso { vec![looks::default_surface(facts)] } else { Vec::new() },
         samples_per_pixel: None,
         ..scene.clone()

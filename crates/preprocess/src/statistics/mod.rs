@@ -19,7 +19,7 @@ use supervol_format::voxel_type::{Absence, Voxel};
 use supervol_format::{ValueRange, VoxelType, with_voxel};
 
 use self::bins::{bins, key, value_of};
-use self::sketch::{Interval, Sketch};
+pub(crate) use self::sketch::{Interval, Sketch};
 pub use self::values::{Form, LABELS, Values, finite};
 
 /// Number of bins of the manifest's histogram.

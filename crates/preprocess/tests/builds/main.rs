@@ -9,4 +9,5 @@
 #![allow(clippy::unwrap_used, reason = "tests fail loudly")]
 
 mod compare_source;
+mod gradients;
 mod resume;

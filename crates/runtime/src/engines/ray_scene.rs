@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use glam::{DMat3, DVec3};
 use supervol_format::cast::{narrow, single};
 use supervol_format::{Geometry, Lod, Pyramid, ValueRange};
 use supervol_scene::camera::{Camera, Ray};
@@ -11,6 +12,7 @@ use supervol_scene::scene::{IsoSpec, Mode, ResolvedScene};
 use supervol_scene::transfer_function::{RenderTransferFunction, TransferFunction};
 use supervol_scene::value_map::ValueMap;
 
+use super::cells::modulated::Modulation;
 use super::cells::shade::Lighting;
 use super::ray::{RayState, pixel_of_light};
 use super::rules::TERMINATION_OPACITY;
@@ -68,6 +70,8 @@ pub struct RayScene {
     /// The same over data values, in `f64`.
     pub(crate) data_transfer_function: TransferFunction,
     pub(crate) lighting: Option<Lighting>,
+    /// Opacity by the gradient, of the volume in mode `dvr`.
+    pub(crate) modulation: Option<Modulation>,
     pub(crate) iso: Vec<IsoSurface>,
     /// Whether crossings are listed, all of them, and not composited.
     pub(crate) lists_crossings: bool,
@@ -97,6 +101,7 @@ impl RayScene {
         };
         // Surfaces are drawn apart from the volume around them.
         let volume_only = scene.transfer_function.without_surfaces();
+        let ramp = scene.gradient_opacity.filter(|_| scene.mode == Mode::Dvr);
         Self {
             field: Field::FIRST,
             pyramid: pyramid.clone(),
@@ -107,6 +112,7 @@ impl RayScene {
             clip: scene.clip.clone(),
             mode: scene.mode,
             transfer_function: RenderTransferFunction::new(&volume_only, map.shift),
+            modulation: ramp.map(|ramp| Modulation::new(ramp, &volume_only)),
             data_transfer_function: volume_only,
             lighting: scene.shading.as_ref().map(|s| Lighting::new(s, geometry, value_range.width())),
             iso: scene.iso.iter().map(surface).collect(),
@@ -177,6 +183,12 @@ impl RayScene {
     pub(crate) fn pixel_of(&self, ray: usize) -> [u32; 2] {
         let width = self.camera.width as usize;
         [narrow::<u32>(ray % width), self.rows.start + narrow::<u32>(ray / width)]
+    }
+
+    /// World gradient from central differences at a level.
+    pub(crate) fn world_from_level_gradient(&self, lod: Lod) -> DMat3 {
+        let scale = DVec3::from_array(self.pyramid.level_at(lod).scale.map(|s| s as f64));
+        self.geometry.world_from_index_gradient() * DMat3::from_diagonal(1.0 / scale)
     }
 
     /// Whether rays gather light, and not values.

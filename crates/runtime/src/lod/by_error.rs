@@ -29,7 +29,9 @@
 //!
 //! The right side is a brick's share of the ray's budget: half of E is spent by opacity, half by length. So the sum
 //! over all bricks of a ray stays within E, however many there are. The bound is strict: errors that cancel are added
-//! up. Shaded colours are unknown (normals have no stored bound), so there `dc = 1`. In `mip`, `minip` and `mean` the
+//! up. Shaded colours are unknown (normals have no stored bound), so there `dc = 1`. With opacity by the gradient, the
+//! extinction is unknown for the same reason: it may be anything up to its greatest value. Rule 3 then holds nowhere, since
+//! averages have shorter gradients. In `mip`, `minip` and `mean` the
 //! value itself is off by at most the error: its opacity and colour may change by E in all. In `iso` a crossing moves
 //! by an unknown length: a brick with an iso value beneath it must be exact.
 //!
@@ -92,6 +94,8 @@ pub struct LevelsByError {
     /// Iso values, data units.
     iso: Vec<f64>,
     is_shaded: bool,
+    /// Whether extinction depends on the gradient.
+    is_modulated: bool,
     /// Target error E, a share of full scale.
     max_error: f64,
     /// Longest ray L, world length.
@@ -115,6 +119,7 @@ impl LevelsByError {
             intervals: Intervals::new(&scene.transfer_function),
             iso: scene.iso.iter().map(|surface| surface.value).collect(),
             is_shaded: scene.shading.is_some(),
+            is_modulated: scene.gradient_opacity.is_some(),
             max_error,
             longest_ray: longest_chord(data.geometry, dims, scene.clip.index_box),
             scale: data.scale,
@@ -130,7 +135,10 @@ impl LevelsByError {
     #[must_use]
     pub fn verdict(&self, key: BrickKey, entry: &BrickEntry) -> Verdict {
         let bounded = self.bounded_verdict(key, entry);
-        if bounded == Verdict::Fine || self.lod.voxel_pixels(&self.pyramid, key) > SMALL_VOXEL_PIXELS {
+        if bounded == Verdict::Fine
+            || self.is_modulated
+            || self.lod.voxel_pixels(&self.pyramid, key) > SMALL_VOXEL_PIXELS
+        {
             return bounded;
         }
         let keeps_contrast = self.keeps_contrast(self.data_range(entry.range), self.data_range(entry.range_beneath));
@@ -157,7 +165,7 @@ impl LevelsByError {
     pub fn keeps_target(&self, beneath: ValueRange, error: f64) -> bool {
         let hull = (beneath.min, beneath.max);
         // Values are equal everywhere, but normals are not: those of a coarser level reach farther.
-        if error == 0.0 && !self.is_shaded {
+        if error == 0.0 && !self.is_shaded && !self.is_modulated {
             return true;
         }
         match self.mode {
@@ -238,6 +246,10 @@ impl LevelsByError {
         let (least, greatest) = (function.kappa(extent.low[3]), function.kappa(extent.high[3]));
         // Extinction is steepest where it is greatest.
         let steepest = 1.0 / ((1.0 - extent.high[3].min(ALPHA_LIMIT)) * function.unit_distance());
+        if self.is_modulated {
+            // Gradients of another level are unknown: anything up to the whole extinction may show, or nothing.
+            return greatest <= 0.5 * self.max_error / self.longest_ray;
+        }
         let change = (greatest - least).min(share * (extent.high[3] - extent.low[3]) * steepest);
         let color_change = if self.is_shaded { 1.0 } else { share * extent.color_change() };
         change + greatest * color_change <= 0.5 * self.max_error * (least + 1.0 / self.longest_ray)

@@ -31,17 +31,23 @@
 //! all cells of the brick that the ray crosses, the sum of `b l` over them takes the place of `b l`. The lesser of both
 //! bounds counts: the range of the brick is examined in smaller parts.
 //!
+//! *With opacity by the gradient*, both extinctions are multiplied by a factor, m and m', at most 1: `|m kappa - m' kappa'|` is
+//! at most `m |kappa - kappa'| + kappa' |m - m'|`, and emission likewise. So with the same a, b grows by the greatest exact
+//! extinction times the greatest `|m - m'|`: 1 on another level, whose gradient is unknown. Where values of level 0 moved by at
+//! most e, each central difference moved by e, and the gradient by at most the length that three of them make in the world.
+//!
 //! If voxels may be absent in one level and not in the other, a drawn value may be exchanged for nothing, and nothing
 //! for any value beneath. Shaded colours are unknown: r is then the greater of both extinctions.
 //!
 //! In `mip`, `minip` and `mean` the value of a ray is off; [`Deviation::value`] bounds it. In `iso`, everything behind
 //! the first brick whose exact values hold an iso value may be different.
 
+use glam::DVec3;
 use supervol_format::cast::whole;
 use supervol_format::container::toc::BrickEntry;
-use supervol_format::{BrickKey, Lod, ValueRange};
+use supervol_format::{BrickKey, Geometry, Lod, ValueRange};
 use supervol_scene::image::GREY_LEVELS;
-use supervol_scene::scene::{Mode, ResolvedScene};
+use supervol_scene::scene::{GradientOpacity, Mode, ResolvedScene};
 use supervol_scene::transfer_function::intervals::Extent;
 use supervol_scene::transfer_function::{ALPHA_LIMIT, Intervals};
 
@@ -306,6 +312,13 @@ struct Values {
     error: f64,
 }
 
+/// Greatest length of a gradient in the world of which each central difference is at most 1.
+fn longest_of_unit_differences(geometry: &Geometry) -> f64 {
+    let to_world = geometry.world_from_index_gradient();
+    let signs = [[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]];
+    signs.map(|[y, z]| (to_world * DVec3::new(1.0, y, z)).length()).into_iter().fold(0.0, f64::max)
+}
+
 /// Computes the deviation of bricks for one scene; see the module.
 #[derive(Debug, Clone)]
 pub struct Deviations {
@@ -314,6 +327,8 @@ pub struct Deviations {
     /// Iso values, data units.
     iso: Vec<f64>,
     is_shaded: bool,
+    /// With opacity by the gradient: greatest change of its factor in level 0, where voxels moved.
+    change_of_factor: Option<f64>,
     scale: f64,
     offset: f64,
     value_range: ValueRange,
@@ -331,6 +346,10 @@ impl Deviations {
             intervals: Intervals::new(&scene.transfer_function),
             iso: scene.iso.iter().map(|surface| surface.value).collect(),
             is_shaded: scene.shading.is_some(),
+            change_of_factor: scene.gradient_opacity.map(|GradientOpacity { from, to }| {
+                let moved = data.voxel_error * longest_of_unit_differences(data.geometry);
+                (moved / (to - from)).min(1.0)
+            }),
             scale: data.scale,
             offset: data.offset,
             value_range: data.value_range.widened(data.voxel_error),
@@ -373,7 +392,9 @@ impl Deviations {
         let may_have_holes = holes == Holes::Possible && !is_finest;
         let is_unshaded = is_finest || !(self.is_shaded && matches!(self.mode, Mode::Dvr | Mode::Iso));
         let is_exact = is_finest && self.is_finest_exact();
-        if is_exact || beneath.is_empty() || (error == 0.0 && !may_have_holes && is_unshaded) {
+        // Equal values beneath have no gradient there, but next to it they may.
+        let keeps_gradients = is_finest || self.change_of_factor.is_none();
+        if is_exact || beneath.is_empty() || (error == 0.0 && !may_have_holes && is_unshaded && keeps_gradients) {
             return Deviation::NONE;
         }
         let known = Deviation {
@@ -386,7 +407,11 @@ impl Deviations {
         match self.mode {
             // The position of a surface on another level, or without the error, is unknown.
             Mode::Dvr | Mode::Iso if has_surface => Deviation { kappa_max: f64::INFINITY, ..known },
-            Mode::Dvr => self.of_rays(own, (error, parts), known),
+            Mode::Dvr => {
+                let found = self.of_rays(own, (error, parts), known);
+                let factor = self.change_of_factor.map_or(0.0, |change| if is_finest { change } else { 1.0 });
+                self.with_change_of_factor(found, own, factor)
+            }
             Mode::Iso => Deviation::NONE,
             Mode::Mip | Mode::Minip | Mode::Mean | Mode::Slice => known,
         }
@@ -430,6 +455,23 @@ impl Deviations {
                 break;
             }
         }
+        found
+    }
+
+    /// The same, if the factor of extinction changes by at most this: see the module.
+    fn with_change_of_factor(&self, mut found: Deviation, own: ValueRange, change: f64) -> Deviation {
+        if change == 0.0 || found.kappa_max == 0.0 {
+            return found;
+        }
+        let greatest = |range: ValueRange| {
+            let extent = (!range.is_empty()).then(|| self.intervals.extent(range.min, range.max));
+            extent.map_or(0.0, |extent| self.intervals.function().kappa(extent.high[3]))
+        };
+        let by_factor = change * greatest(found.beneath);
+        for b in &mut found.per_length {
+            *b = (*b + by_factor).min(found.kappa_max);
+        }
+        found.thinner = (found.thinner + by_factor).min(greatest(own));
         found
     }
 

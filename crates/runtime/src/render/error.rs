@@ -43,6 +43,11 @@ pub enum RenderError {
         "sections (mode slice) are drawn by the backends cpu and reference (and auto, which takes cpu then); found gpu"
     )]
     SlicesOnGpu,
+    #[error(
+        "opacity by the gradient (gradient_opacity) is drawn by the backends cpu and reference (and auto, which takes cpu \
+         then); found gpu"
+    )]
+    GradientsOnGpu,
     #[error("cannot pick in mode mean: a mean has no depth; use another mode")]
     NoPlace,
     #[error("pixel {},{}: the picture has {} x {} pixels, the first is 0,0", pixel[0], pixel[1], size[0], size[1])]
@@ -87,6 +92,7 @@ impl RenderError {
             | Self::NoPlace
             | Self::NoSuchPixel { .. }
             | Self::SlicesOnGpu
+            | Self::GradientsOnGpu
             | Self::Option { .. }
             | Self::NoScene
             | Self::Method { .. } => ErrorKind::Request,

@@ -22,6 +22,7 @@ mod gpu_support;
 mod gpu_twin_list;
 mod gpu_twins;
 mod gpu_walk_twins;
+mod gradient_opacity;
 mod inner_surfaces;
 mod packed_bricks;
 mod packet_modes;

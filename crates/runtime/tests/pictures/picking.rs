@@ -106,6 +106,24 @@ fn it_is_the_extreme_of_a_projection() {
     assert!(matches!(refused, Err(RenderError::NoPlace)), "{refused:?}");
 }
 
+/// The ramp's gradient is half a value per world length, so that the ramp of opacity lets half of the extinction through.
+#[test]
+fn opacity_by_the_gradient_moves_it() {
+    let fog = |opacity_by_gradient: &str| {
+        let tf = points(1.0, &[(0.0, [1.0; 3], 0.2)]);
+        let clip = r#", "clip": {"box": [[8, -1, -1], [20, 99, 99]]}"#;
+        found(&ramp(), &format!(r#", "transfer_function": {tf}{clip}{opacity_by_gradient}"#), PIXEL)
+    };
+    for (ends, factor) in
+        [("", 1.0), (r#", "gradient_opacity": [0, 1]"#, 0.5), (r#", "gradient_opacity": [0.1, 0.4]"#, 1.0)]
+    {
+        let kappa = -factor * (0.8f64).ln();
+        let half = 0.5 * (1.0 - (-kappa * 24.0).exp());
+        assert_at(fog(ends), PickedOn::Volume, 26.0 - (1.0 - half).ln() / kappa);
+    }
+    assert_eq!(fog(r#", "gradient_opacity": [0.5, 1]"#), None);
+}
+
 #[test]
 fn it_is_a_slice_where_that_takes_the_opacity_beyond_half() {
     let tf = points(1.0, &[(0.0, [1.0; 3], 0.0), (8.0, [1.0; 3], 0.0), (8.0, [1.0; 3], 0.1)]);

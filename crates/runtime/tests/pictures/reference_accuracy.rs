@@ -79,7 +79,15 @@ impl Brute<'_> {
         let Some(value) = self.field(p) else { return (0.0, [0.0; 3]) };
         let (color, alpha) = self.scene.transfer_function.classify(value);
         let kappa = -(1.0 - alpha.min(0.9999)).ln() / self.scene.transfer_function.unit_distance();
-        let (Some(shading), Some(gradient)) = (&self.scene.shading, self.gradient(p)) else { return (kappa, color) };
+        let gradient = self.gradient(p);
+        let kappa = match self.scene.gradient_opacity {
+            Some(ramp) => {
+                let length = gradient.map_or(0.0, |gradient| dot(gradient, gradient).sqrt());
+                kappa * ((length - ramp.from) / (ramp.to - ramp.from)).clamp(0.0, 1.0)
+            }
+            None => kappa,
+        };
+        let (Some(shading), Some(gradient)) = (&self.scene.shading, gradient) else { return (kappa, color) };
         if dot(gradient, gradient).sqrt() < self.floor || gradient == [0.0; 3] {
             return (kappa, color);
         }
@@ -233,5 +241,25 @@ fn gradients_that_vanish_and_holes() {
     let holed = Volume::new([12; 3], VoxelType::F32, wave(0.1)).with_holes(|p| p.iter().sum::<usize>() % 11 == 0);
     for volume in [waves, even, holed] {
         compare(&volume, [4, 3], &format!(r#"{seen}, {NARROW}, "transfer_function": {shown}"#));
+    }
+}
+
+/// Opacity by the gradient: kinks where its length passes the ends of a ramp, and where it vanishes.
+#[test]
+fn opacity_by_the_gradient() {
+    let (a, b) = ([0.2, 0.4, 1.0], [1.0, 0.9, 0.1]);
+    let shown = points(1.0, &[(0.0, a, 0.3), (0.5, b, 0.3), (0.5, b, 0.8), (1.0, a, 0.1)]);
+    let seen = camera([31.0, 17.0, 24.0], [5.5; 3], 25.0);
+    let wave = |p: Vector| 0.5 + 0.5 * (0.7 * (p[0] + 0.83 * p[1] + 0.71 * p[2])).sin();
+    let turned = [0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+    let noisy = Volume::new([12; 3], VoxelType::F32, noise);
+    let waves = Volume::new([12; 3], VoxelType::F32, wave);
+    let stretched = waves.clone().with_geometry([1.0, 0.6, 1.4], [9.0, -1.0, 1.0], turned);
+    let holed = waves.clone().with_holes(|p| p.iter().sum::<usize>() % 11 == 0);
+    for volume in [noisy, waves, stretched, holed] {
+        for (light, ends) in [(r#""shading": null"#, "[0, 0.3]"), (NARROW, "[0.1, 0.25]"), (GLARING, "[0.2, 0.21]")] {
+            let look = format!(r#""gradient_opacity": {ends}, {light}, "transfer_function": {shown}"#);
+            compare(&volume, [3, 3], &format!("{seen}, {look}"));
+        }
     }
 }

@@ -5,8 +5,8 @@ use supervol_format::readable::Number;
 
 use super::checks::check;
 use super::error::SceneError;
-use super::limits::DISTANCE_LIMIT;
-use super::resolved::{Light, Shading};
+use super::limits::{DISTANCE_LIMIT, GRADIENT_LIMITS};
+use super::resolved::{GradientOpacity, Light, Shading};
 use crate::camera::{Camera, Projection, unit_vector};
 use crate::clip::{Clip, ClipPlane};
 use crate::facts::VolumeFacts;
@@ -96,6 +96,21 @@ impl ShadingSpec {
         };
         let Self { ambient, diffuse, specular, shininess, .. } = *self;
         Shading { ambient, diffuse, specular, shininess, lights }
+    }
+}
+
+impl GradientOpacity {
+    /// The ramp in the units of a picture; `ends` are data units per world unit.
+    pub(super) fn resolve(ends: [f64; 2], units: &Units) -> Result<Self, SceneError> {
+        let per_length = units.length / units.value;
+        let [least, most] = GRADIENT_LIMITS;
+        let [from, to] = ends.map(|end| end * per_length);
+        let expected = || {
+            let [least, most] = GRADIENT_LIMITS.map(|limit| limit / per_length);
+            format!("a second number between {least:e} and {most:e} for this volume")
+        };
+        check((least..=most).contains(&to), "gradient_opacity", expected, Number(ends[1]))?;
+        Ok(Self { from, to })
     }
 }
 

@@ -21,3 +21,8 @@ pub const UNIT_DISTANCE_LIMITS: [f64; 2] = [1e-12, 1e24];
 pub const EXAGGERATION_LIMITS: [f64; 2] = [1e-6, 1e6];
 /// Greatest ratio of the longest to the shortest edge of a voxel.
 pub const EDGE_RATIO_LIMIT: f64 = 1e6;
+/// Least width of the ramp of `gradient_opacity`, as a share of its end: a narrower one is a step. A step would make pictures
+/// depend on the rounding of gradients.
+pub const LEAST_GRADIENT_RAMP: f64 = 1e-6;
+/// Least and greatest end of that ramp in the units of a picture: beyond, squares of gradients lose all digits.
+pub const GRADIENT_LIMITS: [f64; 2] = [1e-60, 1e60];

@@ -24,10 +24,10 @@ use serde::{Deserialize, Deserializer, Serialize};
 use self::checks::check;
 pub use self::error::SceneError;
 pub use self::limits::{
-    DISTANCE_LIMIT, EDGE_RATIO_LIMIT, EXAGGERATION_LIMITS, INNER_SURFACE_LIMIT, ISO_LIMIT, LIGHT_LIMIT, PLANE_LIMIT,
-    RAY_LIMIT, SHADING_LIMIT, UNIT_DISTANCE_LIMITS,
+    DISTANCE_LIMIT, EDGE_RATIO_LIMIT, EXAGGERATION_LIMITS, GRADIENT_LIMITS, INNER_SURFACE_LIMIT, ISO_LIMIT,
+    LEAST_GRADIENT_RAMP, LIGHT_LIMIT, PLANE_LIMIT, RAY_LIMIT, SHADING_LIMIT, UNIT_DISTANCE_LIMITS,
 };
-pub use self::resolved::{Light, ResolvedScene, Shading};
+pub use self::resolved::{GradientOpacity, Light, ResolvedScene, Shading};
 use crate::camera::Camera;
 use crate::facts::{DataKind, VolumeFacts};
 use crate::preset::overview::Overview;
@@ -62,6 +62,10 @@ pub struct Scene {
     #[serde(skip_serializing_if = "Option::is_none", deserialize_with = "present")]
     #[schemars(with = "Option<ShadingSpec>")]
     pub shading: Option<Option<ShadingSpec>>,
+    /// Mode `dvr`: opacity by the length of the gradient, data units per world unit. From 0 at the first number and below,
+    /// extinction rises linearly to its own value at the second number and above. If missing: the whole extinction.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gradient_opacity: Option<[f64; 2]>,
     /// Iso surfaces. Mode `iso` draws only them; mode `dvr` draws them inside the semi-transparent volume.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub iso: Vec<IsoSpec>,
@@ -142,8 +146,10 @@ impl Scene {
     /// As [`Self::complete`], without the camera.
     fn with_look(&self, facts: &VolumeFacts, overview: Option<&Overview>) -> Self {
         let mut scene = self.clone();
-        let left_open = self.mode.is_none() && self.transfer_function.is_none() && self.iso.is_empty();
         let look = Look::of(facts);
+        // Only a volume has an opacity by its gradient.
+        let suits = self.gradient_opacity.is_none() || (look.mode == Mode::Dvr && look.slices.is_empty());
+        let left_open = self.mode.is_none() && self.transfer_function.is_none() && self.iso.is_empty() && suits;
         if left_open {
             scene.mode = Some(look.mode);
             scene.shading.get_or_insert(look.shading);
@@ -270,6 +276,7 @@ impl Scene {
             mode,
             transfer_function: transfer_function.with_surfaces(inner).in_units(&units),
             shading: scene.shading.as_ref().and_then(Option::as_ref).map(|s| s.resolve(&camera)),
+            gradient_opacity: scene.gradient_opacity.map(|ends| GradientOpacity::resolve(ends, &units)).transpose()?,
             iso: scene.iso.iter().map(|iso| IsoSpec { value: units.value(iso.value), ..*iso }).collect(),
             slices: scene.slices.iter().map(|slice| slice.resolve(&units, &facts.labels)).collect::<Result<_, _>>()?,
             clip: scene.clip.resolve(&units)?,

@@ -26,6 +26,8 @@ pub struct ResolvedScene {
     pub transfer_function: TransferFunction,
     /// Shading, if any.
     pub shading: Option<Shading>,
+    /// Opacity by the length of the gradient, if any; only in mode `dvr`.
+    pub gradient_opacity: Option<GradientOpacity>,
     /// Iso surfaces: at least one in mode `iso`, optional in `dvr`, none in other modes.
     pub iso: Vec<IsoSpec>,
     /// Slices: at least one in mode `slice`, none in `mip`, `minip` and `mean`.
@@ -59,6 +61,7 @@ impl ResolvedScene {
         self.mode == other.mode
             && self.transfer_function == other.transfer_function
             && self.shading == other.shading
+            && self.gradient_opacity == other.gradient_opacity
             && self.iso == other.iso
             && self.slices == other.slices
             && self.clip == other.clip
@@ -87,4 +90,23 @@ pub struct Light {
     pub to_light: DVec3,
     /// Factor of the light's diffuse and specular terms.
     pub intensity: f64,
+}
+
+/// Opacity by the length of the gradient (RENDERING-MODEL, section 5): extinction is multiplied by
+/// `clamp((|g| - from) / (to - from), 0, 1)`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GradientOpacity {
+    /// Length of the gradient up to which nothing shows, values per length.
+    pub from: f64,
+    /// Length from which on the whole extinction counts; greater than `from`.
+    pub to: f64,
+}
+
+impl GradientOpacity {
+    /// The factor of extinction for a gradient of this length.
+    #[inline]
+    #[must_use]
+    pub fn factor(&self, length: f64) -> f64 {
+        ((length - self.from) / (self.to - self.from)).clamp(0.0, 1.0)
+    }
 }

@@ -14,6 +14,7 @@ const FULL: &str = r#"{
   "transfer_function": {"unit_distance": 2.0, "points": [
     {"value": 0, "color": [0, 0, 0], "alpha": 0}, {"value": 1, "color": [1, 1, 1], "alpha": 0.5}]},
   "shading": {"ambient": 0.2, "lights": [{"direction": [0, 0, 2]}]},
+  "gradient_opacity": [0.5, 3],
   "slices": [{"normal": [0, 0, 3], "offset": 3, "opacity": 0.5, "interpolation": "cubic", "filter": {"kind": "median", "size": 2}, "labels": true,
     "colors": [{"value": 0, "color": [0, 0, 0]}, {"value": 1, "color": [1, 1, 1]}]}],
   "clip": {"box": [[0, 0, 0], [5, 5, 5]], "planes": [{"normal": [1, 0, 0], "offset": 2}],
@@ -43,6 +44,7 @@ fn a_full_scene_resolves() {
     let shading = scene.shading.unwrap();
     assert_eq!((shading.ambient, shading.diffuse), (0.2, 0.7));
     assert_eq!(shading.lights[0].to_light, DVec3::NEG_Z);
+    assert_eq!(scene.gradient_opacity, Some(GradientOpacity { from: 0.5, to: 3.0 }));
     assert_eq!(scene.clip.planes[0].offset, 2.0);
     let [ball, cuboid, drum] = &scene.clip.solids[..] else { panic!("three solids") };
     assert_eq!((ball.keep, cuboid.keep), (Keep::Outside, Keep::Inside));
@@ -114,6 +116,39 @@ fn mistakes_are_named_with_their_place() {
         message("\"mode\": \"dvr\",", "\"mode\": \"mip\", \"iso\": [{\"value\": 1, \"color\": [1, 1, 1]}],")
             .contains("no surfaces in this mode")
     );
+}
+
+#[test]
+fn opacity_by_the_gradient_is_a_ramp_of_mode_dvr() {
+    let read = |json: &str| Scene::from_json(json).and_then(|scene| scene.resolve(&facts()));
+    let refused = |json: &str| read(json).unwrap_err().to_string();
+    for ends in ["[-1, 2]", "[2, 2]", "[3, 2]", "[0, 0]", "[1, 1.0000005]"] {
+        let message = refused(&format!(r#"{{"gradient_opacity": {ends}}}"#));
+        assert!(message.contains("`gradient_opacity`") && message.contains("0 <= G0 < G1"), "{message}");
+    }
+    assert!(refused(r#"{"gradient_opacity": [0, 1e200]}"#).contains("gradient_opacity"));
+    assert!(refused(r#"{"gradient_opacity": [1]}"#).contains("length 1"));
+    for mode in ["mip", "minip", "mean"] {
+        let message = refused(&format!(r#"{{"gradient_opacity": [0, 1], "mode": "{mode}"}}"#));
+        assert!(message.contains("mode `dvr`") && message.contains(&format!("found mode `{mode}`")), "{message}");
+    }
+    // Only a volume has it: kinds with another default picture show theirs as a volume.
+    for kind in DataKind::ALL {
+        let scene = Scene::from_json(r#"{"gradient_opacity": [0, 1]}"#).unwrap();
+        let facts = VolumeFacts { kind, ..facts() };
+        assert_eq!(scene.resolve(&facts).unwrap().mode, Mode::Dvr, "{kind:?}");
+        let complete = scene.complete(&facts, None);
+        assert_eq!(complete.resolve(&facts).unwrap(), scene.resolve(&facts).unwrap(), "{kind:?}");
+    }
+    let ramp = GradientOpacity { from: 1.0, to: 3.0 };
+    assert_eq!([0.5, 1.0, 2.0, 3.0, 9.0].map(|length| ramp.factor(length)), [0.0, 0.0, 0.5, 1.0, 1.0]);
+    // The picture of a volume with extreme numbers is computed in other units.
+    let geometry = Geometry { spacing: [1e-30; 3], ..Geometry::IDENTITY };
+    let facts = VolumeFacts { geometry, ..facts() };
+    let scene = Scene { gradient_opacity: Some([1e30, 2e30]), mode: Some(Mode::Dvr), ..Scene::default() };
+    let (found, units) = (scene.resolve(&facts).unwrap().gradient_opacity.unwrap(), Units::of(&facts));
+    assert_eq!(found.from, 1e30 * units.length / units.value);
+    assert!(found.from > 0.1 && found.from < 10.0, "{found:?}");
 }
 
 #[test]
@@ -234,8 +269,7 @@ fn the_page_on_scenes_has_every_key_and_no_other() {
     let named: std::collections::BTreeSet<String> =
         table.lines().skip(2).filter_map(|row| row.split('`').nth(1)).map(str::to_owned).collect();
     // A scene with every key, and both kinds of cameras.
-    let full =
-        FULL.replace("\"clip\"", "\"iso\": [{\"value\": 1, \"color\": [1, 1, 1]}], \"clip\"").replace("dvr", "iso");
+    let full = FULL.replace("\"clip\"", "\"iso\": [{\"value\": 1, \"color\": [1, 1, 1]}], \"clip\"");
     let full = full.replace("\"solids\": [", "\"solids\": [{\"mesh\": \"hull.ply\"}, ");
     let mut known = std::collections::BTreeSet::new();
     for camera in ["\"fov_y\": 30.0", "\"height\": 30.0"] {

@@ -7,7 +7,8 @@ use super::Scene;
 use super::checks::{check, check_color, check_direction, check_factor, check_share};
 use super::error::SceneError;
 use super::limits::{
-    EXAGGERATION_LIMITS, INNER_SURFACE_LIMIT, ISO_LIMIT, LIGHT_LIMIT, PLANE_LIMIT, RAY_LIMIT, SHADING_LIMIT,
+    EXAGGERATION_LIMITS, INNER_SURFACE_LIMIT, ISO_LIMIT, LEAST_GRADIENT_RAMP, LIGHT_LIMIT, PLANE_LIMIT, RAY_LIMIT,
+    SHADING_LIMIT,
 };
 use crate::preset;
 use crate::slices::SLICE_LIMIT;
@@ -42,6 +43,7 @@ impl Scene {
         self.validate_surfaces()?;
         self.validate_slices()?;
         self.validate_shading()?;
+        self.validate_gradient_opacity()?;
         self.validate_clip()
     }
 
@@ -106,6 +108,21 @@ impl Scene {
             check_factor(&format!("shading.lights[{i}].intensity"), light.intensity)?;
         }
         Ok(())
+    }
+
+    fn validate_gradient_opacity(&self) -> Result<(), SceneError> {
+        let Some([from, to]) = self.gradient_opacity else { return Ok(()) };
+        let good = from >= 0.0 && to.is_finite() && to - from >= LEAST_GRADIENT_RAMP * to && to > from;
+        let expected = || {
+            format!(
+                "two finite numbers, 0 <= G0 < G1 (data units per world unit), at least {LEAST_GRADIENT_RAMP:e} of G1 apart \
+                 (for a step, take a narrow ramp)"
+            )
+        };
+        check(good, "gradient_opacity", expected, format!("{} and {}", Number(from), Number(to)))?;
+        let expected = || "mode `dvr`: other modes show no extinction".into();
+        let mode = self.effective_mode();
+        check(mode == Mode::Dvr, "gradient_opacity", expected, format!("mode `{mode:?}`").to_lowercase())
     }
 
     fn validate_clip(&self) -> Result<(), SceneError> {

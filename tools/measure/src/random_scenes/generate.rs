@@ -79,22 +79,55 @@ impl RandomScene {
     /// The same volume, camera and transfer function in another mode.
     #[must_use]
     pub fn in_mode(mode: Mode, seed: u64, number: u64) -> Self {
+        Self::with(mode, Opacity::ByValue, seed, number)
+    }
+
+    /// The same, with this kind of opacity.
+    #[must_use]
+    pub fn with(mode: Mode, opacity: Opacity, seed: u64, number: u64) -> Self {
         let mut random = Random::new(mix(seed) ^ mix(!number));
         let (source, shape) = volume(&mut random);
-        Self { number, source, members: members(mode, &mut random, &shape, classification) }
+        let mut members = members(mode, &mut random, &shape, classification);
+        members.extend(gradient_opacity(opacity, (seed, number), &shape));
+        Self { number, source, members }
     }
+}
+
+/// What the opacity of a scene depends on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Opacity {
+    /// The value.
+    ByValue,
+    /// The gradient as well; only in mode `dvr`.
+    ByGradient,
+}
+
+/// Begins and widths of ramps of opacity by the gradient, in parts of the longest one: of noise, and of fields that are ever smoother.
+const RAMPS: [f64; 5] = [0.5, 0.15, 0.05, 0.01, 0.001];
+
+/// A random ramp of opacity by the gradient, from numbers of its own: all else of the scene stays as it is.
+fn gradient_opacity(opacity: Opacity, (seed, number): (u64, u64), shape: &Shape) -> Option<String> {
+    let mut random = Random::new(mix(!seed) ^ mix(number));
+    let index = |i: usize| shape.world_from_index.transform_vector3(DVec3::AXES[i]).length();
+    let steepest = shape.values[1] / (0..3).map(index).fold(f64::INFINITY, f64::min);
+    let mut part = || steepest * RAMPS[self::index(random.below(RAMPS.len() as u64))] * (0.2 + random.unit());
+    let (from, width) = (part(), part());
+    let from = if random.unit() < 0.3 { 0.0 } else { from };
+    (opacity == Opacity::ByGradient).then(|| format!(r#""gradient_opacity": [{from:?}, {:?}]"#, from + width))
 }
 
 /// Members of scene `number` of this seed for a volume that exists.
 #[must_use]
-pub fn members_for(facts: &VolumeFacts, mode: Mode, seed: u64, number: u64) -> Vec<String> {
+pub fn members_for(facts: &VolumeFacts, (mode, opacity): (Mode, Opacity), seed: u64, number: u64) -> Vec<String> {
     let mut random = Random::new(mix(seed) ^ mix(!number));
     let shape = Shape {
         dims: facts.dims.0,
         world_from_index: facts.geometry.world_from_index(),
         values: [facts.value_range.min, facts.value_range.width()],
     };
-    members(mode, &mut random, &shape, |random, _| classification_for(random, facts))
+    let mut members = members(mode, &mut random, &shape, |random, _| classification_for(random, facts));
+    members.extend(gradient_opacity(opacity, (seed, number), &shape));
+    members
 }
 
 fn members(

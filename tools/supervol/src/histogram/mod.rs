@@ -1,6 +1,8 @@
-//! `supervol histogram`: number of voxels by value, and the opacity that the default picture gives to each value.
+//! `supervol histogram`: number of voxels by value, and the opacity that the default picture gives to each value; or number of
+//! voxels by the length of the gradient.
 
 mod drawing;
+mod gradients;
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -47,6 +49,15 @@ pub struct Arguments {
     /// Values far from all others are outside this range. Their numbers follow below the rows.
     #[arg(long, default_value_t = 32, value_parser = rows, conflicts_with = "output")]
     rows: usize,
+    /// Count lengths of the gradient, in data units per world unit, instead of values
+    ///
+    /// For the numbers of `render --gradient-opacity`: below G0 nothing shows, above G1 all. Rows go up to the 99.9th
+    /// percentile. Percentiles follow below the rows. It reads every voxel once.
+    #[arg(long, conflicts_with = "output")]
+    gradient: bool,
+    /// Print the counts as JSON
+    #[arg(long, requires = "gradient")]
+    json: bool,
     /// Draw bars by count instead of by the logarithm of the count
     #[arg(long)]
     linear: bool,
@@ -76,6 +87,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let reading = arguments.source.reading(memory_bytes)?;
     let path = &arguments.cache.container_of(&arguments.volume, &reading, (None, memory_bytes), None)?;
     let container = Container::open(path).map_err(|e| with_container(path, e))?;
+    if arguments.gradient {
+        return gradients::print(path, &container, arguments);
+    }
     let of_kind = |kind| VolumeFacts::of_kind(&container, kind);
     let facts = arguments.kind.map_or_else(|| VolumeFacts::of(&container), of_kind);
     if facts.histogram.is_empty() {

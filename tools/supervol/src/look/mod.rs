@@ -87,6 +87,11 @@ pub struct LookArguments {
     /// In mode dvr, opacity 1 counts as 0.9999, so that factors below 1 make opaque data translucent.
     #[arg(long, value_name = "FACTOR", value_parser = parse::positive, allow_negative_numbers = true)]
     opacity: Option<f64>,
+    /// Opacity by the gradient (mode dvr): none up to length G0, rising to all of it at G1, in data units per world unit
+    ///
+    /// Shows boundaries, and makes even regions transparent. `histogram --gradient` prints the lengths that occur.
+    #[arg(long, value_name = "G0,G1", value_parser = parse::gradients, allow_hyphen_values = true, conflicts_with = "iso")]
+    gradient_opacity: Option<[f64; 2]>,
     /// Isosurfaces at these data values (mode iso); all but the last are semi-transparent
     #[arg(long, value_name = "V[,V..]", value_delimiter = ',', allow_hyphen_values = true)]
     iso: Vec<f64>,
@@ -227,6 +232,7 @@ impl LookArguments {
             ("--iso", !self.iso.is_empty()),
             ("--surface", !self.surface.is_empty()),
             ("--opacity", self.opacity.is_some()),
+            ("--gradient-opacity", self.gradient_opacity.is_some()),
             ("--unlit", self.unlit),
             ("--camera", self.camera.is_some()),
         ];
@@ -270,6 +276,7 @@ impl LookArguments {
             // Surfaces need lighting to be visible, whatever the kind of data.
             scene.shading = Some(Some(ShadingSpec::default()));
         }
+        scene.gradient_opacity = self.gradient_opacity.or(scene.gradient_opacity);
         if let Some(text) = &self.tf {
             scene.transfer_function = Some(TransferFunctionSpec::Points(parse::transfer_function(text, facts)?));
         }
@@ -315,7 +322,8 @@ impl LookArguments {
     fn set_mode(&self, scene: &mut Scene, facts: &VolumeFacts, overview: Option<&Overview>) {
         let mode = self.mode.map(Mode::from).or((!self.iso.is_empty()).then_some(Mode::Iso));
         let has_surfaces = !self.surface.is_empty() && scene.mode.is_none_or(|mode| mode == Mode::Dvr);
-        let mode = mode.or(has_surfaces.then_some(Mode::Dvr));
+        let is_volume = has_surfaces || (self.gradient_opacity.is_some() && scene.mode.is_none());
+        let mode = mode.or(is_volume.then_some(Mode::Dvr));
         let Some(mode) = mode else { return };
         // Uses the look of the kind, including its lighting, if it has this mode.
         let usual = Scene { image: scene.image.clone(), clip: scene.clip.clone(), ..Scene::default() };

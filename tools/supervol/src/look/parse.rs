@@ -94,6 +94,16 @@ pub fn percent(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| format!("'{text}': expected a percentage from 0 to below 50"))
 }
 
+/// Lengths of the gradient between which opacity rises.
+pub fn gradients(text: &str) -> Result<[f64; 2], String> {
+    match finite_numbers(text).as_deref() {
+        Some(&[from, to]) if 0.0 <= from && from < to => Ok([from, to]),
+        _ => Err(format!(
+            "'{text}': expected two numbers G0,G1 with 0 <= G0 < G1, data units per world unit (for a step, take a narrow ramp)"
+        )),
+    }
+}
+
 /// Requested window of values.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum WindowRequest {

@@ -373,6 +373,43 @@ fn a_histogram_is_drawn_as_it_is_listed() {
     folder.expect(2, &["histogram", "v.svol", "-o", "h.pdf"]);
 }
 
+/// A ramp of 10 per voxel: central differences are 10, and 5 at its ends, where voxels are repeated.
+#[test]
+fn gradients_are_counted_and_choose_what_shows() {
+    let folder = Folder::with_bytes([12, 10, 8], |[x, _, _]| 10 * x as u8);
+    let found = json(&folder.expect(0, &["histogram", "v.svol", "--gradient", "--json", "--rows", "4"]));
+    let gradient = &found["gradient"];
+    assert_eq!([&gradient["known_voxels"], &gradient["unknown_voxels"]].map(|n| n.as_u64()), [Some(960), Some(0)]);
+    assert_eq!(gradient["greatest"].as_f64(), Some(10.0));
+    let rows: Vec<u64> =
+        gradient["rows"].as_array().expect("rows").iter().filter_map(|row| row["voxels"].as_u64()).collect();
+    assert_eq!(rows.iter().sum::<u64>(), 960, "{found}");
+    assert!(rows[3] == 800 && rows[0] == 0, "{found}");
+    let text = folder.expect(0, &["histogram", "v.svol", "--gradient", "--linear"]);
+    assert!(text.contains("data units per world unit") && text.contains("99.9 %") && text.contains("800"), "{text}");
+    folder.expect(2, &["histogram", "v.svol", "--json"]);
+
+    assert_eq!(folder.scene(&["--gradient-opacity", "4,12"])["gradient_opacity"], serde_json::json!([4.0, 12.0]));
+    assert_eq!(folder.scene(&["--gradient-opacity", "4,12"])["mode"], "dvr");
+    let opacity = |options: &[&str]| {
+        let fog = ["--mode", "dvr", "--tf", "0:white:0.1,120:white:0.1", "--camera", "left"];
+        let _ = std::fs::remove_file(folder.path("p.npy"));
+        let alphas: Vec<f32> = folder.picture(&[&fog[..], options].concat()).chunks_exact(4).map(|p| p[3]).collect();
+        alphas.into_iter().fold(0.0, f32::max)
+    };
+    let [plain, half, none] =
+        [&[][..], &["--gradient-opacity", "0,20"], &["--gradient-opacity", "10.5,20"]].map(opacity);
+    assert!(none == 0.0 && half > 0.2 && half < 0.8 * plain, "{plain}, {half}, {none}");
+    for wrong in ["3", "3,2", "-1,2", "a,b"] {
+        let said = folder.expect(2, &["render", "v.svol", "-o", "x.png", "--gradient-opacity", wrong]);
+        assert!(said.contains("G0,G1"), "{said}");
+    }
+    let said = folder.expect(2, &["render", "v.svol", "-o", "x.png", "--mode", "mip", "--gradient-opacity", "1,2"]);
+    assert!(said.contains("gradient_opacity") && said.contains("dvr"), "{said}");
+    let said = folder.expect(2, &["render", "v.svol", "-o", "x.png", "--backend", "gpu", "--gradient-opacity", "1,2"]);
+    assert!(said.contains("--backend") && said.contains("gradient"), "{said}");
+}
+
 #[test]
 fn the_usual_surface_of_a_kind_is_taken_where_its_value_occurs() {
     let bytes = Folder::with_bytes([8, 8, 8], |[x, _, _]| if x < 4 { 5 } else { 150 });

@@ -303,7 +303,7 @@ enum Turn {
 }
 
 /// Adds the places at which a cubic has a value. `ends`: those of its monotone intervals.
-fn add_crossings(cuts: &mut Vec<f64>, cubic: &[Real; 4], ends: &[f64], value: f64) {
+pub(super) fn add_crossings(cuts: &mut Vec<f64>, cubic: &[Real; 4], ends: &[f64], value: f64) {
     cuts.extend(ends.windows(2).filter_map(|ends| monotone_root(cubic, ends[0], ends[1], value)));
 }
 

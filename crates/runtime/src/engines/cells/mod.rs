@@ -12,6 +12,7 @@
 //! - [`visit`]: one brick, macro cell by macro cell, and access to its voxels;
 //! - [`integrator`]: the interface; [`cell_by_cell`]: the integrator of this caster;
 //! - [`frame`], [`rays`]: a picture by this caster, and its rays between passes;
+//! - `modulated`, with `polynomials` and `shown_cells`: light with opacity by the gradient;
 //! - `exact`, `exact_values`: light and values from the container's own numbers, where `f32` does not suffice;
 //! - [`cell`], [`quadrature`], [`shade`], [`modes`]: one cell, and what a chord through it contributes.
 
@@ -23,9 +24,12 @@ pub mod frame;
 pub mod integrator;
 mod march;
 pub mod modes;
+pub(crate) mod modulated;
+mod polynomials;
 pub mod quadrature;
 pub mod rays;
 pub mod shade;
+pub(crate) mod shown_cells;
 pub mod visit;
 pub mod walk;
 

@@ -216,6 +216,32 @@ impl<'a> BrickVisit<'a> {
         }
     }
 
+    /// Calls `gather` for each macro cell that the ray crosses in a part of it, with its place in the brick, until it returns
+    /// `false`.
+    pub(crate) fn for_each_macro_cell(
+        &self,
+        [mut t, exit]: [f64; 2],
+        mut gather: impl FnMut([i64; 3], [usize; 3], [f64; 2]) -> bool,
+    ) {
+        let ray = self.level.axis_ray;
+        let mut walk = GridWalk::new(ray, self.macro_planes, self.macro_cells, t);
+        while t < exit {
+            let macro_exit = walk.exit().min(exit);
+            let place = std::array::from_fn(|a| narrow::<usize>(walk.index[a] - self.macro_cells.low[a]));
+            if macro_exit > t && !gather(walk.index, place, [t, macro_exit]) {
+                return;
+            }
+            t = macro_exit;
+            walk.advance(ray);
+        }
+    }
+
+    /// The place in the brick of a trilinear cell that one of its macro cells meets: 0 for the cell that begins one voxel before
+    /// the core.
+    pub(crate) fn place_of_cell(&self, cell: [i64; 3]) -> [usize; 3] {
+        std::array::from_fn(|a| narrow::<usize>(cell[a] - self.start[a] + 1))
+    }
+
     /// Calls `gather` for each trilinear cell that the ray crosses in a macro cell, with the part of `t` in it, until it returns `false`.
     #[inline]
     pub(crate) fn for_each_cell(

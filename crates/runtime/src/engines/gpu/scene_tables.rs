@@ -65,7 +65,7 @@ pub struct FeedbackPlaces {
 /// The configuration of scene and volume. [`Config::stride`] is that of the view, [`Config::work_limit`] the adapter's.
 ///
 /// # Errors
-/// [`GpuError::Scene`] for a mode that this backend does not draw.
+/// [`GpuError::Scene`] for a mode that this backend does not draw, and for opacity by the gradient.
 pub fn config(
     volume: &GpuVolume<'_>,
     scene: &ResolvedScene,
@@ -74,6 +74,9 @@ pub fn config(
     options: Exactness,
     places: FeedbackPlaces,
 ) -> Result<Config, GpuError> {
+    if scene.gradient_opacity.is_some() {
+        return Err(GpuError::Scene { reason: "opacity by the gradient is not available".to_owned() });
+    }
     let core = volume.pyramid.layout().core();
     let Exactness { skipping, max_error, sums_errors } = options;
     let [light_centre, light_scale, light_offset] = light.values_of_stored(volume.storage, volume.value_map);

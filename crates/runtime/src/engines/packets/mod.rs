@@ -18,6 +18,7 @@
 //! - `blocks` and `leap` (invisible parts), `walk` (`trace` records its path for tests), `fetch`;
 //! - in `dvr` `packet`, `chord`, `lookup`, `uneven` and `integrate` (one cell), `span` (several cells by one line); `shade`, `shaded_cells`
 //!   and `turning` (light); `queue`, `pending` and `refine` (cells that need more than one part); `inner_surfaces`;
+//! - with opacity by the gradient `modulated`, instead of these;
 //! - in the other modes `value_tiles` (bricks), `values` (`mip`, `minip`, `mean`), `surfaces` (`iso`);
 //! - `simd`: vectors of the instruction sets.
 
@@ -42,6 +43,7 @@ mod levels;
 mod light_bounds;
 pub(crate) mod lookup;
 mod memory;
+mod modulated;
 mod noted;
 mod order;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]

@@ -6,6 +6,7 @@
 
 use std::sync::Arc;
 
+use supervol_scene::scene::GradientOpacity;
 use supervol_scene::transfer_function::TransferFunction;
 use supervol_scene::value_map::ValueMap;
 
@@ -13,6 +14,7 @@ use super::leap::{AxisDirection, ProximityCloud};
 use super::per_brick::PerBrick;
 use super::rule::PacketRule;
 use crate::engines::blocks::BLOCK;
+use crate::engines::cells::shown_cells::ShownCells;
 use crate::engines::ray_scene::RayScene;
 use crate::stream::classify::Skipping;
 use crate::stream::field::FieldBrick;
@@ -37,6 +39,8 @@ pub struct BrickPlan {
     pub(super) ahead: [AxisDirection; 3],
     /// The direction for which the span was chosen, if it was.
     pub(super) span_along: Option<[f32; 3]>,
+    /// With opacity by the gradient: cells that may show something.
+    pub(super) shown: Option<ShownCells>,
 }
 
 impl BrickPlan {
@@ -47,7 +51,7 @@ impl BrickPlan {
 
     /// Bytes held.
     fn bytes(&self) -> u64 {
-        Self::bytes_with(self.cloud.bytes())
+        Self::bytes_with(self.cloud.bytes()) + self.shown.as_ref().map_or(0, ShownCells::bytes)
     }
 
     /// Most bytes held for a brick with `core` core voxels along each axis.
@@ -64,6 +68,7 @@ pub(super) struct Premises {
     map: ValueMap,
     rule: PacketRule,
     pub(super) is_lit: bool,
+    gradient_opacity: Option<GradientOpacity>,
     skipping: Skipping,
     bytes_limit: u64,
 }
@@ -89,6 +94,7 @@ impl BrickPlans {
             map: scene.map,
             rule: PacketRule { sums_errors: false, counts_work: false, ..rule },
             is_lit: scene.lighting.is_some(),
+            gradient_opacity: scene.modulation.as_ref().map(|modulation| modulation.ramp),
             skipping: scene.skipping,
             bytes_limit,
         };

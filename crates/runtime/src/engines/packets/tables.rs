@@ -14,7 +14,7 @@ use supervol_scene::transfer_function::pieces::TransferPieces;
 
 use super::blocks::cloud_of_blocks;
 use super::fetch::BrickVoxels;
-use super::leap::AxisDirection;
+use super::leap::{AxisDirection, ProximityCloud};
 use super::levels::BrickDeviation;
 use super::lookup::{FewPieces, ManyPieces};
 use super::order::{RayOrigin, ways_through};
@@ -28,6 +28,8 @@ use super::span::ChooseSpan;
 use super::summaries::BrickSummaries;
 use super::tile::BrickGrid;
 use super::walk::{PacketBrick, WalkedBrick};
+use crate::engines::blocks::BLOCK;
+use crate::engines::cells::shown_cells::ShownCells;
 use crate::engines::ray_scene::RayScene;
 use crate::engines::rules::{
     BY_OPACITY, END_SHARE, FIT_SHARE, LEAST_SHADED_SHARE, MAX_ERROR_LIMITS, fit_error, reserve, rounding_error,
@@ -230,13 +232,33 @@ impl PacketTables {
         (key, ahead): (BrickKey, [AxisDirection; 3]),
         brick: &DecodedBrick,
     ) -> BrickPlan {
+        if let Some(modulation) = &scene.modulation {
+            let gradient = scene.world_from_level_gradient(key.lod());
+            return self.plan_of(scene, ahead, brick, ShownCells::new(modulation, &gradient, &scene.map, brick));
+        }
         let shows = |[low, high]: [f32; 2]| scene.transfer_function.is_visible(low, high);
         let cloud = cloud_of_blocks(brick, APRON, ahead, &scene.map, shows);
         let leaps = LEAST_LEAPT * cloud.cubes() as f64 <= cloud.hidden as f64;
         let may_span = !leaps && !self.plans.premises.is_lit;
         let span_along = may_span.then(|| self.direction_through(scene, key));
         let span = span_along.map_or(1, |along| self.choose_span(scene, (key, brick), along));
-        BrickPlan { cloud, leaps: leaps && scene.skipping == Skipping::On, span, ahead, span_along }
+        BrickPlan { cloud, leaps: leaps && scene.skipping == Skipping::On, span, ahead, span_along, shown: None }
+    }
+
+    /// The plan of a brick of which these cells may show something.
+    fn plan_of(
+        &self,
+        scene: &RayScene,
+        ahead: [AxisDirection; 3],
+        brick: &DecodedBrick,
+        shown: ShownCells,
+    ) -> BrickPlan {
+        let blocks = brick.extent.map(|n| (n as usize - 2 * APRON).div_ceil(BLOCK));
+        let places = 0..blocks.iter().product::<usize>();
+        let block = |i: usize| [i % blocks[0], i / blocks[0] % blocks[1], i / (blocks[0] * blocks[1])];
+        let cloud = ProximityCloud::of_shown(blocks, ahead, places.map(|i| shown.has_block(block(i), BLOCK)));
+        let leaps = LEAST_LEAPT * cloud.cubes() as f64 <= cloud.hidden as f64 && scene.skipping == Skipping::On;
+        BrickPlan { cloud, leaps, span: 1, ahead, span_along: None, shown: Some(shown) }
     }
 
     /// Runs a task with the frame's instructions and its table.

@@ -178,6 +178,10 @@ impl CastTile<'_> {
 
     /// All rays see one value all the way.
     fn cast_uniform(&mut self, key: BrickKey, value: f32) {
+        // Where all is even there is no gradient: nothing shows.
+        if self.frame.scene.modulation.is_some() {
+            return;
+        }
         let [kappa, emission @ ..] = self.channels_of_uniform(key, value);
         if kappa <= 0.0 {
             return;
@@ -215,6 +219,14 @@ impl CastTile<'_> {
             return;
         }
         let (packet_brick, grid) = tables.packet_brick(&frame.scene, key, brick);
+        // With opacity by the gradient, cells are integrated in `f64`.
+        if let (Some(modulation), Some(shown)) = (&frame.scene.modulation, &plan.shown) {
+            if plan.leaps && frame.inner.is_none() {
+                self.leave_out_unseen(key, &plan.cloud, &grid);
+            }
+            self.cast_modulated((key, brick), modulation, shown);
+            return;
+        }
         // Between surfaces rays are cast piece by piece: the silhouette would be looked up for each piece.
         if plan.leaps && frame.inner.is_none() {
             self.leave_out_unseen(key, &plan.cloud, &grid);

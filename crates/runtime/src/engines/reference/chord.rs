@@ -3,13 +3,16 @@
 //! The interpolant of a cell is linear in each coordinate, and these are linear along a ray. Central differences one
 //! voxel apart interpolate the differences at the corners: so each component of the gradient is a cubic as well. The
 //! cubics are those through four samples of the definition. Their parameter v runs from -1/2 to 1/2.
+//!
+//! With opacity by the gradient, the squared length of the gradient is a polynomial of degree 6. Extinction has kinks where it
+//! passes the squared ends of the ramp, and may turn sharply where it is least. All these places are found, and cut the chord.
 
 use std::ops::{Add, Mul, Sub};
 
 use glam::{BVec3, DMat3, DVec3};
 use supervol_format::cast::whole;
 use supervol_scene::clip::IndexRay;
-use supervol_scene::scene::Shading;
+use supervol_scene::scene::{GradientOpacity, Shading};
 use supervol_scene::transfer_function::{ALPHA_LIMIT, TransferFunction};
 
 use super::integral::Light;
@@ -85,11 +88,56 @@ impl Cubic<f64> {
     }
 }
 
+/// Coefficients of the squared length of a gradient: of 1, v, ..., v^6.
+fn squared_length(gradient: &Cubic<DVec3>) -> Vec<f64> {
+    let mut square = vec![0.0; 2 * gradient.0.len() - 1];
+    for (i, a) in gradient.0.iter().enumerate() {
+        for (j, b) in gradient.0.iter().enumerate() {
+            square[i + j] += a.dot(*b);
+        }
+    }
+    square
+}
+
+/// Value of a polynomial, coefficients of the lowest power first.
+fn polynomial_at(coefficients: &[f64], v: f64) -> f64 {
+    coefficients.iter().rev().fold(0.0, |sum, c| sum * v + c)
+}
+
+/// Coefficients of a polynomial's derivative.
+fn derivative(coefficients: &[f64]) -> Vec<f64> {
+    coefficients.iter().enumerate().skip(1).map(|(power, c)| power as f64 * c).collect()
+}
+
+/// Ends of the intervals in which a polynomial is monotone, ascending: found from those of its derivative.
+fn monotone_ends(coefficients: &[f64]) -> Vec<f64> {
+    let slope = derivative(coefficients);
+    if slope.is_empty() {
+        return ENDS.to_vec();
+    }
+    let mut ends = ENDS.to_vec();
+    add_crossings_of(&slope, &monotone_ends(&slope), 0.0, &mut ends);
+    ends.sort_by(f64::total_cmp);
+    ends
+}
+
+/// Adds the places at which a polynomial passes a level; `ends` are those of its monotone intervals.
+fn add_crossings_of(coefficients: &[f64], ends: &[f64], level: f64, places: &mut Vec<f64>) {
+    for end in ends.windows(2) {
+        let is_above = |v: f64| polynomial_at(coefficients, v) >= level;
+        let before = is_above(end[0]);
+        if before != is_above(end[1]) {
+            places.push(bisect(end[0], end[1], |v| is_above(v) == before));
+        }
+    }
+}
+
 /// Scene of all chords of a picture.
 #[derive(Debug)]
 pub(super) struct ChordScene<'a> {
     pub(super) transfer_function: &'a TransferFunction,
     pub(super) shading: Option<&'a Shading>,
+    gradient_opacity: Option<GradientOpacity>,
     pub(super) world_from_index_gradient: DMat3,
     pub(super) gradient_floor: f64,
     /// Values at which the transfer function bends or steps, ascending.
@@ -100,8 +148,8 @@ impl<'a> ChordScene<'a> {
     pub(super) fn new(
         transfer_function: &'a TransferFunction,
         shading: Option<&'a Shading>,
-        world_from_index_gradient: DMat3,
-        gradient_floor: f64,
+        gradient_opacity: Option<GradientOpacity>,
+        (world_from_index_gradient, gradient_floor): (DMat3, f64),
     ) -> Self {
         let points = transfer_function.points();
         let mut kinks: Vec<f64> = points.iter().map(|point| point.value).collect();
@@ -113,7 +161,7 @@ impl<'a> ChordScene<'a> {
             }
         }
         kinks.sort_by(f64::total_cmp);
-        Self { transfer_function, shading, world_from_index_gradient, gradient_floor, kinks }
+        Self { transfer_function, shading, gradient_opacity, world_from_index_gradient, gradient_floor, kinks }
     }
 }
 
@@ -121,7 +169,7 @@ impl<'a> ChordScene<'a> {
 pub(super) struct Chord<'a> {
     scene: &'a ChordScene<'a>,
     value: Cubic<f64>,
-    /// World gradient; `None`: unshaded.
+    /// World gradient; `None`: unknown, or of no use.
     gradient: Option<Cubic<DVec3>>,
     to_eye: DVec3,
     length: f64,
@@ -161,12 +209,14 @@ impl<'a> Chord<'a> {
             let at = |i: usize| scene.world_from_index_gradient * DVec3::new(x[i], y[i], z[i]);
             Some(Cubic::through([at(0), at(1), at(2), at(3)]))
         };
-        let gradient = scene.shading.and_then(|_| gradient());
+        let needs_gradient = scene.shading.is_some() || scene.gradient_opacity.is_some();
+        let gradient = if needs_gradient { gradient() } else { None };
         Some(Self { scene, value, gradient, to_eye: -direction, length: t1 - t0 })
     }
 
     /// Places at which light has a kink or a step, and both ends, ascending: crossings of s with control points,
-    /// normals at right angles to a light or a highlight, and colours that reach 1.
+    /// normals at right angles to a light or a highlight, colours that reach 1, and lengths of the gradient at which the
+    /// extinction bends.
     pub(super) fn cuts(&self) -> Vec<f64> {
         let mut cuts = ENDS.to_vec();
         let ends = self.value.monotone_ends();
@@ -185,6 +235,14 @@ impl<'a> Chord<'a> {
                 }
             }
             self.add_limits(shading, gradient, &mut cuts);
+        }
+        if let (Some(ramp), Some(gradient)) = (self.scene.gradient_opacity, &self.gradient) {
+            let square = squared_length(gradient);
+            let ends = monotone_ends(&square);
+            for level in [ramp.from, ramp.to] {
+                add_crossings_of(&square, &ends, level * level, &mut cuts);
+            }
+            cuts.extend(ends);
         }
         cuts.sort_by(f64::total_cmp);
         cuts
@@ -211,6 +269,12 @@ impl<'a> Chord<'a> {
     fn unlimited(&self, shading: &Shading, gradient: &Cubic<DVec3>, v: f64) -> DVec3 {
         let color = self.scene.transfer_function.classify(self.value.at(v)).0.into();
         self.lit(shading, gradient, color, v)
+    }
+
+    /// Factor of extinction by the gradient. An unknown gradient counts as none.
+    fn share_of_extinction(&self, v: f64) -> f64 {
+        let Some(ramp) = self.scene.gradient_opacity else { return 1.0 };
+        self.gradient.as_ref().map_or(0.0, |gradient| ramp.factor(gradient.at(v).length()))
     }
 
     fn lit(&self, shading: &Shading, gradient: &Cubic<DVec3>, color: DVec3, v: f64) -> DVec3 {
@@ -249,14 +313,15 @@ impl<'a> Chord<'a> {
 impl Light for Chord<'_> {
     fn at(&self, v: f64) -> (f64, DVec3) {
         let (color, alpha) = self.scene.transfer_function.classify(self.value.at(v));
-        if alpha == 0.0 {
+        let share = self.share_of_extinction(v);
+        if alpha == 0.0 || share == 0.0 {
             return (0.0, DVec3::ZERO);
         }
         let color = match (self.scene.shading, &self.gradient) {
             (Some(shading), Some(gradient)) => self.lit(shading, gradient, color.into(), v).min(DVec3::ONE),
             _ => color.into(),
         };
-        (self.scene.transfer_function.kappa(alpha), color)
+        (share * self.scene.transfer_function.kappa(alpha), color)
     }
 
     fn hidden(&self, interval: [f64; 2]) -> f64 {
@@ -297,6 +362,26 @@ mod tests {
         }
         assert_eq!(Cubic::through([0.1; 4]).0, [0.1, 0.0, 0.0, 0.0]);
         assert_eq!(Cubic::through(PLACES.map(expected)).derivatives(0.1)[2].round(), -26.0);
+    }
+
+    #[test]
+    fn a_polynomial_is_cut_at_all_turns_and_crossings() {
+        // (v^2 - 0.01) (v^2 - 0.09) (v^2 - 0.16): six roots, and five turns between them.
+        let roots = [-0.4, -0.3, -0.1, 0.1, 0.3, 0.4];
+        let coefficients = [-0.000_144, 0.0, 0.0169, 0.0, -0.26, 0.0, 1.0];
+        let ends = monotone_ends(&coefficients);
+        assert_eq!(ends.len(), 7, "{ends:?}");
+        let mut found = Vec::new();
+        add_crossings_of(&coefficients, &ends, 0.0, &mut found);
+        assert_eq!(found.len(), 6, "{found:?}");
+        for (found, root) in found.iter().zip(roots) {
+            assert!((found - root).abs() < 1e-9, "{found} instead of {root}");
+        }
+        let gradient = Cubic([DVec3::X, DVec3::Y, DVec3::ZERO, DVec3::new(0.0, 2.0, 1.0)]);
+        let v: f64 = 0.3;
+        let length = gradient.at(v).length_squared();
+        assert!((polynomial_at(&squared_length(&gradient), v) - length).abs() < 1e-14);
+        assert_eq!(monotone_ends(&[3.0]), ENDS);
     }
 
     #[test]

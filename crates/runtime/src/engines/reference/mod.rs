@@ -205,9 +205,9 @@ impl<'a> Frame<'a> {
         let largest = if range.is_empty() { 0.0 } else { range.min.abs().max(range.max.abs()) };
         let floor = (GRADIENT_FLOOR * range.width()).max(ROUNDING * largest);
         let gradient_floor = floor / volume.geometry.smallest_spacing();
-        let world_from_index = volume.geometry.world_from_index_gradient();
+        let to_world = (volume.geometry.world_from_index_gradient(), gradient_floor);
         let chords =
-            ChordScene::new(&scene.transfer_function, scene.shading.as_ref(), world_from_index, gradient_floor);
+            ChordScene::new(&scene.transfer_function, scene.shading.as_ref(), scene.gradient_opacity, to_world);
         let filtered = scene.slices.iter().map(|slice| filtered(volume, scene, slice)).collect();
         let capped_pieces = AtomicU64::new(0);
         Self { volume, scene, chords, rule: GaussRule::new(), capped_pieces, filtered }

@@ -112,10 +112,11 @@ impl Chosen {
                     return Err(RenderError::Method { backend: options.backend, mode: "slices" });
                 }
                 // A sheet of sections shows no volume between them.
-                let is_by_device = matches!(self, Self::Gpu { .. }) && scene.mode != Mode::Slice;
+                let is_by_device = matches!(self, Self::Gpu { .. }) && scene.mode != Mode::Slice && suits_device(scene);
                 Box::new(SlicedDrawing::new(scene, container, is_by_device))
             }
-            Self::Gpu { .. } => Box::new(StagedDrawing::by_device(own_scene)),
+            Self::Gpu { .. } if suits_device(scene) => Box::new(StagedDrawing::by_device(own_scene)),
+            Self::Gpu { .. } => Box::new(StagedDrawing::by_packets(own_scene)),
             Self::Cpu { .. } if options.caster.is_default() => Box::new(StagedDrawing::by_packets(own_scene)),
             Self::Cpu { .. } => Box::new(WholeDrawing::new(own_scene, WholeBy::Cpu)),
         })
@@ -159,12 +160,18 @@ impl Chosen {
         match self {
             Self::Cpu { no_gpu_because } => stats.no_gpu_because.clone_from(no_gpu_because),
             Self::Gpu { .. } if stats.backend == "cpu" => {
-                stats.no_gpu_because = Some("sections (mode slice) are drawn by the processor".to_owned());
+                let drawn = "sections (mode slice) and opacity by the gradient are drawn by the processor";
+                stats.no_gpu_because = Some(drawn.to_owned());
             }
             Self::Gpu { device, .. } => stats.adapter_is_software = device.backend.device().is_software(),
             Self::Reference | Self::Outside(_) => {}
         }
     }
+}
+
+/// Whether a device can draw a scene of another mode than `slice`.
+pub(super) fn suits_device(scene: &ResolvedScene) -> bool {
+    scene.gradient_opacity.is_none()
 }
 
 /// Checks that the backend has the engine that the options choose, for this scene.
@@ -177,6 +184,12 @@ pub(super) fn check(scene: &ResolvedScene, options: &RenderOptions) -> Result<()
         && (backend != Backend::Cpu || scene.mode != Mode::Dvr || scene.has_inner_surfaces())
     {
         return Err(RenderError::Method { backend, mode: mode_name(scene.mode) });
+    }
+    if !options.caster.is_default() && scene.gradient_opacity.is_some() {
+        return Err(RenderError::Method { backend, mode: "dvr with gradient_opacity" });
+    }
+    if backend == Backend::Gpu && !suits_device(scene) {
+        return Err(RenderError::GradientsOnGpu);
     }
     if backend == Backend::Gpu && scene.mode == Mode::Slice {
         return Err(RenderError::SlicesOnGpu);

@@ -338,7 +338,7 @@ impl Renderer {
             if drawing.is_finished() {
                 return Ok(());
             }
-            let device = backend.device();
+            let device = backend.device().filter(|_| backend::suits_device(scene));
             let means = Means { container, options, device, resident, reserve: *reserve };
             drawing.advance(means, stop)
         })

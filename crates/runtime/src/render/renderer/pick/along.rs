@@ -2,6 +2,7 @@
 //!
 //! t is a length in the units of the picture; x runs from 0 to 1 through one piece of a ray.
 
+use supervol_scene::scene::GradientOpacity;
 use supervol_scene::transfer_function::TransferFunction;
 
 use crate::engines::cells::cell::cubic_mean;
@@ -57,6 +58,54 @@ impl Iterator for Cells {
         self.t = piece[1];
         Some(piece)
     }
+}
+
+/// Parts of a piece in which the gradient's length is searched for the ends of a ramp.
+const SEARCHED: usize = 16;
+
+/// Factor of extinction in a piece of a ray.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Factor {
+    /// The whole extinction, or none.
+    Constant(f64),
+    /// That of the gradient with these components in the world.
+    Ramp(GradientOpacity, [FieldCubic; 3]),
+}
+
+impl Factor {
+    /// The factor at x.
+    #[must_use]
+    pub fn at(&self, x: f64) -> f64 {
+        match self {
+            Self::Constant(factor) => *factor,
+            Self::Ramp(ramp, gradient) => ramp.factor(length(gradient, x)),
+        }
+    }
+
+    /// Positions at which the gradient's length passes an end of the ramp.
+    fn kinks(&self) -> Vec<f64> {
+        let Self::Ramp(ramp, gradient) = self else { return Vec::new() };
+        let place = |i: usize| i as f64 / SEARCHED as f64;
+        let mut found = Vec::new();
+        for (level, i) in [ramp.from, ramp.to].into_iter().flat_map(|level| (0..SEARCHED).map(move |i| (level, i))) {
+            let is_above = |x: f64| length(gradient, x) >= level;
+            let (mut low, mut high) = (place(i), place(i + 1));
+            let before = is_above(low);
+            if before == is_above(high) {
+                continue;
+            }
+            for _ in 0..HALVINGS {
+                let middle = 0.5 * (low + high);
+                if is_above(middle) == before { low = middle } else { high = middle }
+            }
+            found.push(high);
+        }
+        found
+    }
+}
+
+fn length(vector: &[FieldCubic; 3], x: f64) -> f64 {
+    vector.iter().map(|component| component.at(x).powi(2)).sum::<f64>().sqrt()
 }
 
 /// The field in a piece of a ray: `c0 + c1 x + c2 x^2 + c3 x^3`.
@@ -122,10 +171,11 @@ impl FieldCubic {
         high
     }
 
-    /// The piece cut at the field's extrema and at control points: extinction is smooth in between.
+    /// The piece cut at the field's extrema, at control points and at kinks of the factor: extinction is smooth in between.
     #[must_use]
-    pub fn smooth_parts(&self, function: &TransferFunction) -> Vec<f64> {
+    pub fn smooth_parts(&self, function: &TransferFunction, factor: &Factor) -> Vec<f64> {
         let mut cuts = self.turns();
+        cuts.extend(factor.kinks());
         for ends in self.turns().windows(2) {
             let [a, b] = [self.at(ends[0]), self.at(ends[1])];
             let points = function.points();
@@ -141,9 +191,9 @@ impl FieldCubic {
 
     /// Optical depth between two x in a piece of this length.
     #[must_use]
-    pub fn depth(&self, [from, to]: [f64; 2], length: f64, function: &TransferFunction) -> f64 {
+    pub fn depth(&self, [from, to]: [f64; 2], length: f64, function: &TransferFunction, factor: &Factor) -> f64 {
         let (middle, half) = (0.5 * (from + to), 0.5 * (to - from));
-        let kappa = |x: f64| function.kappa(function.classify(self.at(x)).1);
+        let kappa = |x: f64| factor.at(x) * function.kappa(function.classify(self.at(x)).1);
         let pairs = GAUSS.map(|[place, weight]| weight * (kappa(middle - half * place) + kappa(middle + half * place)));
         half * length * pairs.iter().sum::<f64>()
     }
@@ -192,8 +242,16 @@ mod tests {
         // Clear below 0.25, half opaque above: a step in the middle of the piece.
         let function = TransferFunction::new(vec![point(0.0, 0.0), point(0.25, 0.0), point(0.25, 0.5)], 2.0).unwrap();
         let field = cubic([0.0, 0.0, 1.0, 0.0]);
-        let parts = field.smooth_parts(&function);
-        let depth: f64 = parts.windows(2).map(|ends| field.depth([ends[0], ends[1]], 3.0, &function)).sum();
-        assert!((depth - 1.5 * 2f64.ln() / 2.0).abs() < 1e-12, "{parts:?}: {depth}");
+        let depth_by = |factor: Factor| -> f64 {
+            let parts = field.smooth_parts(&function, &factor);
+            parts.windows(2).map(|ends| field.depth([ends[0], ends[1]], 3.0, &function, &factor)).sum()
+        };
+        let depth = depth_by(Factor::Constant(1.0));
+        assert!((depth - 1.5 * 2f64.ln() / 2.0).abs() < 1e-12, "{depth}");
+        // A gradient of length x, and a ramp from 0.6 to 0.8: the mean factor from 0.5 to 1 is 0.6.
+        let gradient = [cubic([0.0, 0.6, 0.0, 0.0]), cubic([0.0; 4]), cubic([0.0, 0.8, 0.0, 0.0])];
+        let depth = depth_by(Factor::Ramp(GradientOpacity { from: 0.6, to: 0.8 }, gradient));
+        assert!((depth - 0.6 * 1.5 * 2f64.ln() / 2.0).abs() < 1e-9, "{depth}");
+        assert_eq!(depth_by(Factor::Constant(0.0)), 0.0);
     }
 }

@@ -18,6 +18,7 @@ mod section;
 
 use std::ops::ControlFlow;
 
+use glam::DVec3;
 use serde::Serialize;
 use supervol_format::Lod;
 use supervol_scene::camera::Ray;
@@ -26,7 +27,7 @@ use supervol_scene::scene::{Mode, ResolvedScene};
 use supervol_scene::slices::{Interpolation, SlicePlane, crossings};
 use supervol_scene::units::{InUnits, Units};
 
-use self::along::{Cells, FieldCubic, NODES};
+use self::along::{Cells, Factor, FieldCubic, NODES};
 use crate::render::accuracy::check::level_to_check;
 use crate::render::drawing::loaded::LoadedVolume;
 use crate::render::drawing::slices::sampling::{Chunk, Sampler};
@@ -75,8 +76,8 @@ pub struct Picked {
 /// An event on a ray, front to back.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Event {
-    /// A piece of the ray in one cell, between two t.
-    Cell([f64; 2], FieldCubic),
+    /// A piece of the ray in one cell, between two t, and the factor of its extinction.
+    Cell([f64; 2], FieldCubic, Factor),
     /// An absent or clipped part.
     Gap,
     /// The slice of this number, at t, with its value.
@@ -153,8 +154,9 @@ impl<'a> Walk<'a> {
             origin: level.from_level_0(index_ray.origin),
             direction: std::array::from_fn(|a| index_ray.direction[a] / level.scale[a] as f64),
         };
-        // In `dvr`, invisible bricks need not be read; in other modes every value counts.
-        let mode = if scene.mode == Mode::Dvr { Mode::Dvr } else { Mode::Slice };
+        // In `dvr`, invisible bricks need not be read; in other modes, and for gradients, every value counts.
+        let is_by_value = scene.mode == Mode::Dvr && scene.gradient_opacity.is_none();
+        let mode = if is_by_value { Mode::Dvr } else { Mode::Slice };
         let aimed = ResolvedScene { mode, slices: Vec::new(), ..scene.clone() };
         let level = LevelChoice::Fixed(lod);
         resident.aim(&aimed, &RenderOptions { level, ..options.clone() });
@@ -176,9 +178,13 @@ impl<'a> Walk<'a> {
 
     /// Values in units at positions of the ray; NaN where absent.
     fn values(&mut self, places: &[f64], how: Interpolation) -> Result<Vec<f64>, RenderError> {
-        let points: Vec<[f64; 3]> = places.iter().map(|&t| self.index_ray.at(t)).collect();
+        self.values_at(&places.iter().map(|&t| self.index_ray.at(t)).collect::<Vec<_>>(), how)
+    }
+
+    /// Values in units at points in index space of level 0; NaN where absent.
+    fn values_at(&mut self, points: &[[f64; 3]], how: Interpolation) -> Result<Vec<f64>, RenderError> {
         let mut chunk = std::mem::take(&mut self.chunk);
-        while !self.sampler.advance(&points, how, &mut chunk)? {}
+        while !self.sampler.advance(points, how, &mut chunk)? {}
         Ok(chunk.values.into_iter().map(|value| self.sampler.map().to_data(value)).collect())
     }
 
@@ -230,9 +236,11 @@ impl<'a> Walk<'a> {
             }
             let nodes = run.iter().flat_map(|[t0, t1]| NODES.map(|x| t0 + x * (t1 - t0)));
             let values = self.values(&nodes.collect::<Vec<_>>(), Interpolation::Linear)?;
-            for (cell, values) in run.iter().zip(values.as_chunks::<{ NODES.len() }>().0) {
+            let factors = self.factors(&run)?;
+            for ((cell, values), factor) in run.iter().zip(values.as_chunks::<{ NODES.len() }>().0).zip(factors) {
                 let is_absent = values.iter().any(|value| value.is_nan());
-                let event = if is_absent { Event::Gap } else { Event::Cell(*cell, FieldCubic::through(*values)) };
+                let event =
+                    if is_absent { Event::Gap } else { Event::Cell(*cell, FieldCubic::through(*values), factor) };
                 if let ControlFlow::Break(found) = visit(event) {
                     return Ok(Some(found));
                 }
@@ -240,15 +248,45 @@ impl<'a> Walk<'a> {
         }
     }
 
+    /// Factors of the extinction in some cells.
+    fn factors(&mut self, cells: &[[f64; 2]]) -> Result<Vec<Factor>, RenderError> {
+        let Some(ramp) = self.scene.gradient_opacity else { return Ok(vec![Factor::Constant(1.0); cells.len()]) };
+        let (geometry, scale) = self.sampler.grid();
+        let scale = scale.map(|s| s as f64);
+        let to_world = geometry.world_from_index_gradient();
+        // Central differences one voxel of the level apart: before and behind along each axis.
+        let mut taps = Vec::new();
+        for point in cells.iter().flat_map(|[t0, t1]| NODES.map(|x| t0 + x * (t1 - t0))).map(|t| self.index_ray.at(t)) {
+            for (axis, step) in (0..3).flat_map(|axis| [(axis, -scale[axis]), (axis, scale[axis])]) {
+                let mut tap = point;
+                tap[axis] += step;
+                taps.push(tap);
+            }
+        }
+        let values = self.values_at(&taps, Interpolation::Linear)?;
+        let gradient = |[x0, x1, y0, y1, z0, z1]: &[f64; 6]| {
+            let differences = DVec3::new((x1 - x0) / scale[0], (y1 - y0) / scale[1], (z1 - z0) / scale[2]);
+            to_world * (0.5 * differences)
+        };
+        let gradients: Vec<DVec3> = values.as_chunks::<6>().0.iter().map(gradient).collect();
+        let factor = |nodes: &[DVec3; NODES.len()]| {
+            // An unknown gradient counts as none.
+            let is_known = nodes.iter().all(|gradient| !gradient.is_nan());
+            let component = |axis: usize| FieldCubic::through(nodes.map(|gradient| gradient[axis]));
+            if is_known { Factor::Ramp(ramp, [0, 1, 2].map(component)) } else { Factor::Constant(0.0) }
+        };
+        Ok(gradients.as_chunks::<{ NODES.len() }>().0.iter().map(factor).collect())
+    }
+
     fn half_of_opacity(&mut self) -> Result<Option<FoundObject>, RenderError> {
         let (scene, mut left) = (self.scene, 1.0);
         let mut sides = SurfaceSides::default();
         self.events(|event| {
             left *= match event {
-                Event::Cell([t0, t1], field) => {
+                Event::Cell([t0, t1], field, factor) => {
                     let surfaces =
                         sides.cross(&field, scene).into_iter().map(|(_, number)| 1.0 - scene.iso[number].alpha);
-                    (-depth_of(&field, t1 - t0, scene)).exp() * surfaces.product::<f64>()
+                    (-depth_between((&field, &factor), [0.0, 1.0], t1 - t0, scene)).exp() * surfaces.product::<f64>()
                 }
                 Event::Slice(number, _, value) if !value.is_nan() => 1.0 - scene.slices[number].opacity,
                 Event::Slice(..) => 1.0,
@@ -266,16 +304,16 @@ impl<'a> Walk<'a> {
         let mut sides = SurfaceSides::default();
         self.events(|event| {
             match event {
-                Event::Cell([t0, t1], field) => {
+                Event::Cell([t0, t1], field, factor) => {
                     // Walks the cell in parts, between surfaces.
                     let mut from = 0.0;
                     let surfaces = sides.cross(&field, scene).into_iter().map(|(x, number)| (x, Some(number)));
                     for (to, surface) in surfaces.chain([(1.0, None)]) {
                         let part = [from, to];
                         let wanted = -(half / left).ln();
-                        let depth = depth_between(&field, part, t1 - t0, scene);
+                        let depth = depth_between((&field, &factor), part, t1 - t0, scene);
                         if depth >= wanted {
-                            let x = place_of_depth(&field, part, (t1 - t0, wanted), scene);
+                            let x = place_of_depth((&field, &factor), part, (t1 - t0, wanted), scene);
                             return ControlFlow::Break((PickedOn::Volume, t0 + x * (t1 - t0), field.at(x)));
                         }
                         left *= (-depth).exp();
@@ -307,7 +345,7 @@ impl<'a> Walk<'a> {
         let mut before: Option<f64> = None;
         self.events(|event| {
             let (cell, field) = match event {
-                Event::Cell(cell, field) => (cell, field),
+                Event::Cell(cell, field, _) => (cell, field),
                 Event::Gap => {
                     before = None;
                     return ControlFlow::Continue(());
@@ -343,7 +381,7 @@ impl<'a> Walk<'a> {
     fn extreme(&mut self, sign: f64) -> Result<Option<FoundObject>, RenderError> {
         let mut best: Option<FoundObject> = None;
         self.events(|event| {
-            if let Event::Cell([t0, t1], field) = event {
+            if let Event::Cell([t0, t1], field, _) = event {
                 for x in field.turns() {
                     let value = field.at(x);
                     if best.is_none_or(|(_, _, best)| sign * value > sign * best) {
@@ -400,30 +438,33 @@ impl SurfaceSides {
     }
 }
 
-/// Optical depth of a piece of this length.
-fn depth_of(field: &FieldCubic, length: f64, scene: &ResolvedScene) -> f64 {
-    depth_between(field, [0.0, 1.0], length, scene)
-}
+/// The field in a piece, and the factor of its extinction.
+type Extinction<'a> = (&'a FieldCubic, &'a Factor);
 
 /// Optical depth between two x in a piece of this length.
-fn depth_between(field: &FieldCubic, part: [f64; 2], length: f64, scene: &ResolvedScene) -> f64 {
-    let function = &scene.transfer_function;
-    smooth_parts(field, part, scene).windows(2).map(|ends| field.depth([ends[0], ends[1]], length, function)).sum()
+fn depth_between((field, factor): Extinction<'_>, part: [f64; 2], length: f64, scene: &ResolvedScene) -> f64 {
+    let depth = |ends: &[f64]| field.depth([ends[0], ends[1]], length, &scene.transfer_function, factor);
+    smooth_parts((field, factor), part, scene).windows(2).map(depth).sum()
 }
 
 /// Positions between two x at which extinction is not smooth.
-fn smooth_parts(field: &FieldCubic, [from, to]: [f64; 2], scene: &ResolvedScene) -> Vec<f64> {
-    let cuts = field.smooth_parts(&scene.transfer_function);
+fn smooth_parts((field, factor): Extinction<'_>, [from, to]: [f64; 2], scene: &ResolvedScene) -> Vec<f64> {
+    let cuts = field.smooth_parts(&scene.transfer_function, factor);
     let inside = cuts.into_iter().filter(|x| from < *x && *x < to);
     std::iter::once(from).chain(inside).chain([to]).collect()
 }
 
 /// The position x, in a part of a piece of this length, at which the wanted optical depth has been gathered.
-fn place_of_depth(field: &FieldCubic, part: [f64; 2], (length, wanted): (f64, f64), scene: &ResolvedScene) -> f64 {
-    let function = &scene.transfer_function;
+fn place_of_depth(
+    (field, factor): Extinction<'_>,
+    part: [f64; 2],
+    (length, wanted): (f64, f64),
+    scene: &ResolvedScene,
+) -> f64 {
+    let depth_between = |ends: [f64; 2]| field.depth(ends, length, &scene.transfer_function, factor);
     let mut gathered = 0.0;
-    for ends in smooth_parts(field, part, scene).windows(2) {
-        let depth = field.depth([ends[0], ends[1]], length, function);
+    for ends in smooth_parts((field, factor), part, scene).windows(2) {
+        let depth = depth_between([ends[0], ends[1]]);
         if gathered + depth < wanted {
             gathered += depth;
             continue;
@@ -431,7 +472,7 @@ fn place_of_depth(field: &FieldCubic, part: [f64; 2], (length, wanted): (f64, f6
         let [mut low, mut high] = [ends[0], ends[1]];
         for _ in 0..HALVINGS {
             let middle = 0.5 * (low + high);
-            let is_before = gathered + field.depth([ends[0], middle], length, function) < wanted;
+            let is_before = gathered + depth_between([ends[0], middle]) < wanted;
             if is_before { low = middle } else { high = middle }
         }
         return high;

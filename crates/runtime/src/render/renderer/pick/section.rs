@@ -54,7 +54,7 @@ impl Walk<'_> {
     fn mean(&mut self) -> Result<f64, RenderError> {
         let (mut sum, mut length) = (0.0, 0.0);
         self.events(|event| {
-            if let Event::Cell([t0, t1], field) = event {
+            if let Event::Cell([t0, t1], field, _) = event {
                 sum += (t1 - t0) * field.mean();
                 length += t1 - t0;
             }
