@@ -66,11 +66,14 @@ fn the_title_names_the_file_and_says_whether_work_goes_on() {
     };
     let [working, done] = [" (working)", ""].map(|work| format!("Title(\"vessels.svol{work} - Supervol\")"));
     session.rest();
-    assert_eq!(titles(&session), [working.clone(), done.clone()]);
+    // The first picture may be there as soon as the volume is: then no work was ever to be seen.
+    let first = titles(&session);
+    assert!(first.last() == Some(&done) && first.iter().all(|title| [&working, &done].contains(&title)), "{first:?}");
     session.drag(session.node("Picture").rect().center(), Vec2::new(60.0, 20.0), PointerButton::Primary);
     session.rest();
-    assert_eq!(titles(&session).last(), Some(&done));
-    assert!(titles(&session)[2..].contains(&working), "a changed scene is worked on");
+    // The frame that changes a scene says so, however fast the picture is drawn.
+    let then = &titles(&session)[first.len()..];
+    assert_eq!((then.first(), then.last()), (Some(&working), Some(&done)), "a changed scene is worked on");
 }
 
 /// Every key of the list has an effect, and every command has a key.
