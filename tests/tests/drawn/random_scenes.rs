@@ -4,7 +4,7 @@
 
 #![allow(clippy::print_stdout, reason = "the distances measured are what these tests are for")]
 
-use supervol_measure::random_scenes::{ERRORS, Found, Opacity, Options, RandomScene, aimed_at, run};
+use supervol_measure::random_scenes::{ERRORS, Feature, Found, Options, RandomScene, aimed_at, run};
 use supervol_measure::{Context, Scale};
 use supervol_runtime::engines::cpu::Caster;
 use supervol_runtime::engines::packets::PacketRule;
@@ -18,6 +18,8 @@ const SCENES: u64 = 80;
 const SCENES_OF_MODE: u64 = 20;
 /// Number of scenes with opacity by the gradient.
 const GRADIENT_SCENES: u64 = 40;
+/// Number of scenes with cuts that are lit by their own normals.
+const CUT_SCENES: u64 = 60;
 /// Fewer on the GPU: software adapters take a second per scene.
 const GPU_SCENES: u64 = 20;
 const SEED: u64 = 1;
@@ -34,7 +36,7 @@ fn random_scenes_keep_the_error() {
         first: 0,
         scenes: SCENES,
         mode: Mode::Dvr,
-        opacity: Opacity::ByValue,
+        feature: Feature::None,
         threads: 2,
         backend: Backend::Cpu,
     };
@@ -61,14 +63,25 @@ fn random_scenes_keep_the_error() {
 /// With opacity by the gradient, cells are integrated in `f64` and state a bound.
 #[test]
 fn random_scenes_with_opacity_by_the_gradient_keep_the_error() {
-    let (mode, opacity) = (Mode::Dvr, Opacity::ByGradient);
-    let options =
-        Options { seed: SEED, first: 0, scenes: GRADIENT_SCENES, mode, opacity, threads: 2, backend: Backend::Cpu };
+    keeps_the_error(Feature::GradientOpacity, GRADIENT_SCENES);
+}
+
+/// Behind cut faces that are lit by their own normals, cells are integrated in `f64` and state a bound; packets gather the rest.
+#[test]
+fn random_scenes_with_normals_of_cuts_keep_the_error() {
+    keeps_the_error(Feature::CutNormals, CUT_SCENES);
+}
+
+/// Scenes with a feature keep the error that is asked for and the one that is stated.
+#[track_caller]
+fn keeps_the_error(feature: Feature, scenes: u64) {
+    let mode = Mode::Dvr;
+    let options = Options { seed: SEED, first: 0, scenes, mode, feature, threads: 2, backend: Backend::Cpu };
     let found = with_context(|context| run(context, options, None)).unwrap_or_else(|e| panic!("seed {SEED}: {e}"));
     println!("{found:#?}");
     assert!(found.scenes_above().is_empty(), "further off than was asked for: {found:#?}");
     assert!(found.scenes_not_judged.is_empty(), "the reference did not converge: {found:#?}");
-    assert!(found.scenes_that_show_something > GRADIENT_SCENES / 2, "{found:#?}");
+    assert!(found.scenes_that_show_something > scenes / 2, "{found:#?}");
     assert_no_more_is_stated_than_asked(&found);
     for at in &found.stated {
         assert!(at.scenes_above_stated.is_empty(), "further off than is stated of a pixel: {at:#?}");
@@ -93,7 +106,7 @@ fn random_scenes_keep_what_is_stated_in_every_mode() {
             first: 0,
             scenes: SCENES_OF_MODE,
             mode,
-            opacity: Opacity::ByValue,
+            feature: Feature::None,
             threads: 2,
             backend: Backend::Cpu,
         };
@@ -140,7 +153,7 @@ fn scenes_that_were_further_off_than_asked_or_stated() {
             first,
             scenes: 1,
             mode: Mode::Dvr,
-            opacity: Opacity::ByValue,
+            feature: Feature::None,
             threads: 2,
             backend: Backend::Cpu,
         };
@@ -166,7 +179,7 @@ fn random_scenes_keep_the_error_on_the_gpu() {
         first: 0,
         scenes: GPU_SCENES,
         mode: Mode::Dvr,
-        opacity: Opacity::ByValue,
+        feature: Feature::None,
         threads: 2,
         backend: Backend::Gpu,
     };
@@ -201,7 +214,7 @@ fn scenes_that_were_further_off_on_the_gpu() {
         first: 197,
         scenes: 1,
         mode: Mode::Dvr,
-        opacity: Opacity::ByValue,
+        feature: Feature::None,
         threads: 2,
         backend: Backend::Gpu,
     };

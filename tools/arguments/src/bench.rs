@@ -78,6 +78,9 @@ pub struct Arguments {
     /// Give each random scene a random opacity by the gradient, too (mode dvr, on the CPU)
     #[arg(long, requires = "random_scenes")]
     pub gradient_opacity: bool,
+    /// Give each random scene cuts whose faces are lit by their own normals (mode dvr, on the CPU)
+    #[arg(long, requires = "random_scenes", conflicts_with = "gradient_opacity")]
+    pub cut_normals: bool,
     /// Measure empty-space leaping: its cost, and the time that it saves
     #[arg(long, conflicts_with_all = ["peers", "path", "record", "output", "shading"])]
     pub leaping: bool,

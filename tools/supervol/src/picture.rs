@@ -103,7 +103,9 @@ pub fn with_render(error: RenderError) -> Failure {
             ))
         }
         RenderError::NoPlace | RenderError::NoSuchPixel { .. } => Failure::Command(format!("--pick: {message}")),
-        RenderError::SlicesOnGpu | RenderError::GradientsOnGpu => Failure::Command(format!("--backend: {message}")),
+        RenderError::SlicesOnGpu | RenderError::GradientsOnGpu | RenderError::CutNormalsOnGpu => {
+            Failure::Command(format!("--backend: {message}"))
+        }
         error => {
             let message = format!("{message}{}", option_against(&error));
             match error.kind() {

@@ -87,6 +87,7 @@ pub fn with_mode(scene: &Scene, opened: &OpenVolume, mode: Mode) -> Scene {
         transfer_function: None,
         shading: (mode == Mode::Dvr).then(|| (!facts.kind.is_seismic()).then(ShadingSpec::default)),
         gradient_opacity: None,
+        cut_normals: false,
         iso: if mode == Mode::Iso { vec![looks::default_surface(facts)] } else { Vec::new() },
         samples_per_pixel: None,
         ..scene.clone()

@@ -610,6 +610,10 @@ impl Viewer {
             // Scenes of the history may be older than the place of the volume.
             self.scene.vertical_exaggeration = opened.scene_exaggeration();
         }
+        // Cut faces that are gone, or have no light, are not lit any more.
+        if self.scene.cut_normals && !self.scene.may_light_cuts() {
+            self.scene.cut_normals = false;
+        }
         // A drag is one edit: it ends when the button is released. So is a cine.
         if !ctx.input(|input| input.pointer.any_down()) && !self.cine.is_running {
             self.history.commit(&self.scene, ctx.input(|input| input.time));

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use glam::{DMat3, DVec3};
 use supervol_format::cast::{narrow, single};
-use supervol_format::{Geometry, Lod, Pyramid, ValueRange};
+use supervol_format::{Dims, Geometry, Lod, Pyramid, ValueRange};
 use supervol_scene::camera::{Camera, Ray};
 use supervol_scene::clip::{Clip, IndexRay, Segment, clip_parts};
 use supervol_scene::image::Image;
@@ -70,7 +70,7 @@ pub struct RayScene {
     /// The same over data values, in `f64`.
     pub(crate) data_transfer_function: TransferFunction,
     pub(crate) lighting: Option<Lighting>,
-    /// Opacity by the gradient, of the volume in mode `dvr`.
+    /// Opacity by the gradient and light by the normals of cuts, of the volume in mode `dvr`.
     pub(crate) modulation: Option<Modulation>,
     pub(crate) iso: Vec<IsoSurface>,
     /// Whether crossings are listed, all of them, and not composited.
@@ -101,7 +101,9 @@ impl RayScene {
         };
         // Surfaces are drawn apart from the volume around them.
         let volume_only = scene.transfer_function.without_surfaces();
-        let ramp = scene.gradient_opacity.filter(|_| scene.mode == Mode::Dvr);
+        let is_dvr = scene.mode == Mode::Dvr;
+        let ramp = scene.gradient_opacity.filter(|_| is_dvr);
+        let cuts = scene.cut_normals.as_ref().filter(|_| is_dvr && scene.shading.is_some());
         Self {
             field: Field::FIRST,
             pyramid: pyramid.clone(),
@@ -112,7 +114,7 @@ impl RayScene {
             clip: scene.clip.clone(),
             mode: scene.mode,
             transfer_function: RenderTransferFunction::new(&volume_only, map.shift),
-            modulation: ramp.map(|ramp| Modulation::new(ramp, &volume_only)),
+            modulation: Modulation::of(ramp, cuts, &volume_only),
             data_transfer_function: volume_only,
             lighting: scene.shading.as_ref().map(|s| Lighting::new(s, geometry, value_range.width())),
             iso: scene.iso.iter().map(surface).collect(),
@@ -196,6 +198,11 @@ impl RayScene {
         matches!(self.mode, Mode::Dvr | Mode::Iso | Mode::Slice)
     }
 
+    /// Voxels of level 0 along each axis.
+    pub(crate) fn finest_dims(&self) -> Dims {
+        self.pyramid.level_at(Lod::FINEST).dims
+    }
+
     /// Whether rays may be drawn in several parts.
     pub(crate) fn cuts_rays(&self) -> bool {
         !self.clip.solids.is_empty()
@@ -203,6 +210,6 @@ impl RayScene {
 
     /// The parts of a ray that are drawn, front to back.
     pub(crate) fn parts_of(&self, ray: &Ray, index_ray: &IndexRay) -> Vec<Segment> {
-        clip_parts(ray, index_ray, self.pyramid.level_at(Lod::FINEST).dims, &self.clip)
+        clip_parts(ray, index_ray, self.finest_dims(), &self.clip)
     }
 }

@@ -48,6 +48,11 @@ pub enum RenderError {
          then); found gpu"
     )]
     GradientsOnGpu,
+    #[error(
+        "light by the normals of cuts (cut_normals) is drawn by the backends cpu and reference (and auto, which takes cpu then); \
+         found gpu"
+    )]
+    CutNormalsOnGpu,
     #[error("cannot pick in mode mean: a mean has no depth; use another mode")]
     NoPlace,
     #[error("pixel {},{}: the picture has {} x {} pixels, the first is 0,0", pixel[0], pixel[1], size[0], size[1])]
@@ -93,6 +98,7 @@ impl RenderError {
             | Self::NoSuchPixel { .. }
             | Self::SlicesOnGpu
             | Self::GradientsOnGpu
+            | Self::CutNormalsOnGpu
             | Self::Option { .. }
             | Self::NoScene
             | Self::Method { .. } => ErrorKind::Request,

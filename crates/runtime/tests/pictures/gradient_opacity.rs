@@ -102,10 +102,10 @@ fn beside_holes_nothing_shows() {
     check(found, 1.0 - 0.9f64.powf(6.5 + 6.0));
 }
 
-const LIGHT: &str = r#""shading": {"ambient": 0.2, "diffuse": 0.8, "specular": 0.6, "shininess": 24,
+pub const LIGHT: &str = r#""shading": {"ambient": 0.2, "diffuse": 0.8, "specular": 0.6, "shininess": 24,
     "lights": [{"direction": [1, 0.4, -0.6]}, {"direction": [-0.3, 1, 0.2], "intensity": 0.6}]}"#;
 
-fn looks() -> [String; 3] {
+pub fn looks() -> [String; 3] {
     let (a, b) = ([0.2, 0.4, 1.0], [1.0, 0.9, 0.1]);
     let steps =
         [(0.0, a, 0.0), (0.3, a, 0.0), (0.3, b, 0.6), (0.5, b, 0.1), (0.5, a, 0.0), (0.8, a, 1.0), (1.0, b, 1.0)];
@@ -117,7 +117,7 @@ fn looks() -> [String; 3] {
 }
 
 /// Fields with edges, noise, holes and even parts, in several types.
-fn volumes() -> Vec<(&'static str, Volume, f64)> {
+pub fn volumes() -> Vec<(&'static str, Volume, f64)> {
     let ball = |p: [f64; 3]| {
         let r = p.iter().map(|x| (x - 10.0).powi(2)).sum::<f64>().sqrt();
         (7.0 - r).clamp(0.0, 1.0)
@@ -143,7 +143,7 @@ fn volumes() -> Vec<(&'static str, Volume, f64)> {
 }
 
 /// The transfer function of values from 0 to 1 for values that are larger.
-fn scaled(look: &str, factor: f64) -> String {
+pub fn scaled(look: &str, factor: f64) -> String {
     let mut look: serde_json::Value = serde_json::from_str(look).unwrap();
     for point in look["points"].as_array_mut().unwrap() {
         point["value"] = (point["value"].as_f64().unwrap() * factor).into();
@@ -151,7 +151,7 @@ fn scaled(look: &str, factor: f64) -> String {
     look.to_string()
 }
 
-fn seen(volume: &Volume, lens: &str) -> String {
+pub fn seen(volume: &Volume, lens: &str) -> String {
     let middle = volume.dims.map(|n| 0.5 * (n as f64 - 1.0));
     let target = volume.geometry.world_from_index().transform_point3(middle.into());
     let eye = (target + 2.5 * middle[0] * glam::DVec3::new(0.9, -1.1, 0.7)).to_array();

@@ -11,6 +11,7 @@
 mod containers;
 mod cpu_against_reference;
 mod cpu_invariances;
+mod cut_normals;
 mod deadline;
 mod engines;
 mod gpu_contracts;

@@ -124,6 +124,20 @@ fn opacity_by_the_gradient_moves_it() {
     assert_eq!(fog(r#", "gradient_opacity": [0.5, 1]"#), None);
 }
 
+/// Light by the normals of cuts changes colours alone.
+#[test]
+fn normals_of_cuts_do_not_move_it() {
+    let fog = |more: &str| {
+        let tf = points(1.0, &[(0.0, [1.0; 3], 0.2)]);
+        let clip = r#", "clip": {"box": [[8, -1, -1], [20, 99, 99]]}, "shading": {}"#;
+        found(&ramp(), &format!(r#", "transfer_function": {tf}{clip}{more}"#), PIXEL)
+    };
+    let half = 0.5 * (1.0 - 0.8f64.powi(24));
+    for more in ["", r#", "cut_normals": true"#] {
+        assert_at(fog(more), PickedOn::Volume, 26.0 + (1.0 - half).ln() / 0.8f64.ln());
+    }
+}
+
 #[test]
 fn it_is_a_slice_where_that_takes_the_opacity_beyond_half() {
     let tf = points(1.0, &[(0.0, [1.0; 3], 0.0), (8.0, [1.0; 3], 0.0), (8.0, [1.0; 3], 0.1)]);

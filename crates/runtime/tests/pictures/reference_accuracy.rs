@@ -4,7 +4,7 @@
 use supervol_format::{Dims, VoxelType};
 use supervol_runtime::engines::reference::ReferenceCaster;
 use supervol_scene::clip::{IndexRay, clip_ray};
-use supervol_scene::scene::ResolvedScene;
+use supervol_scene::scene::{ResolvedScene, Shading};
 
 use crate::support::{Volume, marschner_lobb, noise, points, scene};
 
@@ -39,6 +39,8 @@ struct Brute<'a> {
     ray: IndexRay,
     to_eye: Vector,
     floor: f64,
+    /// Beginning and normal of a cut face.
+    face: Option<(f64, Vector)>,
 }
 
 impl Brute<'_> {
@@ -87,11 +89,22 @@ impl Brute<'_> {
             }
             None => kappa,
         };
-        let (Some(shading), Some(gradient)) = (&self.scene.shading, gradient) else { return (kappa, color) };
-        if dot(gradient, gradient).sqrt() < self.floor || gradient == [0.0; 3] {
-            return (kappa, color);
-        }
-        let normal = unit(gradient);
+        let Some(shading) = &self.scene.shading else { return (kappa, color) };
+        let by_gradient = match gradient {
+            Some(gradient) if gradient != [0.0; 3] && dot(gradient, gradient).sqrt() >= self.floor => {
+                self.lit(shading, color, unit(gradient))
+            }
+            _ => color,
+        };
+        let Some((begin, normal)) = self.face else { return (kappa, by_gradient) };
+        // Two smallest spacings of the cut's light alone, two in which it fades.
+        let voxels = (t - begin) / self.volume.geometry.smallest_spacing();
+        let weight = (0.5 * (4.0 - voxels)).clamp(0.0, 1.0);
+        let by_face = self.lit(shading, color, normal);
+        (kappa, [0, 1, 2].map(|c| weight * by_face[c] + (1.0 - weight) * by_gradient[c]))
+    }
+
+    fn lit(&self, shading: &Shading, color: Vector, normal: Vector) -> Vector {
         let (mut diffuse, mut specular) = (shading.ambient, 0.0);
         for light in &shading.lights {
             let to_light = light.to_light.to_array();
@@ -99,7 +112,7 @@ impl Brute<'_> {
             diffuse += shading.diffuse * dot(normal, to_light).abs() * light.intensity;
             specular += shading.specular * dot(normal, half).abs().powf(shading.shininess) * light.intensity;
         }
-        (kappa, color.map(|c| (c * diffuse + specular).min(1.0)))
+        color.map(|c| (c * diffuse + specular).min(1.0))
     }
 
     /// A step by the method of Runge and Kutta (1901): `T' = -kappa T`, `C' = c kappa T`.
@@ -146,6 +159,12 @@ impl Brute<'_> {
 /// Compares all rays of a small picture with the reference.
 #[track_caller]
 fn compare(volume: &Volume, size: [u32; 2], json: &str) {
+    compare_behind_faces(volume, size, json, &|_| None);
+}
+
+/// The same with cut faces of these normals at these points.
+#[track_caller]
+fn compare_behind_faces(volume: &Volume, size: [u32; 2], json: &str, face: &dyn Fn(Vector) -> Option<Vector>) {
     let [width, height] = size;
     let json = format!(r#"{{"image": {{"width": {width}, "height": {height}}}, {json}}}"#);
     let scene = scene(volume, &json);
@@ -163,7 +182,9 @@ fn compare(volume: &Volume, size: [u32; 2], json: &str) {
         let Some(segment) = clip_ray(&ray, &index, Dims(volume.dims.map(|n| n as u64)), &scene.clip) else { continue };
         let to_eye = (-ray.direction).to_array();
         let floor = floor / volume.geometry.smallest_spacing();
-        let brute = Brute { volume, scene: &scene, ray: index, to_eye, floor };
+        let begin = segment.t0;
+        let face = face((ray.origin + begin * ray.direction).to_array()).map(|normal| (begin, normal));
+        let brute = Brute { volume, scene: &scene, ray: index, to_eye, floor, face };
         let expected = brute.pixel([segment.t0, segment.t1]);
         visible += u32::from(expected[3] > 0.01);
         for c in 0..4 {
@@ -260,6 +281,36 @@ fn opacity_by_the_gradient() {
         for (light, ends) in [(r#""shading": null"#, "[0, 0.3]"), (NARROW, "[0.1, 0.25]"), (GLARING, "[0.2, 0.21]")] {
             let look = format!(r#""gradient_opacity": {ends}, {light}, "transfer_function": {shown}"#);
             compare(&volume, [3, 3], &format!("{seen}, {look}"));
+        }
+    }
+}
+
+/// Light by the normals of a clip box and of a clip plane, kinks of its weight, and colours that reach 1.
+#[test]
+fn light_by_the_normals_of_cuts() {
+    let (a, b) = ([0.2, 0.4, 1.0], [1.0, 0.9, 0.1]);
+    let shown = points(1.0, &[(0.0, a, 0.1), (0.5, b, 0.3), (0.5, b, 0.8), (1.0, a, 0.1)]);
+    let seen = camera([31.0, 17.0, 24.0], [5.5; 3], 25.0);
+    let wave = |p: Vector| 0.5 + 0.5 * (0.7 * (p[0] + 0.83 * p[1] + 0.71 * p[2])).sin();
+    let noisy = Volume::new([12; 3], VoxelType::F32, noise);
+    let waves = Volume::new([12; 3], VoxelType::F32, wave);
+    let holed = waves.clone().with_holes(|p| p.iter().sum::<usize>() % 11 == 0);
+    let even = Volume::new([12; 3], VoxelType::F32, |_| 0.7);
+    let normal = unit([-1.0, -0.3, -0.4]);
+    let clip = r#""cut_normals": true, "clip": {"box": [[-0.5, -0.5, -0.5], [99, 9.25, 99]],
+        "planes": [{"normal": [-1, -0.3, -0.4], "offset": -9.5}]}"#;
+    let near = |x: f64| x.abs() < 1e-9;
+    let face = |p: Vector| {
+        let of_plane = near(dot(p, [-1.0, -0.3, -0.4]) + 9.5).then_some(normal);
+        of_plane.or_else(|| near(p[1] - 9.25).then_some([0.0, 1.0, 0.0]))
+    };
+    for volume in [noisy, waves, holed, even] {
+        for (light, ramp) in [(NARROW, ""), (GLARING, ""), (GLARING, r#", "gradient_opacity": [0.1, 0.25]"#)] {
+            if volume.range().width() == 0.0 && !ramp.is_empty() {
+                continue;
+            }
+            let look = format!(r#"{clip}, {light}{ramp}, "transfer_function": {shown}"#);
+            compare_behind_faces(&volume, [3, 3], &format!("{seen}, {look}"), &face);
         }
     }
 }

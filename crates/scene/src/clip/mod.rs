@@ -4,6 +4,7 @@
 //! most one segment ([`clip_ray`]). Solids ([`solids`]) cut it into several parts ([`clip_parts`]). All numbers are
 //! `f64`; t is a world length. Direction components may be zero, negative zero, or so small that a crossing overflows.
 
+pub mod faces;
 mod interval;
 pub mod mesh;
 pub mod mesh_file;

@@ -11,7 +11,7 @@ use glam::DVec3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::interval::{Segment, clip_slab};
+use super::interval::{Segment, clip_slab, slab};
 use super::mesh::ClosedMesh;
 use crate::camera::Ray;
 
@@ -111,6 +111,20 @@ pub fn kept(solids: &[Solid], ray: &Ray, segment: Segment) -> Vec<Segment> {
     kept.into_iter().map(|(t0, t1)| Segment { t0, t1 }).collect()
 }
 
+/// The normal of the solid at whose face a kept part of a ray begins at `t`, exactly; `None` if none does. Of several, the first
+/// counts.
+#[must_use]
+pub fn normal_at(solids: &[Solid], ray: &Ray, t: f64) -> Option<DVec3> {
+    let begins = |solid: &&Solid| {
+        let inside = solid.shape.spans(ray);
+        match solid.keep {
+            Keep::Inside => inside.iter().any(|span| span.0 == t),
+            Keep::Outside => inside.iter().any(|span| span.1 == t),
+        }
+    };
+    solids.iter().find(begins).map(|solid| solid.shape.normal_at(ray, t))
+}
+
 impl Solid {
     /// Whether a point is kept. Points on a face belong to the inside.
     #[must_use]
@@ -155,6 +169,37 @@ impl Shape {
             }
         };
         one.into_iter().filter(|(t0, t1)| t0 < t1).collect()
+    }
+}
+
+impl Shape {
+    /// The unit normal where a ray enters or leaves the solid, at an end of one of its spans. Where faces meet, the first counts.
+    fn normal_at(&self, ray: &Ray, t: f64) -> DVec3 {
+        let point = ray.origin + t * ray.direction;
+        match self {
+            Self::Sphere { center, .. } => (point - center).normalize_or_zero(),
+            Self::Cuboid { center, axes, half_edges } => {
+                let from_center = ray.origin - center;
+                let is_on = |a: &usize| {
+                    let (at, rate) = (axes[*a].dot(from_center), axes[*a].dot(ray.direction));
+                    let (first, last) = slab(at, rate, [-half_edges[*a], half_edges[*a]]);
+                    first == t || last == t
+                };
+                (0..3).find(is_on).map_or(DVec3::ZERO, |a| axes[a])
+            }
+            Self::Cylinder { from, axis, radius, .. } => {
+                let from_end = ray.origin - from;
+                let (at, rate) = (axis.dot(from_end), axis.dot(ray.direction));
+                let around = round(from_end - at * axis, ray.direction - rate * axis, *radius);
+                let is_around = around.is_some_and(|(first, last)| first == t || last == t);
+                let from_end = point - from;
+                if is_around { (from_end - axis.dot(from_end) * axis).normalize_or_zero() } else { *axis }
+            }
+            Self::Mesh(PlacedMesh { mesh, anchor, length }) => {
+                let faces = mesh.faces(*anchor + *length * ray.origin, ray.direction);
+                faces.into_iter().find(|(at, _)| at / length == t).map_or(DVec3::ZERO, |(_, normal)| normal)
+            }
+        }
     }
 }
 

@@ -29,6 +29,7 @@ pub use self::limits::{
 };
 pub use self::resolved::{GradientOpacity, Light, ResolvedScene, Shading};
 use crate::camera::Camera;
+use crate::clip::faces::CutNormals;
 use crate::facts::{DataKind, VolumeFacts};
 use crate::preset::overview::Overview;
 use crate::preset::view::{Framed, View};
@@ -58,7 +59,7 @@ pub struct Scene {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub transfer_function: Option<TransferFunctionSpec>,
     /// Shading; null: none. If missing: that of the kind of data if `mode` and `transfer_function` are missing too,
-    /// default shading if `iso` has surfaces, else none.
+    /// default shading if `iso` has surfaces or `cut_normals` is true, else none.
     #[serde(skip_serializing_if = "Option::is_none", deserialize_with = "present")]
     #[schemars(with = "Option<ShadingSpec>")]
     pub shading: Option<Option<ShadingSpec>>,
@@ -66,6 +67,10 @@ pub struct Scene {
     /// extinction rises linearly to its own value at the second number and above. If missing: the whole extinction.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gradient_opacity: Option<[f64; 2]>,
+    /// Mode `dvr` with shading: light the faces of cuts (`clip`) by the cut's own normal. Up to two of the smallest spacings
+    /// behind a face, along the ray, this light counts alone. From four on, only that by the gradient does.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub cut_normals: bool,
     /// Iso surfaces. Mode `iso` draws only them; mode `dvr` draws them inside the semi-transparent volume.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub iso: Vec<IsoSpec>,
@@ -149,10 +154,12 @@ impl Scene {
         let look = Look::of(facts);
         // Only a volume has an opacity by its gradient.
         let suits = self.gradient_opacity.is_none() || (look.mode == Mode::Dvr && look.slices.is_empty());
+        let suits = suits && (!self.cut_normals || look.mode == Mode::Dvr);
         let left_open = self.mode.is_none() && self.transfer_function.is_none() && self.iso.is_empty() && suits;
         if left_open {
             scene.mode = Some(look.mode);
-            scene.shading.get_or_insert(look.shading);
+            let shading = look.shading.or_else(|| self.cut_normals.then(ShadingSpec::default));
+            scene.shading.get_or_insert(shading);
             scene.iso = look.iso;
             if !scene.slices.is_empty() {
                 scene.iso.iter_mut().for_each(|iso| iso.alpha = looks::SURFACE_AROUND_SLICES);
@@ -168,7 +175,8 @@ impl Scene {
         }
         let mode = scene.effective_mode();
         scene.mode = Some(mode);
-        scene.shading.get_or_insert_with(|| (mode == Mode::Iso || !scene.iso.is_empty()).then(ShadingSpec::default));
+        let needs_light = mode == Mode::Iso || !scene.iso.is_empty() || scene.cut_normals;
+        scene.shading.get_or_insert_with(|| needs_light.then(ShadingSpec::default));
         let samples = if left_open { look.samples_per_pixel } else { 1 };
         scene.samples_per_pixel = Some(self.samples_per_pixel.unwrap_or_else(|| limited_samples(&self.image, samples)));
         scene.transfer_function = scene.transfer_function.take().or_else(|| {
@@ -249,6 +257,7 @@ impl Scene {
         check_edges(facts)?;
         let scene = self.with_look(facts, None);
         scene.validate()?;
+        scene.validate_cuts()?;
         let image_size = [scene.image.width, scene.image.height];
         let units = Units::of(facts);
         let camera = match &scene.camera {
@@ -268,6 +277,8 @@ impl Scene {
             Some(samples) => samples.isqrt(),
             None => scene.subgrid_of_thin(&camera, &scene.framed(&units.facts(facts), None)),
         };
+        let clip = scene.clip.resolve(&units)?;
+        let cuts = || CutNormals::new(&clip, facts.dims, &units.facts(facts).geometry);
         Ok(ResolvedScene {
             camera: camera.supersampled(subgrid),
             image_size,
@@ -279,7 +290,8 @@ impl Scene {
             gradient_opacity: scene.gradient_opacity.map(|ends| GradientOpacity::resolve(ends, &units)).transpose()?,
             iso: scene.iso.iter().map(|iso| IsoSpec { value: units.value(iso.value), ..*iso }).collect(),
             slices: scene.slices.iter().map(|slice| slice.resolve(&units, &facts.labels)).collect::<Result<_, _>>()?,
-            clip: scene.clip.resolve(&units)?,
+            cut_normals: scene.cut_normals.then(cuts),
+            clip,
         })
     }
 

@@ -4,6 +4,7 @@ use glam::DVec3;
 
 use crate::camera::Camera;
 use crate::clip::Clip;
+use crate::clip::faces::CutNormals;
 use crate::slices::SlicePlane;
 use crate::spec::{IsoSpec, Mode};
 use crate::transfer_function::TransferFunction;
@@ -28,6 +29,8 @@ pub struct ResolvedScene {
     pub shading: Option<Shading>,
     /// Opacity by the length of the gradient, if any; only in mode `dvr`.
     pub gradient_opacity: Option<GradientOpacity>,
+    /// Cuts whose faces are lit by their own normals, if any; only in mode `dvr` with shading.
+    pub cut_normals: Option<CutNormals>,
     /// Iso surfaces: at least one in mode `iso`, optional in `dvr`, none in other modes.
     pub iso: Vec<IsoSpec>,
     /// Slices: at least one in mode `slice`, none in `mip`, `minip` and `mean`.
@@ -62,6 +65,7 @@ impl ResolvedScene {
             && self.transfer_function == other.transfer_function
             && self.shading == other.shading
             && self.gradient_opacity == other.gradient_opacity
+            && self.cut_normals == other.cut_normals
             && self.iso == other.iso
             && self.slices == other.slices
             && self.clip == other.clip

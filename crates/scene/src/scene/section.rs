@@ -75,7 +75,7 @@ impl Slice {
         if low[axis] >= high[axis] {
             return None;
         }
-        let mut scene = Scene { mode: Some(mode.into()), iso: Vec::new(), shading: Some(None), ..scene.clone() };
+        let mut scene = Scene { mode: Some(mode.into()), ..without_light(scene) };
         scene.clip.index_box = Some([low, high]);
         let spec = || TransferFunctionSpec::Points(PointsSpec::of(colors, facts.geometry.smallest_spacing()));
         scene.transfer_function.get_or_insert_with(spec);
@@ -109,15 +109,18 @@ pub fn face_on(scene: &Scene, facts: &VolumeFacts, slice: SliceSpec, zoom: f64) 
     let mut scene = Scene {
         mode: Some(Mode::Slice),
         slices: vec![slice],
-        iso: Vec::new(),
-        shading: Some(None),
         camera: Some(view.camera(&framed, [scene.image.width, scene.image.height])),
-        ..scene.clone()
+        ..without_light(scene)
     };
     // Rays of two labels would give a colour between them.
     let rays = if is_labels { 1 } else { PLANE_SUPERSAMPLING * PLANE_SUPERSAMPLING };
     scene.samples_per_pixel.get_or_insert(rays);
     Some(scene)
+}
+
+/// The scene without what only volumes and surfaces have.
+fn without_light(scene: &Scene) -> Scene {
+    Scene { iso: Vec::new(), shading: Some(None), gradient_opacity: None, cut_normals: false, ..scene.clone() }
 }
 
 /// Corners of the part of a plane inside a box, in index coordinates, in no particular order.

@@ -15,6 +15,7 @@ const FULL: &str = r#"{
     {"value": 0, "color": [0, 0, 0], "alpha": 0}, {"value": 1, "color": [1, 1, 1], "alpha": 0.5}]},
   "shading": {"ambient": 0.2, "lights": [{"direction": [0, 0, 2]}]},
   "gradient_opacity": [0.5, 3],
+  "cut_normals": true,
   "slices": [{"normal": [0, 0, 3], "offset": 3, "opacity": 0.5, "interpolation": "cubic", "filter": {"kind": "median", "size": 2}, "labels": true,
     "colors": [{"value": 0, "color": [0, 0, 0]}, {"value": 1, "color": [1, 1, 1]}]}],
   "clip": {"box": [[0, 0, 0], [5, 5, 5]], "planes": [{"normal": [1, 0, 0], "offset": 2}],
@@ -45,6 +46,7 @@ fn a_full_scene_resolves() {
     assert_eq!((shading.ambient, shading.diffuse), (0.2, 0.7));
     assert_eq!(shading.lights[0].to_light, DVec3::NEG_Z);
     assert_eq!(scene.gradient_opacity, Some(GradientOpacity { from: 0.5, to: 3.0 }));
+    assert_eq!(scene.cut_normals.unwrap().box_cuts, [[true; 2]; 3]);
     assert_eq!(scene.clip.planes[0].offset, 2.0);
     let [ball, cuboid, drum] = &scene.clip.solids[..] else { panic!("three solids") };
     assert_eq!((ball.keep, cuboid.keep), (Keep::Outside, Keep::Inside));
@@ -149,6 +151,38 @@ fn opacity_by_the_gradient_is_a_ramp_of_mode_dvr() {
     let (found, units) = (scene.resolve(&facts).unwrap().gradient_opacity.unwrap(), Units::of(&facts));
     assert_eq!(found.from, 1e30 * units.length / units.value);
     assert!(found.from > 0.1 && found.from < 10.0, "{found:?}");
+}
+
+#[test]
+fn cut_normals_need_mode_dvr_a_cut_and_light() {
+    let read = |json: &str| Scene::from_json(json).and_then(|scene| scene.resolve(&facts()));
+    let refused = |json: &str| read(json).unwrap_err().to_string();
+    let clip = r#""clip": {"planes": [{"normal": [1, 0, 0], "offset": 3}]}"#;
+    for (mode, more) in
+        [("mip", ""), ("minip", ""), ("mean", ""), ("iso", r#", "iso": [{"value": 1, "color": [1, 1, 1]}]"#)]
+    {
+        let message = refused(&format!(r#"{{"cut_normals": true, "mode": "{mode}"{more}, {clip}}}"#));
+        assert!(message.contains("`cut_normals`") && message.contains(&format!("found mode `{mode}`")), "{message}");
+    }
+    let message = refused(r#"{"cut_normals": true, "mode": "dvr"}"#);
+    assert!(message.contains("`cut_normals`") && message.contains("found no cut"), "{message}");
+    let message = refused(&format!(r#"{{"cut_normals": true, "shading": null, {clip}}}"#));
+    assert!(message.contains("`cut_normals`") && message.contains("found no shading"), "{message}");
+    // They bring the default light, and a volume for kinds with another default picture.
+    for kind in DataKind::ALL {
+        let scene = Scene::from_json(&format!(r#"{{"cut_normals": true, {clip}}}"#)).unwrap();
+        let facts = VolumeFacts { kind, ..facts() };
+        let resolved = scene.resolve(&facts).unwrap();
+        assert!(resolved.mode == Mode::Dvr && resolved.shading.is_some(), "{kind:?}");
+        assert_eq!(resolved.cut_normals.as_ref().unwrap().clip, resolved.clip, "{kind:?}");
+        assert_eq!(scene.complete(&facts, None).resolve(&facts).unwrap(), resolved, "{kind:?}");
+    }
+    // Lengths behind a face are in the units of the picture, by the smallest spacing.
+    let geometry = Geometry { spacing: [2.0, 0.5, 1.0], ..Geometry::IDENTITY };
+    let scene = Scene::from_json(&format!(r#"{{"cut_normals": true, {clip}}}"#)).unwrap();
+    let found = scene.resolve(&VolumeFacts { geometry, ..facts() }).unwrap().cut_normals.unwrap();
+    assert_eq!(found.depths, [1.0, 2.0]);
+    assert!(read(&format!(r#"{{"cut_normals": false, {clip}}}"#)).unwrap().cut_normals.is_none());
 }
 
 #[test]

@@ -12,7 +12,7 @@ use super::limits::{
 };
 use crate::preset;
 use crate::slices::SLICE_LIMIT;
-use crate::spec::{ImageSpec, Mode, TransferFunctionSpec};
+use crate::spec::{ClipSpec, ImageSpec, Mode, TransferFunctionSpec};
 use crate::units::Units;
 
 impl Scene {
@@ -44,6 +44,8 @@ impl Scene {
         self.validate_slices()?;
         self.validate_shading()?;
         self.validate_gradient_opacity()?;
+        let expected = || "mode `dvr`: in other modes cuts have no lit faces".into();
+        self.check_mode_dvr("cut_normals", self.cut_normals, expected)?;
         self.validate_clip()
     }
 
@@ -121,8 +123,33 @@ impl Scene {
         };
         check(good, "gradient_opacity", expected, format!("{} and {}", Number(from), Number(to)))?;
         let expected = || "mode `dvr`: other modes show no extinction".into();
+        self.check_mode_dvr("gradient_opacity", true, expected)
+    }
+
+    /// Refuses a key, if it is given, in all modes but `dvr`.
+    fn check_mode_dvr(&self, key: &str, is_given: bool, expected: impl FnOnce() -> String) -> Result<(), SceneError> {
         let mode = self.effective_mode();
-        check(mode == Mode::Dvr, "gradient_opacity", expected, format!("mode `{mode:?}`").to_lowercase())
+        check(!is_given || mode == Mode::Dvr, key, expected, format!("mode `{mode:?}`").to_lowercase())
+    }
+
+    /// Whether a complete scene may have `cut_normals`: mode `dvr`, with a cut, and with light.
+    #[must_use]
+    pub fn may_light_cuts(&self) -> bool {
+        self.effective_mode() == Mode::Dvr && Self { cut_normals: true, ..self.clone() }.validate_cuts().is_ok()
+    }
+
+    /// Checks that a complete scene with `cut_normals` has a cut, and light for its faces.
+    ///
+    /// # Errors
+    /// If one of them is missing.
+    pub fn validate_cuts(&self) -> Result<(), SceneError> {
+        if !self.cut_normals {
+            return Ok(());
+        }
+        let expected = || "a cut whose faces it lights: `clip` with a box, a plane or a solid".into();
+        check(self.clip != ClipSpec::default(), "cut_normals", expected, "no cut")?;
+        let expected = || "`shading`, which lights the faces of cuts (`{}` is the default light)".into();
+        check(matches!(self.shading, Some(Some(_))), "cut_normals", expected, "no shading")
     }
 
     fn validate_clip(&self) -> Result<(), SceneError> {

@@ -21,7 +21,7 @@ use supervol_measure::paths::CameraPath;
 use supervol_measure::peers::cases::{Looks, Subject};
 use supervol_measure::peers::options::{PeerOptions, Run, SameSampling, Sizes};
 use supervol_measure::peers::{Options, report, vtk};
-use supervol_measure::random_scenes::Opacity;
+use supervol_measure::random_scenes::Feature;
 use supervol_measure::virtual_volume::Field;
 use supervol_measure::volume::Volume;
 use supervol_measure::{ChartError, Context, Scale, leaping, ledger, paths, peers, random_scenes};
@@ -139,9 +139,13 @@ impl Bench<'_> {
                 return Err(Failure::Command(message.into()));
             }
         };
-        let opacity = if self.0.gradient_opacity { Opacity::ByGradient } else { Opacity::ByValue };
+        let feature = match (self.0.gradient_opacity, self.0.cut_normals) {
+            (_, true) => Feature::CutNormals,
+            (true, false) => Feature::GradientOpacity,
+            (false, false) => Feature::None,
+        };
         let mode = self.0.mode.into();
-        let options = random_scenes::Options { seed, first, scenes, mode, opacity, threads, backend };
+        let options = random_scenes::Options { seed, first, scenes, mode, feature, threads, backend };
         let mut found = Vec::new();
         if self.0.volume.is_empty() {
             found.push(random_scenes::run(context, options, None)?);

@@ -79,55 +79,74 @@ impl RandomScene {
     /// The same volume, camera and transfer function in another mode.
     #[must_use]
     pub fn in_mode(mode: Mode, seed: u64, number: u64) -> Self {
-        Self::with(mode, Opacity::ByValue, seed, number)
+        Self::with(mode, Feature::None, seed, number)
     }
 
-    /// The same, with this kind of opacity.
+    /// The same, with a feature.
     #[must_use]
-    pub fn with(mode: Mode, opacity: Opacity, seed: u64, number: u64) -> Self {
+    pub fn with(mode: Mode, feature: Feature, seed: u64, number: u64) -> Self {
         let mut random = Random::new(mix(seed) ^ mix(!number));
         let (source, shape) = volume(&mut random);
-        let mut members = members(mode, &mut random, &shape, classification);
-        members.extend(gradient_opacity(opacity, (seed, number), &shape));
-        Self { number, source, members }
+        let members = members(mode, &mut random, &shape, classification);
+        Self { number, source, members: with_feature(members, feature, (seed, number), &shape) }
     }
 }
 
-/// What the opacity of a scene depends on.
+/// Feature that each random scene has beside what chance gives it; only in mode `dvr`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Opacity {
-    /// The value.
-    ByValue,
-    /// The gradient as well; only in mode `dvr`.
-    ByGradient,
+pub enum Feature {
+    /// No feature.
+    None,
+    /// Opacity by the gradient.
+    GradientOpacity,
+    /// Cuts of all kinds whose faces are lit by their own normals; a third of the scenes with opacity by the gradient, too.
+    CutNormals,
+}
+
+/// Share of scenes with lit cuts that also have opacity by the gradient.
+const CUTS_BY_GRADIENT: f64 = 0.3;
+
+/// The members of a scene with a feature, from numbers of its own: all else of the scene stays as it is.
+fn with_feature(mut members: Vec<String>, feature: Feature, (seed, number): (u64, u64), shape: &Shape) -> Vec<String> {
+    let mut random = Random::new(mix(!seed) ^ mix(number));
+    match feature {
+        Feature::None => {}
+        Feature::GradientOpacity => members.push(gradient_opacity(&mut random, shape)),
+        Feature::CutNormals => {
+            members.retain(|member| !member.starts_with(CLIP));
+            members.extend([cuts(&mut random, shape), r#""cut_normals": true"#.to_owned()]);
+            if random.unit() < CUTS_BY_GRADIENT {
+                members.push(gradient_opacity(&mut random, shape));
+            }
+        }
+    }
+    members
 }
 
 /// Begins and widths of ramps of opacity by the gradient, in parts of the longest one: of noise, and of fields that are ever smoother.
 const RAMPS: [f64; 5] = [0.5, 0.15, 0.05, 0.01, 0.001];
 
-/// A random ramp of opacity by the gradient, from numbers of its own: all else of the scene stays as it is.
-fn gradient_opacity(opacity: Opacity, (seed, number): (u64, u64), shape: &Shape) -> Option<String> {
-    let mut random = Random::new(mix(!seed) ^ mix(number));
+/// A random ramp of opacity by the gradient.
+fn gradient_opacity(random: &mut Random, shape: &Shape) -> String {
     let index = |i: usize| shape.world_from_index.transform_vector3(DVec3::AXES[i]).length();
     let steepest = shape.values[1] / (0..3).map(index).fold(f64::INFINITY, f64::min);
     let mut part = || steepest * RAMPS[self::index(random.below(RAMPS.len() as u64))] * (0.2 + random.unit());
     let (from, width) = (part(), part());
     let from = if random.unit() < 0.3 { 0.0 } else { from };
-    (opacity == Opacity::ByGradient).then(|| format!(r#""gradient_opacity": [{from:?}, {:?}]"#, from + width))
+    format!(r#""gradient_opacity": [{from:?}, {:?}]"#, from + width)
 }
 
 /// Members of scene `number` of this seed for a volume that exists.
 #[must_use]
-pub fn members_for(facts: &VolumeFacts, (mode, opacity): (Mode, Opacity), seed: u64, number: u64) -> Vec<String> {
+pub fn members_for(facts: &VolumeFacts, (mode, feature): (Mode, Feature), seed: u64, number: u64) -> Vec<String> {
     let mut random = Random::new(mix(seed) ^ mix(!number));
     let shape = Shape {
         dims: facts.dims.0,
         world_from_index: facts.geometry.world_from_index(),
         values: [facts.value_range.min, facts.value_range.width()],
     };
-    let mut members = members(mode, &mut random, &shape, |random, _| classification_for(random, facts));
-    members.extend(gradient_opacity(opacity, (seed, number), &shape));
-    members
+    let members = members(mode, &mut random, &shape, |random, _| classification_for(random, facts));
+    with_feature(members, feature, (seed, number), &shape)
 }
 
 fn members(
@@ -333,6 +352,53 @@ fn shading(random: &mut Random) -> String {
     )
 }
 
+/// Start of the scene member for clipping.
+const CLIP: &str = r#""clip": "#;
+
+/// Cuts near the centre: at least one of a box, planes and solids.
+fn cuts(random: &mut Random, shape: &Shape) -> String {
+    let (middle, radius) = (shape.middle(), shape.radius());
+    let [mut planes, mut solids] = [Vec::new(), Vec::new()];
+    let has_box = random.unit() < 0.4;
+    let mut parts = Vec::new();
+    if has_box {
+        let [low, high] = [[0.0, 0.45], [0.55, 0.5]]
+            .map(|[from, reach]| shape.dims.map(|n| (from + reach * random.unit()) * n as f64 - 0.5));
+        parts.push(format!(r#""box": [{low:?}, {high:?}]"#));
+    }
+    let near = |random: &mut Random, share: f64| middle + share * radius * DVec3::from_array(random.direction());
+    for _ in 0..random.below(3) {
+        let keep = ["inside", "outside"][index(random.below(2))];
+        let size = (if keep == "inside" { 0.5 } else { 0.25 }) * radius;
+        let sizes = [0; 3].map(|_| size * (0.7 + 0.8 * random.unit()));
+        let away = 0.5 * random.unit();
+        let center = near(random, away).to_array();
+        let shape = match random.below(3) {
+            0 => format!(r#""sphere": {{"center": {center:?}, "radius": {:?}}}"#, sizes[0]),
+            1 => {
+                let to = near(random, 0.9).to_array();
+                format!(r#""cylinder": {{"from": {center:?}, "to": {to:?}, "radius": {:?}}}"#, sizes[0])
+            }
+            _ => {
+                let axis = DVec3::from_array(random.direction());
+                let (b, c) = axis.any_orthonormal_pair();
+                let axes = [axis, b, c].map(|axis| axis.to_array());
+                let edges = sizes.map(|size| 2.0 * size);
+                format!(r#""box": {{"center": {center:?}, "edges": {edges:?}, "axes": {axes:?}}}"#)
+            }
+        };
+        solids.push(format!(r#"{{"keep": "{keep}", {shape}}}"#));
+    }
+    let least = u64::from(!has_box && solids.is_empty());
+    for _ in 0..least + random.below(2) {
+        let normal = DVec3::from_array(random.direction());
+        let offset = normal.dot(middle) + 0.3 * radius * (random.unit() - 0.7);
+        planes.push(format!(r#"{{"normal": {:?}, "offset": {offset:?}}}"#, normal.to_array()));
+    }
+    parts.extend([format!(r#""planes": [{}]"#, planes.join(", ")), format!(r#""solids": [{}]"#, solids.join(", "))]);
+    format!("{CLIP}{{{}}}", parts.join(", "))
+}
+
 /// No clipping, a box, one or two planes near the centre, or both.
 fn clip(random: &mut Random, shape: &Shape) -> String {
     let mut parts = Vec::new();
@@ -351,5 +417,5 @@ fn clip(random: &mut Random, shape: &Shape) -> String {
             .collect();
         parts.push(format!(r#""planes": [{}]"#, planes.join(", ")));
     }
-    if parts.is_empty() { String::new() } else { format!(r#""clip": {{{}}}"#, parts.join(", ")) }
+    if parts.is_empty() { String::new() } else { format!("{CLIP}{{{}}}", parts.join(", ")) }
 }

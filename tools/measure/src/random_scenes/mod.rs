@@ -23,7 +23,7 @@ use supervol_scene::scene::{Mode, ResolvedScene};
 use crate::context::{ChartError, Context, Pace};
 use crate::stated::{AtLevel, Pixels};
 use crate::volume::{self, Volume, build_options};
-pub use generate::{IMAGE, Opacity, RandomScene, members_for};
+pub use generate::{Feature, IMAGE, RandomScene, members_for};
 
 /// Requested errors, grey levels of 255.
 pub const ERRORS: [f64; 4] = [0.1, 0.5, 2.0, 8.0];
@@ -43,8 +43,8 @@ pub struct Options {
     pub scenes: u64,
     /// Rendering mode.
     pub mode: Mode,
-    /// Kind of opacity.
-    pub opacity: Opacity,
+    /// Feature that each scene has.
+    pub feature: Feature,
     /// Threads of the renderer and of the reference.
     pub threads: usize,
     /// Backend: packets on the CPU, or a GPU. A GPU predicts no errors for transfer functions with steps.
@@ -151,12 +151,12 @@ pub fn run(context: &Context<'_>, options: Options, volume: Option<&Volume>) -> 
         let mut built = None;
         let (volume, scene) = match volume {
             Some(volume) => {
-                let members = members_for(&volume.facts, (options.mode, options.opacity), options.seed, number);
+                let members = members_for(&volume.facts, (options.mode, options.feature), options.seed, number);
                 (volume, volume.scene(&members.iter().map(String::as_str).collect::<Vec<_>>())?)
             }
             None => {
                 let (volume, scene) =
-                    RandomScene::with(options.mode, options.opacity, options.seed, number).build(context)?;
+                    RandomScene::with(options.mode, options.feature, options.seed, number).build(context)?;
                 (&*built.insert(volume), scene)
             }
         };
@@ -388,9 +388,18 @@ mod tests {
         let members = |number| RandomScene::new(7, number).members;
         assert_eq!(members(3), members(3));
         assert!(members(3) != members(4) && members(3) != RandomScene::new(8, 3).members);
-        let by_gradient = RandomScene::with(Mode::Dvr, Opacity::ByGradient, 7, 3).members;
+        let by_gradient = RandomScene::with(Mode::Dvr, Feature::GradientOpacity, 7, 3).members;
         assert_eq!(by_gradient[..by_gradient.len() - 1], members(3), "the rest of the scene stays");
         assert!(by_gradient[by_gradient.len() - 1].starts_with("\"gradient_opacity\": ["), "{by_gradient:?}");
+        let cut: Vec<String> =
+            (0..200).flat_map(|number| RandomScene::with(Mode::Dvr, Feature::CutNormals, 7, number).members).collect();
+        for part in
+            ["\"box\": [[", "\"planes\": [{", "sphere", "cylinder", "axes", "inside", "outside", "gradient_opacity"]
+        {
+            assert!(cut.iter().filter(|member| member.contains(part)).count() > 10, "hardly any scene has {part}");
+        }
+        assert_eq!(cut.iter().filter(|member| *member == "\"cut_normals\": true").count(), 200);
+        assert_eq!(cut.iter().filter(|member| member.starts_with("\"clip\": ")).count(), 200);
         let all: Vec<String> = (0..200).flat_map(members).collect();
         for part in ["\"height\": ", "\"fov_y\": ", "\"shading\": {}", "\"lights\"", "\"box\"", "\"planes\""] {
             assert!(all.iter().filter(|member| member.contains(part)).count() > 10, "hardly any scene has {part}");

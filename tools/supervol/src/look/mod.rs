@@ -20,7 +20,8 @@ use supervol_scene::preset::view::{Framed, View, upright};
 use supervol_scene::preset::windows::Paint;
 use supervol_scene::preset::{looks, ramps};
 use supervol_scene::scene::{
-    CameraSpec, ImageSpec, IsoSpec, Mode, PlaneSpec, PointsSpec, Scene, ShadingSpec, SolidSpec, TransferFunctionSpec,
+    CameraSpec, ClipSpec, ImageSpec, IsoSpec, Mode, PlaneSpec, PointsSpec, Scene, ShadingSpec, SolidSpec,
+    TransferFunctionSpec,
 };
 use supervol_scene::transfer_function::times_extinction;
 
@@ -92,6 +93,12 @@ pub struct LookArguments {
     /// Shows boundaries, and makes even regions transparent. `histogram --gradient` prints the lengths that occur.
     #[arg(long, value_name = "G0,G1", value_parser = parse::gradients, allow_hyphen_values = true, conflicts_with = "iso")]
     gradient_opacity: Option<[f64; 2]>,
+    /// Light the faces of cuts by the cut's own normal (mode dvr), not by the gradient of the data behind them
+    ///
+    /// Cuts are those of --crop and --clip. Their faces are then evenly bright where data are noisy. The cut's light fades into
+    /// that of the gradient from 2 to 4 voxels behind a face. It turns on the default light where the picture has none.
+    #[arg(long, conflicts_with_all = ["iso", "unlit"])]
+    cut_normals: bool,
     /// Isosurfaces at these data values (mode iso); all but the last are semi-transparent
     #[arg(long, value_name = "V[,V..]", value_delimiter = ',', allow_hyphen_values = true)]
     iso: Vec<f64>,
@@ -233,6 +240,7 @@ impl LookArguments {
             ("--surface", !self.surface.is_empty()),
             ("--opacity", self.opacity.is_some()),
             ("--gradient-opacity", self.gradient_opacity.is_some()),
+            ("--cut-normals", self.cut_normals),
             ("--unlit", self.unlit),
             ("--camera", self.camera.is_some()),
         ];
@@ -272,10 +280,12 @@ impl LookArguments {
         let (says_light, had_no_surface) = (scene.shading.is_some(), scene.iso.is_empty());
         self.set_mode(&mut scene, facts, overview);
         self.add_surfaces(&mut scene, facts)?;
-        if !self.surface.is_empty() && !says_light {
-            // Surfaces need lighting to be visible, whatever the kind of data.
+        let lacks_light = self.cut_normals && !matches!(scene.shading, Some(Some(_)));
+        if (!self.surface.is_empty() || lacks_light) && !says_light {
+            // Surfaces need lighting to be visible, whatever the kind of data, and so do faces of cuts.
             scene.shading = Some(Some(ShadingSpec::default()));
         }
+        scene.cut_normals |= self.cut_normals;
         scene.gradient_opacity = self.gradient_opacity.or(scene.gradient_opacity);
         if let Some(text) = &self.tf {
             scene.transfer_function = Some(TransferFunctionSpec::Points(parse::transfer_function(text, facts)?));
@@ -307,6 +317,10 @@ impl LookArguments {
             self.remove_shading(&mut scene)?;
         }
         scene.validate().map_err(Failure::command)?;
+        if self.cut_normals && scene.clip == ClipSpec::default() {
+            return Err(Failure::Command("--cut-normals changes nothing without a cut; add --clip or --crop".into()));
+        }
+        scene.validate_cuts().map_err(Failure::command)?;
         Ok(scene)
     }
 
@@ -322,7 +336,7 @@ impl LookArguments {
     fn set_mode(&self, scene: &mut Scene, facts: &VolumeFacts, overview: Option<&Overview>) {
         let mode = self.mode.map(Mode::from).or((!self.iso.is_empty()).then_some(Mode::Iso));
         let has_surfaces = !self.surface.is_empty() && scene.mode.is_none_or(|mode| mode == Mode::Dvr);
-        let is_volume = has_surfaces || (self.gradient_opacity.is_some() && scene.mode.is_none());
+        let is_volume = has_surfaces || ((self.gradient_opacity.is_some() || self.cut_normals) && scene.mode.is_none());
         let mode = mode.or(is_volume.then_some(Mode::Dvr));
         let Some(mode) = mode else { return };
         // Uses the look of the kind, including its lighting, if it has this mode.
@@ -465,6 +479,8 @@ impl LookArguments {
     }
 
     fn remove_shading(&self, scene: &mut Scene) -> Result<(), Failure> {
+        // Without light, no face of a cut is lit.
+        scene.cut_normals = false;
         match scene.shading.replace(None) {
             Some(Some(_)) => Ok(()),
             _ => Err(Failure::Command("--unlit changes nothing: this picture has no lighting".into())),

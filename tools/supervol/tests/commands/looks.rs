@@ -410,6 +410,51 @@ fn gradients_are_counted_and_choose_what_shows() {
     assert!(said.contains("--backend") && said.contains("gradient"), "{said}");
 }
 
+/// A cut through noise is even by its own normal: seen head on, the default light gives `0.3 + 0.7` of a colour, and highlights of 0.2.
+#[test]
+fn cut_normals_light_the_faces_of_cuts() {
+    let noise = |[x, y, z]: [usize; 3]| 100 + (x * 7919 + y * 104_729 + z * 1_299_709 + x * y * z * 31) as u8 % 60;
+    let folder = Folder::with_bytes([16, 16, 16], noise);
+    let cut = ["--clip", "0,-1,0,-8", "--cut-normals"];
+    let scene = folder.scene(&cut);
+    assert!(scene["cut_normals"] == true && scene["mode"] == "dvr" && scene["shading"]["ambient"] == 0.3, "{scene}");
+    assert!(folder.scene(&cut[..2]).get("cut_normals").is_none());
+    let spread = |options: &[&str]| {
+        let look = [
+            "--kind",
+            "micro-ct",
+            "--mode",
+            "dvr",
+            "--tf",
+            "0:#808080:1,255:#808080:1",
+            "--camera",
+            "back",
+            "--zoom",
+            "3",
+        ];
+        let _ = std::fs::remove_file(folder.path("p.npy"));
+        let picture = folder.picture(&[&look[..], options].concat());
+        let reds: Vec<f32> = picture.chunks_exact(4).filter(|p| p[3] > 0.99).map(|p| p[0]).collect();
+        assert!(reds.len() > 100, "{} pixels show", reds.len());
+        let ends = reds.iter().fold([f32::INFINITY, 0.0], |[low, high], &red| [low.min(red), high.max(red)]);
+        [255.0 * ends[0], 255.0 * ends[1]]
+    };
+    let ([low, high], [dark, bright]) = (spread(&cut), spread(&cut[..2]));
+    // Grey 128 of 255, and 0.2; the camera is in front, so that rays meet the face at up to some degrees.
+    assert!(high <= 128.0 + 51.0 + 1.0 && low > 165.0, "{low} to {high}");
+    assert!(dark < 120.0 && bright > dark + 30.0, "{dark} to {bright}");
+    let refused = |options: &[&str], words: &[&str]| {
+        let said = folder.expect(2, &[&["render", "v.svol", "-o", "x.png", "--cut-normals"], options].concat());
+        assert!(words.iter().all(|word| said.contains(word)), "{said}");
+    };
+    refused(&[], &["--cut-normals", "--clip or --crop"]);
+    refused(&["--mode", "mip", "--clip", "1,0,0,5"], &["cut_normals", "mode `dvr`", "found mode `mip`"]);
+    refused(&["--iso", "120", "--clip", "1,0,0,5"], &["--iso", "--cut-normals"]);
+    refused(&["--unlit", "--clip", "1,0,0,5"], &["--unlit", "--cut-normals"]);
+    refused(&["--slice", "k=4"], &["--cut-normals", "face on"]);
+    refused(&["--backend", "gpu", "--clip", "1,0,0,5"], &["--backend", "cut_normals"]);
+}
+
 #[test]
 fn the_usual_surface_of_a_kind_is_taken_where_its_value_occurs() {
     let bytes = Folder::with_bytes([8, 8, 8], |[x, _, _]| if x < 4 { 5 } else { 150 });

@@ -1,6 +1,6 @@
 //! Controls of clip planes and solids: adding, editing as numbers, removing. Handles in the picture do the same.
 
-use eframe::egui::{DragValue, Ui};
+use eframe::egui::{Checkbox, DragValue, Ui};
 use supervol_scene::clip::solids::Keep;
 use supervol_scene::scene::{PlaneSpec, SolidSpec};
 
@@ -45,6 +45,12 @@ pub(super) fn controls(viewer: &mut Viewer, ui: &mut Ui) {
         Some(Err(why)) => viewer.message = Some(Message::Failure(why)),
         None => {}
     }
+    let words = "Lights cut faces by the cut, not by the data behind them: smooth where data are noisy (--cut-normals). It needs \
+                 light, and a semi-transparent or opaque volume";
+    let may_be_lit = viewer.scene.may_light_cuts();
+    ui.add_enabled(may_be_lit, Checkbox::new(&mut viewer.scene.cut_normals, "Light cut faces evenly"))
+        .on_hover_text(words)
+        .on_disabled_hover_text(words);
     let speed = edit::stage(opened.facts()).diagonal / STEPS;
     let (mut plane_gone, mut solid_gone) = (None, None);
     for (i, plane) in viewer.scene.clip.planes.iter_mut().enumerate() {

@@ -40,6 +40,7 @@ struct Look {
     transfer_function: Option<TransferFunctionSpec>,
     shading: Option<Option<ShadingSpec>>,
     gradient_opacity: Option<[f64; 2]>,
+    cut_normals: bool,
     iso: Vec<IsoSpec>,
     samples_per_pixel: Option<u32>,
 }
@@ -53,18 +54,30 @@ impl PanelState {
 
     /// The scene in another mode, with the mode's last look or its default look.
     pub(crate) fn switched(&mut self, scene: &Scene, opened: &OpenVolume, mode: Mode) -> Scene {
-        let Scene { transfer_function, shading, gradient_opacity, iso, samples_per_pixel, .. } = scene.clone();
+        let Scene { transfer_function, shading, gradient_opacity, cut_normals, iso, samples_per_pixel, .. } =
+            scene.clone();
         let now = scene.mode.unwrap_or_default();
         self.left.retain(|(left, _)| *left != now);
-        self.left.push((now, Look { transfer_function, shading, gradient_opacity, iso, samples_per_pixel }));
+        let left = Look { transfer_function, shading, gradient_opacity, cut_normals, iso, samples_per_pixel };
+        self.left.push((now, left));
         self.chosen = None;
         let slices = slices_in_mode(&mut self.kept_slices, opened.facts(), (now, &scene.slices), mode);
         let scene = Scene { slices, ..scene.clone() };
         let mut shown = match self.left.iter().find(|(left, _)| *left == mode) {
             Some((_, look)) => {
-                let Look { transfer_function, shading, gradient_opacity, iso, samples_per_pixel } = look.clone();
+                let Look { transfer_function, shading, gradient_opacity, cut_normals, iso, samples_per_pixel } =
+                    look.clone();
                 let mode = Some(mode);
-                Scene { mode, transfer_function, shading, gradient_opacity, iso, samples_per_pixel, ..scene }
+                Scene {
+                    mode,
+                    transfer_function,
+                    shading,
+                    gradient_opacity,
+                    cut_normals,
+                    iso,
+                    samples_per_pixel,
+                    ..scene
+                }
             }
             None => Scene { slices: scene.slices.clone(), ..edit::with_mode(&scene, opened, mode) },
         };

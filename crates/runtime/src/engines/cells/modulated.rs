@@ -1,4 +1,5 @@
-//! One trilinear cell with opacity by the gradient, in `f64`, with a proven bound (docs/bounds.md, section 12).
+//! One trilinear cell with opacity by the gradient, or lit by the normal of a cut face in front of it: in `f64`, with a proven bound
+//! (docs/bounds.md, section 12).
 //!
 //! Along a chord the field and each component of the gradient are cubics. The chord is cut where extinction or light may have a
 //! kink or a step. On a part, all functions between field and light are polynomials with a bound on the rest
@@ -8,11 +9,13 @@
 use std::sync::Arc;
 
 use glam::{DMat3, DVec3};
+use supervol_scene::clip::faces::{CutFace, CutNormals};
 use supervol_scene::scene::GradientOpacity;
 use supervol_scene::transfer_function::{ALPHA_LIMIT, Intervals, TransferFunction};
 
 use super::cell::{Real, cubic_at, cubic_of_cell, monotone_intervals};
 use super::exact::{add_crossings, present};
+use super::modes::ShadeSetup;
 use super::polynomials::Model;
 use super::shade::Lighting;
 use super::shown_cells::ShownCells;
@@ -32,11 +35,13 @@ const PARTS_LIMIT: u64 = 4000;
 /// Halvings in the search for a place at which the gradient has a length.
 const ROOT_HALVINGS: u32 = 34;
 
-/// Opacity by the gradient, for all rays of a frame.
+/// Opacity by the gradient and light by the normals of cuts, for all rays of a frame.
 #[derive(Debug, Clone)]
 pub struct Modulation {
-    /// The ramp.
-    pub ramp: GradientOpacity,
+    /// The ramp of opacity by the gradient; without one, the whole extinction counts.
+    pub ramp: Option<GradientOpacity>,
+    /// Cuts whose faces are lit by their own normals.
+    pub cuts: Option<CutNormals>,
     /// The transfer function, over data values.
     intervals: Arc<Intervals>,
     /// Values at which extinction or colour bends or steps, ascending.
@@ -44,9 +49,12 @@ pub struct Modulation {
 }
 
 impl Modulation {
-    /// The ramp, with a transfer function over data values.
+    /// Ramp and cuts, with a transfer function over data values; `None` without either.
     #[must_use]
-    pub fn new(ramp: GradientOpacity, function: &TransferFunction) -> Self {
+    pub fn of(ramp: Option<GradientOpacity>, cuts: Option<&CutNormals>, function: &TransferFunction) -> Option<Self> {
+        if ramp.is_none() && cuts.is_none() {
+            return None;
+        }
         let points = function.points();
         let mut knots: Vec<f64> = points.iter().map(|point| point.value).collect();
         for pair in points.windows(2) {
@@ -58,12 +66,19 @@ impl Modulation {
         }
         knots.sort_by(f64::total_cmp);
         knots.dedup();
-        Self { ramp, intervals: Arc::new(Intervals::new(function)), knots: knots.into() }
+        let intervals = Arc::new(Intervals::new(function));
+        Some(Self { ramp, cuts: cuts.cloned(), intervals, knots: knots.into() })
     }
 
     /// Whether a field between these values may show, if the gradient is nowhere longer than the root of this square.
     pub(super) fn shows(&self, [low, high]: [f64; 2], greatest_square: f64) -> bool {
-        greatest_square > self.ramp.from * self.ramp.from && self.intervals.extent(low, high).high[3] > 0.0
+        self.ramp.is_none_or(|ramp| greatest_square > ramp.from * ramp.from)
+            && self.intervals.extent(low, high).high[3] > 0.0
+    }
+
+    /// Factor of extinction for a gradient of this squared length.
+    fn factor(&self, square: f64) -> f64 {
+        self.ramp.map_or(1.0, |ramp| ramp.factor(square.max(0.0).sqrt()))
     }
 }
 
@@ -104,14 +119,16 @@ impl Seen {
     }
 }
 
-/// A brick, with opacity by the gradient.
+/// A brick whose cells are integrated in `f64`.
 #[derive(Debug)]
 pub(crate) struct ModulatedBrick<'a> {
     pub(crate) modulation: &'a Modulation,
     /// World gradient from central differences at the brick's level.
     pub(crate) world_from_level: DMat3,
-    /// Cells that may show something.
-    pub(crate) shown: &'a ShownCells,
+    /// Cells that may show something, if that is known of all of them.
+    pub(crate) shown: Option<&'a ShownCells>,
+    /// The cut face in front of the ray's part.
+    pub(crate) face: Option<CutFace>,
 }
 
 impl ModulatedBrick<'_> {
@@ -141,16 +158,15 @@ impl ModulatedBrick<'_> {
     ) -> Seen {
         let (mut seen, front) = (Seen::CLEAR, budget.weight);
         visit.for_each_macro_cell(t, |index, place, t| {
-            if !self.shown.has_macro_cell(place) {
+            if self.shown.is_some_and(|shown| !shown.has_macro_cell(place)) {
                 counters.macro_cells_skipped += 1;
                 return true;
             }
             counters.macro_cells += 1;
             visit.for_each_cell(index, t, |cell, t| {
-                if self.shown.has_cell(visit.place_of_cell(cell)) {
+                if self.may_show(visit, voxels, cell) {
                     counters.cells += 1;
-                    let part = (self.modulation, &self.world_from_level);
-                    if let Some(chord) = ModulatedChord::new(visit, part, voxels, (cell, t)) {
+                    if let Some(chord) = ModulatedChord::new(visit, self, voxels, (cell, t)) {
                         budget.weight = front * (seen.transmittance + seen.error).min(1.0);
                         let (of_cell, spent) = chord.seen(budget, &mut counters.samples);
                         budget.left -= spent;
@@ -163,55 +179,132 @@ impl ModulatedBrick<'_> {
         });
         seen
     }
+
+    /// Whether a cell may show something. That is exact, whether cells are skipped or not.
+    fn may_show<T: StoredVoxel>(&self, visit: &BrickVisit<'_>, voxels: &[T], cell: [i64; 3]) -> bool {
+        if let Some(shown) = self.shown {
+            return shown.has_cell(visit.place_of_cell(cell));
+        }
+        let present = visit.data_corners(voxels, visit.base(cell)).into_iter().filter(|value| !value.is_nan());
+        let [low, high] = present.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], s| [a.min(s), b.max(s)]);
+        low <= high && self.modulation.intervals.extent(low, high).high[3] > 0.0
+    }
 }
 
 /// A chord, and everything that its light depends on.
-pub(super) struct ModulatedChord<'a> {
+pub(crate) struct ModulatedChord<'a> {
     modulation: &'a Modulation,
     lighting: Option<&'a Lighting>,
     /// Unit vectors to each light and half way from it to the eye, and its intensity.
     lights: Vec<(DVec3, DVec3, f64)>,
     /// Data values.
     value: [Real; 4],
-    /// World gradient, axis by axis.
-    gradient: [[Real; 4]; 3],
+    /// World gradient, axis by axis; `None` where it is unknown, or vanishes everywhere.
+    gradient: Option<[[Real; 4]; 3]>,
+    /// Light by the cut face in front, if that lights some of the chord.
+    face: Option<LightOfFace>,
     /// World length.
     length: f64,
 }
 
+/// Light by the normal of a cut face, along a chord.
+#[derive(Debug, Clone, Copy)]
+struct LightOfFace {
+    /// Factor of a colour, and the highlights that are added.
+    diffuse: f64,
+    specular: f64,
+    /// Its weight, before it is limited to [0, 1]: linear, and falling.
+    weight: [Real; 4],
+}
+
+impl LightOfFace {
+    /// Places at which the weight has a kink.
+    fn kinks(&self) -> impl Iterator<Item = f64> {
+        let [begin, rise, ..] = self.weight;
+        [1.0, 0.0].into_iter().map(move |level| (level - begin) / rise).filter(|u| 0.0 < *u && *u < 1.0)
+    }
+
+    /// Whether this light alone counts on all of the chord.
+    fn is_alone(&self) -> bool {
+        self.weight[0] + self.weight[1] >= 1.0
+    }
+}
+
 impl<'a> ModulatedChord<'a> {
-    /// The chord of a ray through a cell; `None` beside a hole, where the gradient is unknown and counts as none.
+    /// The chord of a ray through a cell; `None` if nothing shows there. Beside a hole the gradient is unknown, and counts as none.
     pub(super) fn new<T: StoredVoxel>(
         visit: &BrickVisit<'a>,
-        (modulation, world_from_level): (&'a Modulation, &DMat3),
+        brick: &ModulatedBrick<'a>,
         voxels: &[T],
         (index, [t0, t1]): ([i64; 3], [f64; 2]),
     ) -> Option<Self> {
+        let world_from_level = &brick.world_from_level;
         let level = &visit.level;
         let [a, b] = [t0, t1].map(|t| visit.cell_planes.fractions(level.axis_ray, t, index));
         let base = visit.base(index);
         let corners_at = |base: usize| visit.data_corners(voxels, base);
         let value = cubic_of_cell(&present(corners_at(base), a, b)?, a, b);
-        let [x, y, z] = visit.steps().map(|step| {
-            let [after, before] = [base + step, base - step].map(corners_at);
-            let differences = std::array::from_fn(|i| 0.5 * (after[i] - before[i]));
-            Some(cubic_of_cell(&present(differences, a, b)?, a, b))
-        });
-        let (x, y, z) = (x?, y?, z?);
-        let of_power = |k: usize| (*world_from_level * DVec3::new(x[k], y[k], z[k])).to_array();
-        let powers = [0, 1, 2, 3].map(of_power);
-        let gradient = [0, 1, 2].map(|axis| powers.map(|power| power[axis]));
-        let lighting = level.setup.lighting;
-        let to_eye = level.setup.to_eye.as_dvec3();
+        let gradient = || {
+            let [x, y, z] = visit.steps().map(|step| {
+                let [after, before] = [base + step, base - step].map(corners_at);
+                let differences = std::array::from_fn(|i| 0.5 * (after[i] - before[i]));
+                Some(cubic_of_cell(&present(differences, a, b)?, a, b))
+            });
+            let (x, y, z) = (x?, y?, z?);
+            let of_power = |k: usize| (*world_from_level * DVec3::new(x[k], y[k], z[k])).to_array();
+            let powers = [0, 1, 2, 3].map(of_power);
+            Some([0, 1, 2].map(|axis| powers.map(|power| power[axis])))
+        };
+        let gradient = gradient();
+        if gradient.is_none() && brick.modulation.ramp.is_some() {
+            return None;
+        }
+        let chord = Self::of(brick.modulation, &level.setup, value, ([t0, t1], brick.face));
+        Some(Self { gradient, ..chord })
+    }
+
+    /// A part of a ray in which the field has one value.
+    pub(crate) fn even(
+        modulation: &'a Modulation,
+        setup: &ShadeSetup<'a>,
+        value: f64,
+        t_and_face: ([f64; 2], Option<CutFace>),
+    ) -> Self {
+        Self::of(modulation, setup, [value, 0.0, 0.0, 0.0], t_and_face)
+    }
+
+    /// The chord between two lengths, of which no gradient is known, behind a cut face.
+    fn of(
+        modulation: &'a Modulation,
+        setup: &ShadeSetup<'a>,
+        value: [Real; 4],
+        ([t0, t1], face): ([f64; 2], Option<CutFace>),
+    ) -> Self {
+        let lighting = setup.lighting;
+        let to_eye = setup.to_eye.as_dvec3();
         let lights = lighting.iter().flat_map(|lighting| &lighting.lights).map(|&(to_light, intensity)| {
             let to_light = to_light.as_dvec3();
             (to_light, (to_light + to_eye).normalize_or_zero(), f64::from(intensity))
         });
-        Some(Self { modulation, lighting, lights: lights.collect(), value, gradient, length: t1 - t0 })
+        let lights: Vec<_> = lights.collect();
+        let by_face = |(lighting, face): (&Lighting, CutFace)| {
+            let [full, none] = modulation.cuts.as_ref()?.depths;
+            let of_lights = |factor: f32, of: &dyn Fn(DVec3, DVec3) -> f64| {
+                f64::from(factor) * lights.iter().map(|&(to_light, half, i)| i * of(to_light, half)).sum::<f64>()
+            };
+            let diffuse = of_lights(lighting.diffuse, &|to_light, _| face.normal.dot(to_light).abs());
+            let shininess = f64::from(lighting.shininess);
+            let specular = of_lights(lighting.specular, &|_, half| face.normal.dot(half).abs().powf(shininess));
+            let begin = (none - (t0 - face.t)) / (none - full);
+            let weight = [begin, -(t1 - t0) / (none - full), 0.0, 0.0];
+            (begin > 0.0).then_some(LightOfFace { diffuse: f64::from(lighting.ambient) + diffuse, specular, weight })
+        };
+        let face = lighting.zip(face).and_then(by_face);
+        Self { modulation, lighting, lights, value, gradient: None, face, length: t1 - t0 }
     }
 
     /// Light of the whole chord, and what it takes of the ray's reserve. Counts parts.
-    pub(super) fn seen(&self, budget: &CellBudget, parts: &mut u64) -> (Seen, f64) {
+    pub(crate) fn seen(&self, budget: &CellBudget, parts: &mut u64) -> (Seen, f64) {
         let cuts = self.cuts();
         let last = *parts + PARTS_LIMIT;
         let mut gathered = Gathered { budget, seen: Seen::CLEAR, spent: 0.0, parts, last };
@@ -235,48 +328,18 @@ impl<'a> ModulatedChord<'a> {
         let mut cuts = vec![0.0, 1.0];
         let beside = crossings.iter().flat_map(|u| [u - BESIDE_CROSSING, u + BESIDE_CROSSING]);
         cuts.extend(beside.filter(|u| 0.0 < *u && *u < 1.0));
-        for direction in self.lights.iter().flat_map(|&(to_light, half, _)| [to_light, half]) {
-            let along = self.gradient_along(direction);
-            add_crossings(&mut cuts, &along, monotone_intervals(&along).as_slice(), 0.0);
-        }
-        cuts.sort_by(f64::total_cmp);
-        self.add_kinks_of_ramp(&mut cuts);
-        cuts
-    }
-
-    /// Adds places at which the gradient's length passes an end of the ramp, as far as the ends and the middles of parts tell.
-    fn add_kinks_of_ramp(&self, cuts: &mut Vec<f64>) {
-        let GradientOpacity { from, to } = self.modulation.ramp;
-        let places: Vec<f64> =
-            cuts.windows(2).flat_map(|part| [part[0], 0.5 * (part[0] + part[1])]).chain([1.0]).collect();
-        let squares: Vec<f64> = places.iter().map(|&u| self.gradient_at(u).length_squared()).collect();
-        let before = cuts.len();
-        for i in 1..places.len() {
-            for level in [from * from, to * to] {
-                let side = squares[i - 1] >= level;
-                if side != (squares[i] >= level) {
-                    let (mut low, mut high) = (places[i - 1], places[i]);
-                    for _ in 0..ROOT_HALVINGS {
-                        let middle = 0.5 * (low + high);
-                        let is_before = (self.gradient_at(middle).length_squared() >= level) == side;
-                        (low, high) = if is_before { (middle, high) } else { (low, middle) };
-                    }
-                    cuts.push(high);
-                }
+        if let Some(gradient) = self.gradient.as_ref().filter(|_| !self.face.is_some_and(|face| face.is_alone())) {
+            for direction in self.lights.iter().flat_map(|&(to_light, half, _)| [to_light, half]) {
+                let along = std::array::from_fn(|k| (0..3).map(|axis| direction[axis] * gradient[axis][k]).sum());
+                add_crossings(&mut cuts, &along, monotone_intervals(&along).as_slice(), 0.0);
             }
         }
-        if cuts.len() > before {
-            cuts.sort_by(f64::total_cmp);
+        cuts.extend(self.face.iter().flat_map(LightOfFace::kinks));
+        cuts.sort_by(f64::total_cmp);
+        if let (Some(ramp), Some(gradient)) = (self.modulation.ramp, &self.gradient) {
+            add_kinks_of_ramp(ramp, gradient, &mut cuts);
         }
-    }
-
-    fn gradient_at(&self, u: f64) -> DVec3 {
-        DVec3::from_array([0, 1, 2].map(|axis| cubic_at(&self.gradient[axis], u)))
-    }
-
-    /// The gradient's part along a vector.
-    fn gradient_along(&self, direction: DVec3) -> [Real; 4] {
-        std::array::from_fn(|k| (0..3).map(|axis| direction[axis] * self.gradient[axis][k]).sum())
+        cuts
     }
 
     /// Adds a part, in halves where it is off by more than it may be.
@@ -296,20 +359,23 @@ impl<'a> ModulatedChord<'a> {
     /// Light of a part: by polynomials, or by ranges where these are not known, or where they bound it better.
     fn part(&self, part: [f64; 2]) -> Seen {
         let value = Model::of_cubic(&self.value, part);
-        let gradient = [0, 1, 2].map(|axis| Model::of_cubic(&self.gradient[axis], part));
-        let square = Model::squared_length(&gradient);
-        let squares = square.range();
-        let GradientOpacity { from, to } = self.modulation.ramp;
-        if squares[1] <= from * from {
-            return Seen::CLEAR;
-        }
-        let factor = if squares[0] >= to * to {
-            Some(Model::constant(1.0))
-        } else {
-            square.power(0.5).map(|length| length.plus(-from).scaled(1.0 / (to - from)).clamped())
+        let gradient = self.gradient.map(|gradient| {
+            let gradient = [0, 1, 2].map(|axis| Model::of_cubic(&gradient[axis], part));
+            let square = Model::squared_length(&gradient);
+            (gradient, square)
+        });
+        let squares = gradient.as_ref().map_or([0.0; 2], |(_, square)| square.range());
+        let factor = match (self.modulation.ramp, &gradient) {
+            (None, _) => Some(Model::constant(1.0)),
+            (Some(GradientOpacity { from, .. }), _) if squares[1] <= from * from => return Seen::CLEAR,
+            (Some(GradientOpacity { to, .. }), _) if squares[0] >= to * to => Some(Model::constant(1.0)),
+            (Some(GradientOpacity { from, to }), Some((_, square))) => {
+                square.power(0.5).map(|length| length.plus(-from).scaled(1.0 / (to - from)).clamped())
+            }
+            (Some(_), None) => None,
         };
         let length = self.length * (part[1] - part[0]);
-        let by_models = factor.and_then(|factor| self.by_models(&value, (&gradient, &square), &factor, length));
+        let by_models = factor.and_then(|factor| self.by_models(&value, (gradient.as_ref(), part), &factor, length));
         match by_models {
             Some(found) if found.error.is_finite() => found,
             _ => self.by_ranges(value.range(), squares, length),
@@ -321,7 +387,7 @@ impl<'a> ModulatedChord<'a> {
     fn by_models(
         &self,
         value: &Model,
-        (gradient, square): (&[Model; 3], &Model),
+        (gradient, part): (Option<&([Model; 3], Model)>, [f64; 2]),
         factor: &Model,
         length: f64,
     ) -> Option<Seen> {
@@ -330,7 +396,7 @@ impl<'a> ModulatedChord<'a> {
         if extinction == Model::ZERO {
             return Some(Seen::CLEAR);
         }
-        let colors = self.lit(colors, gradient, square)?;
+        let colors = self.lit(colors, gradient, part)?;
         // v runs over twice the part.
         let half = 0.5 * length;
         let passing = extinction.integral(half).passing();
@@ -382,12 +448,28 @@ impl<'a> ModulatedChord<'a> {
         Some((alpha.depth_of_opacity()?.scaled(1.0 / function.unit_distance()), colors))
     }
 
-    /// Colours after shading (RENDERING-MODEL, section 5).
-    fn lit(&self, colors: [Model; 3], gradient: &[Model; 3], square: &Model) -> Option<[Model; 3]> {
-        let Some(lighting) = self.lighting else { return Some(colors) };
+    /// Colours after shading (RENDERING-MODEL, section 5) on a part of the chord.
+    fn lit(&self, colors: [Model; 3], gradient: Option<&([Model; 3], Model)>, part: [f64; 2]) -> Option<[Model; 3]> {
+        let Some(LightOfFace { diffuse, specular, weight }) = self.face else {
+            return self.lit_by_gradient(colors, gradient);
+        };
+        let by_face = colors.map(|color| color.scaled(diffuse).plus(specular).clamped());
+        let weight = Model::of_cubic(&weight, part).clamped();
+        if weight.terms == Model::constant(1.0).terms {
+            // No light is farther from another than 1.
+            return Some(by_face.map(|light| Model { rest: light.rest + weight.rest, ..light }));
+        }
+        let rest = weight.scaled(-1.0).plus(1.0);
+        let by_gradient = self.lit_by_gradient(colors, gradient)?;
+        Some([0, 1, 2].map(|c| weight.times(&by_face[c]).and(&rest.times(&by_gradient[c]))))
+    }
+
+    /// Colours after shading by the gradient. Where that is unknown, they are unshaded.
+    fn lit_by_gradient(&self, colors: [Model; 3], gradient: Option<&([Model; 3], Model)>) -> Option<[Model; 3]> {
+        let (Some(lighting), Some((gradient, square))) = (self.lighting, gradient) else { return Some(colors) };
         let floor = f64::from(lighting.gradient_floor).powi(2);
         let squares = square.range();
-        if squares[1] < floor {
+        if squares[1] < floor || squares[1] == 0.0 {
             return Some(colors);
         }
         if squares[0] < floor {
@@ -412,9 +494,8 @@ impl<'a> ModulatedChord<'a> {
     fn by_ranges(&self, [low, high]: [f64; 2], squares: [f64; 2], length: f64) -> Seen {
         let extent = self.modulation.intervals.extent(low, high);
         let function = self.modulation.intervals.function();
-        let factor = |square: f64| self.modulation.ramp.factor(square.max(0.0).sqrt());
-        let least = factor(squares[0]) * function.kappa(extent.low[3]);
-        let most = factor(squares[1]) * function.kappa(extent.high[3]);
+        let least = self.modulation.factor(squares[0]) * function.kappa(extent.low[3]);
+        let most = self.modulation.factor(squares[1]) * function.kappa(extent.high[3]);
         let passing = [most, least].map(|kappa| (-kappa * length).exp());
         let opacity = passing.map(|passing| 1.0 - passing);
         let mut error: f64 = 0.0;
@@ -426,6 +507,31 @@ impl<'a> ModulatedChord<'a> {
         });
         let off = 0.5 * (passing[1] - passing[0]);
         Seen { color: color.into(), transmittance: 0.5 * (passing[0] + passing[1]), error: error + off }
+    }
+}
+
+/// Adds places at which the gradient's length passes an end of the ramp, as far as the ends and the middles of parts tell.
+fn add_kinks_of_ramp(GradientOpacity { from, to }: GradientOpacity, gradient: &[[Real; 4]; 3], cuts: &mut Vec<f64>) {
+    let square_at = |u: f64| gradient.iter().map(|component| cubic_at(component, u).powi(2)).sum::<f64>();
+    let places: Vec<f64> = cuts.windows(2).flat_map(|part| [part[0], 0.5 * (part[0] + part[1])]).chain([1.0]).collect();
+    let squares: Vec<f64> = places.iter().map(|&u| square_at(u)).collect();
+    let before = cuts.len();
+    for i in 1..places.len() {
+        for level in [from * from, to * to] {
+            let side = squares[i - 1] >= level;
+            if side != (squares[i] >= level) {
+                let (mut low, mut high) = (places[i - 1], places[i]);
+                for _ in 0..ROOT_HALVINGS {
+                    let middle = 0.5 * (low + high);
+                    let is_before = (square_at(middle) >= level) == side;
+                    (low, high) = if is_before { (middle, high) } else { (low, middle) };
+                }
+                cuts.push(high);
+            }
+        }
+    }
+    if cuts.len() > before {
+        cuts.sort_by(f64::total_cmp);
     }
 }
 

@@ -65,7 +65,7 @@ pub struct FeedbackPlaces {
 /// The configuration of scene and volume. [`Config::stride`] is that of the view, [`Config::work_limit`] the adapter's.
 ///
 /// # Errors
-/// [`GpuError::Scene`] for a mode that this backend does not draw, and for opacity by the gradient.
+/// [`GpuError::Scene`] for a mode that this backend does not draw, for opacity by the gradient and for normals of cuts.
 pub fn config(
     volume: &GpuVolume<'_>,
     scene: &ResolvedScene,
@@ -76,6 +76,9 @@ pub fn config(
 ) -> Result<Config, GpuError> {
     if scene.gradient_opacity.is_some() {
         return Err(GpuError::Scene { reason: "opacity by the gradient is not available".to_owned() });
+    }
+    if scene.cut_normals.is_some() {
+        return Err(GpuError::Scene { reason: "light by the normals of cuts is not available".to_owned() });
     }
     let core = volume.pyramid.layout().core();
     let Exactness { skipping, max_error, sums_errors } = options;

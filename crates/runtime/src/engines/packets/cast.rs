@@ -9,7 +9,6 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
-use supervol_format::Lod;
 use supervol_format::cast::narrow;
 use supervol_scene::clip::Segment;
 
@@ -105,7 +104,7 @@ fn begin_tile(frame: &PacketFrame, corner: [u32; 2], tile: &Tile, rays: &mut Til
     }
     let PacketTables { pixel_rays, to_index, set, .. } = tables;
     let corner = [corner[0], frame.scene.rows.start + corner[1]];
-    let dims = frame.scene.pyramid.level_at(Lod::FINEST).dims;
+    let dims = frame.scene.finest_dims();
     dispatch(*set, MakeRays { pixel_rays, to_index, clip: &frame.scene.clip, dims, corner, rays });
     if let Some(gathered) = waiting {
         rays.gathered.t = gathered.t;

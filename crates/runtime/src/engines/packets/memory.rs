@@ -33,7 +33,11 @@ pub fn bytes_held(core: usize, rule: PacketRule) -> EngineBytes {
         group_side: TILE_SIDE,
         group: (size_of::<Tile>() + gathered + size_of::<BlockFeedback>()) as u64,
         // A tile that is about to wait exists twice for a moment.
-        thread: (size_of::<TileRays>() + PartsAhead::MOST_BYTES + size_of::<Queues>() + gathered) as u64
+        thread: (size_of::<TileRays>()
+            + TileRays::MOST_BYTES_OF_FACES
+            + PartsAhead::MOST_BYTES
+            + size_of::<Queues>()
+            + gathered) as u64
             + MAKING * made_of_brick,
         made_of_brick,
         of_ray: 0,

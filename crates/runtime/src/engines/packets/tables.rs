@@ -232,7 +232,7 @@ impl PacketTables {
         (key, ahead): (BrickKey, [AxisDirection; 3]),
         brick: &DecodedBrick,
     ) -> BrickPlan {
-        if let Some(modulation) = &scene.modulation {
+        if let Some(modulation) = scene.modulation.as_ref().filter(|modulation| modulation.ramp.is_some()) {
             let gradient = scene.world_from_level_gradient(key.lod());
             return self.plan_of(scene, ahead, brick, ShownCells::new(modulation, &gradient, &scene.map, brick));
         }

@@ -10,6 +10,7 @@
 use supervol_format::BrickKey;
 use supervol_format::cast::{narrow, single};
 use supervol_format::space::HALF_VOXEL;
+use supervol_scene::clip::faces::CutFace;
 use supervol_scene::clip::{IndexRay, Segment};
 
 use super::noted::{LevelErrors, TileWork};
@@ -109,6 +110,8 @@ pub struct TileRays {
     has_starts: bool,
     /// Parts of the rays that solids leave.
     pub(super) ahead: PartsAhead,
+    /// The cut face in front of each ray's part; empty if none lights anything.
+    faces: Vec<Option<CutFace>>,
     /// Rays that meet the current brick.
     hits: [u16; TILE_RAYS],
     hit_count: usize,
@@ -162,6 +165,9 @@ fn extremes(numbers: &PerRay, stop: &PerRay) -> [f64; 2] {
 }
 
 impl TileRays {
+    /// Most bytes of cut faces, which it holds beside itself.
+    pub(super) const MOST_BYTES_OF_FACES: usize = TILE_RAYS * size_of::<Option<CutFace>>();
+
     /// A tile without rays.
     #[must_use]
     pub fn new() -> Self {
@@ -191,6 +197,7 @@ impl TileRays {
             start: [0.0; TILE_RAYS],
             has_starts: false,
             ahead: PartsAhead::default(),
+            faces: Vec::new(),
             hits: [0; TILE_RAYS],
             hit_count: 0,
             going: 0,
@@ -201,6 +208,7 @@ impl TileRays {
 
     /// Removes all rays; those that follow have this error budget.
     pub fn clear(&mut self, budget: f32) {
+        self.faces.clear();
         self.gathered.left.fill(f64::from(budget));
         self.stop.fill(f64::NEG_INFINITY);
         self.ahead.clear();
@@ -390,6 +398,19 @@ impl TileRays {
     #[must_use]
     pub fn interval(&self, ray: u16) -> [f64; 2] {
         [self.entry[usize::from(ray)], self.exit[usize::from(ray)]]
+    }
+
+    /// Sets the cut faces of the rays that go on, by their number and the end of their part.
+    pub(super) fn set_faces(&mut self, of_ray: impl Fn(usize, f64) -> Option<CutFace>) {
+        self.faces.resize(TILE_RAYS, None);
+        for (ray, (face, &stop)) in self.faces.iter_mut().zip(&self.stop).enumerate() {
+            *face = if stop > f64::NEG_INFINITY { of_ray(ray, stop) } else { None };
+        }
+    }
+
+    /// The cut face in front of a ray's part, if it lights something.
+    pub(super) fn face(&self, ray: u16) -> Option<CutFace> {
+        self.faces.get(usize::from(ray)).copied().flatten()
     }
 
     /// Replaces the rays found by [`TileRays::enter`].

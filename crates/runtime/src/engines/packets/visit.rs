@@ -43,6 +43,7 @@ impl CastTile<'_> {
     /// Casts the rays as far as resident bricks allow. At a stop, each ray waits for its next brick and keeps its
     /// result. At least one brick is visited before.
     pub(super) fn run(mut self) {
+        self.find_faces();
         let mut has_come_some_way = false;
         let pyramid = &self.frame.scene.pyramid;
         let mut stack = vec![BrickKey::new(pyramid.coarsest(), BrickIndex([0; 3]))];
@@ -160,15 +161,25 @@ impl CastTile<'_> {
         })
     }
 
+    /// The container's own value of a brick that has one render value, which is rounded.
+    fn unrounded_of_uniform(&self, key: BrickKey) -> Option<f64> {
+        let map = &self.frame.scene.map;
+        let known = if map.is_rounded { self.view.entry(key) } else { None };
+        known.map(|known| map.data_of_container(known.entry.range.min))
+    }
+
+    /// Data value of a brick that has one render value.
+    fn data_value_of_uniform(&self, key: BrickKey, value: f32) -> f64 {
+        self.unrounded_of_uniform(key).unwrap_or_else(|| self.frame.scene.map.to_data(value))
+    }
+
     /// Extinction and emission of a brick that has one render value. If that is rounded, the container's own value decides on which side
     /// of a step it lies.
     fn channels_of_uniform(&self, key: BrickKey, value: f32) -> [f32; CHANNELS] {
-        let scene = &self.frame.scene;
-        let known = if scene.map.is_rounded { self.view.entry(key) } else { None };
-        match known {
-            Some(known) => {
-                let transfer_function = &scene.data_transfer_function;
-                let (color, alpha) = transfer_function.classify(scene.map.data_of_container(known.entry.range.min));
+        match self.unrounded_of_uniform(key) {
+            Some(value) => {
+                let transfer_function = &self.frame.scene.data_transfer_function;
+                let (color, alpha) = transfer_function.classify(value);
                 let kappa = transfer_function.kappa(alpha);
                 [kappa, kappa * color[0], kappa * color[1], kappa * color[2]].map(single)
             }
@@ -178,9 +189,12 @@ impl CastTile<'_> {
 
     /// All rays see one value all the way.
     fn cast_uniform(&mut self, key: BrickKey, value: f32) {
-        // Where all is even there is no gradient: nothing shows.
-        if self.frame.scene.modulation.is_some() {
-            return;
+        if let Some(modulation) = &self.frame.scene.modulation {
+            // Where all is even there is no gradient: with opacity by the gradient, nothing shows.
+            if modulation.ramp.is_some() {
+                return;
+            }
+            self.cast_uniform_behind_faces(key, self.data_value_of_uniform(key, value), modulation);
         }
         let [kappa, emission @ ..] = self.channels_of_uniform(key, value);
         if kappa <= 0.0 {
@@ -213,6 +227,13 @@ impl CastTile<'_> {
 
     fn cast_brick(&mut self, key: BrickKey, brick: &DecodedBrick) {
         let (frame, tables) = (self.frame, self.tables);
+        let of_cuts = frame.scene.modulation.as_ref().filter(|modulation| modulation.ramp.is_none());
+        if let Some(modulation) = of_cuts {
+            self.cast_behind_faces((key, brick), modulation);
+            if self.rays.hits().is_empty() {
+                return;
+            }
+        }
         let plan = tables.plan(&frame.scene, key, brick);
         if plan.cloud.is_empty() && frame.scene.skipping == Skipping::On {
             self.feedback.counters.macro_cells_skipped += self.rays.hits().len() as u64;

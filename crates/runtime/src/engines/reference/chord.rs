@@ -6,12 +6,14 @@
 //!
 //! With opacity by the gradient, the squared length of the gradient is a polynomial of degree 6. Extinction has kinks where it
 //! passes the squared ends of the ramp, and may turn sharply where it is least. All these places are found, and cut the chord.
+//! Behind a cut face that is lit by its own normal, both lights are mixed, by a weight that is linear between two more cuts.
 
 use std::ops::{Add, Mul, Sub};
 
 use glam::{BVec3, DMat3, DVec3};
 use supervol_format::cast::whole;
 use supervol_scene::clip::IndexRay;
+use supervol_scene::clip::faces::{CutFace, CutNormals};
 use supervol_scene::scene::{GradientOpacity, Shading};
 use supervol_scene::transfer_function::{ALPHA_LIMIT, TransferFunction};
 
@@ -138,6 +140,7 @@ pub(super) struct ChordScene<'a> {
     pub(super) transfer_function: &'a TransferFunction,
     pub(super) shading: Option<&'a Shading>,
     gradient_opacity: Option<GradientOpacity>,
+    cut_normals: Option<&'a CutNormals>,
     pub(super) world_from_index_gradient: DMat3,
     pub(super) gradient_floor: f64,
     /// Values at which the transfer function bends or steps, ascending.
@@ -148,7 +151,7 @@ impl<'a> ChordScene<'a> {
     pub(super) fn new(
         transfer_function: &'a TransferFunction,
         shading: Option<&'a Shading>,
-        gradient_opacity: Option<GradientOpacity>,
+        (gradient_opacity, cut_normals): (Option<GradientOpacity>, Option<&'a CutNormals>),
         (world_from_index_gradient, gradient_floor): (DMat3, f64),
     ) -> Self {
         let points = transfer_function.points();
@@ -161,7 +164,15 @@ impl<'a> ChordScene<'a> {
             }
         }
         kinks.sort_by(f64::total_cmp);
-        Self { transfer_function, shading, gradient_opacity, world_from_index_gradient, gradient_floor, kinks }
+        Self {
+            transfer_function,
+            shading,
+            gradient_opacity,
+            cut_normals,
+            world_from_index_gradient,
+            gradient_floor,
+            kinks,
+        }
     }
 }
 
@@ -171,17 +182,42 @@ pub(super) struct Chord<'a> {
     value: Cubic<f64>,
     /// World gradient; `None`: unknown, or of no use.
     gradient: Option<Cubic<DVec3>>,
+    /// The cut face in front of the chord, if it lights some of it.
+    face: Option<FaceInFront<'a>>,
     to_eye: DVec3,
     length: f64,
 }
 
+/// A cut face in front of a chord.
+struct FaceInFront<'a> {
+    cuts: &'a CutNormals,
+    normal: DVec3,
+    /// Length from the face to the chord's middle.
+    behind: f64,
+    /// Length of the chord.
+    length: f64,
+}
+
+impl FaceInFront<'_> {
+    /// Weight of the light by the face's normal.
+    fn weight(&self, v: f64) -> f64 {
+        self.cuts.weight(self.behind + v * self.length)
+    }
+
+    /// Places at which the weight has a kink.
+    fn kinks(&self) -> impl Iterator<Item = f64> {
+        let place = |depth: f64| (depth - self.behind) / self.length;
+        self.cuts.depths.map(place).into_iter().filter(|v| ENDS[0] < *v && *v < ENDS[1])
+    }
+}
+
 impl<'a> Chord<'a> {
-    /// The chord from t0 to t1, which lies in one cell; `None` if the field is absent there. `direction` is the ray's
-    /// unit vector.
+    /// The chord from t0 to t1, which lies in one cell, behind this cut face; `None` if the field is absent there. `direction`
+    /// is the ray's unit vector.
     pub(super) fn new(
         volume: &ReferenceVolume,
         scene: &'a ChordScene<'a>,
-        ray: &IndexRay,
+        (ray, face): (&IndexRay, Option<CutFace>),
         direction: DVec3,
         [t0, t1]: [f64; 2],
     ) -> Option<Self> {
@@ -211,7 +247,13 @@ impl<'a> Chord<'a> {
         };
         let needs_gradient = scene.shading.is_some() || scene.gradient_opacity.is_some();
         let gradient = if needs_gradient { gradient() } else { None };
-        Some(Self { scene, value, gradient, to_eye: -direction, length: t1 - t0 })
+        let length = t1 - t0;
+        let face = scene.cut_normals.zip(face).map(|(cuts, face)| {
+            let behind = 0.5 * (t0 + t1) - face.t;
+            FaceInFront { cuts, normal: face.normal, behind, length }
+        });
+        let face = face.filter(|face| face.weight(ENDS[0]) > 0.0);
+        Some(Self { scene, value, gradient, face, to_eye: -direction, length })
     }
 
     /// Places at which light has a kink or a step, and both ends, ascending: crossings of s with control points,
@@ -234,7 +276,11 @@ impl<'a> Chord<'a> {
                     along.add_roots(&along.monotone_ends(), 0.0, &mut cuts);
                 }
             }
-            self.add_limits(shading, gradient, &mut cuts);
+            add_limits(|v| self.unlimited(shading, gradient, v), shading, &mut cuts);
+        }
+        if let (Some(shading), Some(face)) = (self.scene.shading, &self.face) {
+            add_limits(|v| self.unlimited_by_face(shading, face, v), shading, &mut cuts);
+            cuts.extend(face.kinks());
         }
         if let (Some(ramp), Some(gradient)) = (self.scene.gradient_opacity, &self.gradient) {
             let square = squared_length(gradient);
@@ -248,27 +294,16 @@ impl<'a> Chord<'a> {
         cuts
     }
 
-    /// Adds places at which a channel reaches 1, where it is cut off. Two of them near each other may be missed:
-    /// [`Light::hidden`] sees these.
-    fn add_limits(&self, shading: &Shading, gradient: &Cubic<DVec3>, cuts: &mut Vec<f64>) {
-        if brightest(shading) <= 1.0 {
-            return;
-        }
-        let is_limited = |v: f64| self.unlimited(shading, gradient, v).cmpge(DVec3::ONE);
-        let place = |i: usize| ENDS[0] + (ENDS[1] - ENDS[0]) * i as f64 / LIMIT_SAMPLES as f64;
-        let found: [BVec3; LIMIT_SAMPLES + 1] = std::array::from_fn(|i| is_limited(place(i)));
-        for (i, pair) in found.windows(2).enumerate() {
-            for channel in (0..3).filter(|channel| pair[0].test(*channel) != pair[1].test(*channel)) {
-                let before = pair[0].test(channel);
-                cuts.push(bisect(place(i), place(i + 1), |v| is_limited(v).test(channel) == before));
-            }
-        }
-    }
-
     /// Colour after shading, not cut off at 1.
     fn unlimited(&self, shading: &Shading, gradient: &Cubic<DVec3>, v: f64) -> DVec3 {
         let color = self.scene.transfer_function.classify(self.value.at(v)).0.into();
         self.lit(shading, gradient, color, v)
+    }
+
+    /// The same by the normal of the face in front.
+    fn unlimited_by_face(&self, shading: &Shading, face: &FaceInFront<'_>, v: f64) -> DVec3 {
+        let color = self.scene.transfer_function.classify(self.value.at(v)).0.into();
+        unlimited_light(shading, color, face.normal, 0.0, self.to_eye)
     }
 
     /// Factor of extinction by the gradient. An unknown gradient counts as none.
@@ -292,22 +327,6 @@ impl<'a> Chord<'a> {
         let floor = self.scene.gradient_floor;
         long + away >= floor && (long - away < floor || 2.0 * away > most * (long - away))
     }
-
-    /// Greatest part of the light that a channel may lose, or keep, at 1 between samples: a parabola with its top
-    /// between two of five places exceeds them by less than a quarter of their range.
-    fn hidden_limit(&self, shading: &Shading, gradient: &Cubic<DVec3>, [begin, end]: [f64; 2]) -> f64 {
-        let place = |i: usize| begin + (end - begin) * i as f64 / (HIDDEN_SAMPLES - 1) as f64;
-        let found: [DVec3; HIDDEN_SAMPLES] = std::array::from_fn(|i| self.unlimited(shading, gradient, place(i)));
-        let low = found.iter().copied().fold(DVec3::INFINITY, DVec3::min);
-        let high = found.iter().copied().fold(DVec3::NEG_INFINITY, DVec3::max);
-        let beyond = HIDDEN_SHARE * (high - low);
-        let hidden = |channel: usize| {
-            let [low, high, beyond] = [low, high, beyond].map(|of| of[channel]);
-            let is_near = high <= 1.0 && high + beyond > 1.0 || low >= 1.0 && low - beyond < 1.0;
-            if is_near { beyond } else { 0.0 }
-        };
-        hidden(0).max(hidden(1)).max(hidden(2))
-    }
 }
 
 impl Light for Chord<'_> {
@@ -317,26 +336,76 @@ impl Light for Chord<'_> {
         if alpha == 0.0 || share == 0.0 {
             return (0.0, DVec3::ZERO);
         }
-        let color = match (self.scene.shading, &self.gradient) {
-            (Some(shading), Some(gradient)) => self.lit(shading, gradient, color.into(), v).min(DVec3::ONE),
-            _ => color.into(),
+        let color = DVec3::from(color);
+        let by_gradient = || match (self.scene.shading, &self.gradient) {
+            (Some(shading), Some(gradient)) => self.lit(shading, gradient, color, v).min(DVec3::ONE),
+            _ => color,
+        };
+        let color = match (self.scene.shading, &self.face) {
+            (Some(shading), Some(face)) => {
+                let by_face = unlimited_light(shading, color, face.normal, 0.0, self.to_eye).min(DVec3::ONE);
+                let weight = face.weight(v);
+                weight * by_face + (1.0 - weight) * by_gradient()
+            }
+            _ => by_gradient(),
         };
         (share * self.scene.transfer_function.kappa(alpha), color)
     }
 
     fn hidden(&self, interval: [f64; 2]) -> f64 {
-        match (self.scene.shading, &self.gradient) {
-            (Some(shading), Some(gradient)) if self.turns_far(shading, gradient, interval) => 1.0,
-            (Some(shading), Some(gradient)) if brightest(shading) > 1.0 => {
-                self.hidden_limit(shading, gradient, interval)
-            }
-            _ => 0.0,
+        let Some(shading) = self.scene.shading else { return 0.0 };
+        let face = self.face.as_ref();
+        let by_face =
+            face.map_or(0.0, |face| hidden_limit(|v| self.unlimited_by_face(shading, face, v), shading, interval));
+        // The weight falls along the ray.
+        let is_all_by_face = face.is_some_and(|face| face.weight(interval[1]) >= 1.0);
+        match &self.gradient {
+            Some(_) if is_all_by_face => by_face,
+            Some(gradient) if self.turns_far(shading, gradient, interval) => 1.0,
+            Some(gradient) => by_face.max(hidden_limit(|v| self.unlimited(shading, gradient, v), shading, interval)),
+            None => by_face,
         }
     }
 
     fn scale(&self) -> f64 {
         self.length
     }
+}
+
+/// Adds places at which a channel of some light reaches 1, where it is cut off. Two of them near each other may be missed:
+/// [`Light::hidden`] sees these.
+fn add_limits(unlimited: impl Fn(f64) -> DVec3, shading: &Shading, cuts: &mut Vec<f64>) {
+    if brightest(shading) <= 1.0 {
+        return;
+    }
+    let is_limited = |v: f64| unlimited(v).cmpge(DVec3::ONE);
+    let place = |i: usize| ENDS[0] + (ENDS[1] - ENDS[0]) * i as f64 / LIMIT_SAMPLES as f64;
+    let found: [BVec3; LIMIT_SAMPLES + 1] = std::array::from_fn(|i| is_limited(place(i)));
+    for (i, pair) in found.windows(2).enumerate() {
+        for channel in (0..3).filter(|channel| pair[0].test(*channel) != pair[1].test(*channel)) {
+            let before = pair[0].test(channel);
+            cuts.push(bisect(place(i), place(i + 1), |v| is_limited(v).test(channel) == before));
+        }
+    }
+}
+
+/// Greatest part of some light that a channel may lose, or keep, at 1 between samples: a parabola with its top
+/// between two of five places exceeds them by less than a quarter of their range.
+fn hidden_limit(unlimited: impl Fn(f64) -> DVec3, shading: &Shading, [begin, end]: [f64; 2]) -> f64 {
+    if brightest(shading) <= 1.0 {
+        return 0.0;
+    }
+    let place = |i: usize| begin + (end - begin) * i as f64 / (HIDDEN_SAMPLES - 1) as f64;
+    let found: [DVec3; HIDDEN_SAMPLES] = std::array::from_fn(|i| unlimited(place(i)));
+    let low = found.iter().copied().fold(DVec3::INFINITY, DVec3::min);
+    let high = found.iter().copied().fold(DVec3::NEG_INFINITY, DVec3::max);
+    let beyond = HIDDEN_SHARE * (high - low);
+    let hidden = |channel: usize| {
+        let [low, high, beyond] = [low, high, beyond].map(|of| of[channel]);
+        let is_near = high <= 1.0 && high + beyond > 1.0 || low >= 1.0 && low - beyond < 1.0;
+        if is_near { beyond } else { 0.0 }
+    };
+    hidden(0).max(hidden(1)).max(hidden(2))
 }
 
 /// Greatest light of a channel before it is cut off.

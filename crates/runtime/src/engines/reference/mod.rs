@@ -24,6 +24,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 use supervol_format::cast::{narrow, single, whole};
 use supervol_format::{Dims, Geometry, ValueRange};
+use supervol_scene::clip::faces::CutFace;
 use supervol_scene::clip::{IndexRay, ROUNDED_LENGTH, Segment, ToIndex, clip_parts, clip_ray};
 use supervol_scene::image::Image;
 use supervol_scene::scene::{Mode, ResolvedScene, Shading};
@@ -183,12 +184,19 @@ struct Pieces {
     ray: IndexRay,
     direction: DVec3,
     pieces: Vec<[f64; 2]>,
+    /// Cut faces that light what is behind them, front to back.
+    faces: Vec<CutFace>,
 }
 
 impl Pieces {
     /// World length of all pieces.
     fn length(&self) -> f64 {
         self.pieces.iter().map(|end| end[1] - end[0]).sum()
+    }
+
+    /// The cut face behind which a piece lies.
+    fn face_before(&self, [t0, t1]: [f64; 2]) -> Option<CutFace> {
+        self.faces.iter().rev().find(|face| face.t < 0.5 * (t0 + t1)).copied()
     }
 
     /// The pieces that are longer than the rounding of their ends.
@@ -206,8 +214,8 @@ impl<'a> Frame<'a> {
         let floor = (GRADIENT_FLOOR * range.width()).max(ROUNDING * largest);
         let gradient_floor = floor / volume.geometry.smallest_spacing();
         let to_world = (volume.geometry.world_from_index_gradient(), gradient_floor);
-        let chords =
-            ChordScene::new(&scene.transfer_function, scene.shading.as_ref(), scene.gradient_opacity, to_world);
+        let optional = (scene.gradient_opacity, scene.cut_normals.as_ref());
+        let chords = ChordScene::new(&scene.transfer_function, scene.shading.as_ref(), optional, to_world);
         let filtered = scene.slices.iter().map(|slice| filtered(volume, scene, slice)).collect();
         let capped_pieces = AtomicU64::new(0);
         Self { volume, scene, chords, rule: GaussRule::new(), capped_pieces, filtered }
@@ -220,7 +228,8 @@ impl<'a> Frame<'a> {
         let Some(segment) = clip_ray(&ray, &index_ray, dims, &self.scene.clip) else { return [0.0; 4] };
         let parts = clip_parts(&ray, &index_ray, dims, &self.scene.clip);
         let pieces = parts.into_iter().flat_map(|part| pieces_of(&index_ray, part)).collect();
-        let whole = Pieces { ray: index_ray, direction: ray.direction, pieces };
+        let faces = self.scene.cut_normals.as_ref().map(|cuts| cuts.faces(&ray, &index_ray, dims));
+        let whole = Pieces { ray: index_ray, direction: ray.direction, pieces, faces: faces.unwrap_or_default() };
         if self.scene.slices.is_empty() {
             return self.gathered(&whole);
         }
@@ -243,7 +252,7 @@ impl<'a> Frame<'a> {
     fn between(&self, whole: &Pieces, t0: f64, t1: f64) -> (DVec3, f64) {
         let inner = whole.pieces.iter().map(|piece| [piece[0].max(t0), piece[1].min(t1)]);
         let pieces = inner.filter(|piece| piece[0] < piece[1]).collect();
-        let [r, g, b, alpha] = self.gathered(&Pieces { ray: whole.ray, direction: whole.direction, pieces });
+        let [r, g, b, alpha] = self.gathered(&Pieces { pieces, faces: whole.faces.clone(), ..*whole });
         (DVec3::new(r, g, b), 1.0 - alpha)
     }
 
@@ -305,7 +314,8 @@ impl<'a> Frame<'a> {
     /// Premultiplied colour and transmittance of a piece, or of a part of it, behind this transmittance. It may be off by
     /// `per_length` times its length.
     fn integrated(&self, pieces: &Pieces, [t0, t1]: [f64; 2], per_length: f64, front: f64) -> Seen {
-        let chord = Chord::new(self.volume, &self.chords, &pieces.ray, pieces.direction, [t0, t1]);
+        let along = (&pieces.ray, pieces.face_before([t0, t1]));
+        let chord = Chord::new(self.volume, &self.chords, along, pieces.direction, [t0, t1]);
         let Some(chord) = chord else { return CLEAR };
         let capped = || {
             self.capped_pieces.fetch_add(1, Ordering::Relaxed);

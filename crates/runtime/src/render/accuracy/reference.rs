@@ -8,6 +8,7 @@ use supervol_format::level_reader::LevelReader;
 use supervol_format::space::HALF_VOXEL;
 use supervol_format::{Container, Geometry, Level, Lod, ValueRange};
 use supervol_scene::clip::Clip;
+use supervol_scene::clip::faces::CutNormals;
 use supervol_scene::scene::ResolvedScene;
 use supervol_scene::units::InUnits;
 
@@ -69,5 +70,7 @@ pub fn scene_of_level(container: &Container, lod: Lod, scene: &ResolvedScene) ->
     let [low, high] = scene.clip.index_box.unwrap_or(domain);
     let kept = [std::array::from_fn(|a| low[a].max(domain[0][a])), std::array::from_fn(|a| high[a].min(domain[1][a]))];
     let index_box = Some(kept.map(|corner| level.from_level_0(corner)));
-    ResolvedScene { clip: Clip { index_box, ..scene.clip.clone() }, ..scene.clone() }
+    let in_level = |clip: &Clip| Clip { index_box, ..clip.clone() };
+    let cut_normals = scene.cut_normals.as_ref().map(|cuts| CutNormals { clip: in_level(&cuts.clip), ..cuts.clone() });
+    ResolvedScene { clip: in_level(&scene.clip), cut_normals, ..scene.clone() }
 }

@@ -160,7 +160,8 @@ impl Chosen {
         match self {
             Self::Cpu { no_gpu_because } => stats.no_gpu_because.clone_from(no_gpu_because),
             Self::Gpu { .. } if stats.backend == "cpu" => {
-                let drawn = "sections (mode slice) and opacity by the gradient are drawn by the processor";
+                let drawn = "sections (mode slice), opacity by the gradient and light by the normals of cuts are drawn by the \
+                             processor";
                 stats.no_gpu_because = Some(drawn.to_owned());
             }
             Self::Gpu { device, .. } => stats.adapter_is_software = device.backend.device().is_software(),
@@ -171,7 +172,7 @@ impl Chosen {
 
 /// Whether a device can draw a scene of another mode than `slice`.
 pub(super) fn suits_device(scene: &ResolvedScene) -> bool {
-    scene.gradient_opacity.is_none()
+    scene.gradient_opacity.is_none() && scene.cut_normals.is_none()
 }
 
 /// Checks that the backend has the engine that the options choose, for this scene.
@@ -185,11 +186,16 @@ pub(super) fn check(scene: &ResolvedScene, options: &RenderOptions) -> Result<()
     {
         return Err(RenderError::Method { backend, mode: mode_name(scene.mode) });
     }
-    if !options.caster.is_default() && scene.gradient_opacity.is_some() {
-        return Err(RenderError::Method { backend, mode: "dvr with gradient_opacity" });
-    }
-    if backend == Backend::Gpu && !suits_device(scene) {
-        return Err(RenderError::GradientsOnGpu);
+    for (is_asked, mode, on_device) in [
+        (scene.gradient_opacity.is_some(), "dvr with gradient_opacity", RenderError::GradientsOnGpu),
+        (scene.cut_normals.is_some(), "dvr with cut_normals", RenderError::CutNormalsOnGpu),
+    ] {
+        if is_asked && !options.caster.is_default() {
+            return Err(RenderError::Method { backend, mode });
+        }
+        if is_asked && backend == Backend::Gpu {
+            return Err(on_device);
+        }
     }
     if backend == Backend::Gpu && scene.mode == Mode::Slice {
         return Err(RenderError::SlicesOnGpu);

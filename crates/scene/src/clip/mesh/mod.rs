@@ -114,10 +114,27 @@ impl ClosedMesh {
     /// The t at which the line `origin + t * direction` crosses the mesh, ascending. Their number is always even.
     #[must_use]
     pub fn crossings(&self, origin: DVec3, direction: DVec3) -> Vec<f64> {
+        let mut found: Vec<f64> = Vec::new();
+        self.cross(origin, direction, |t, _| found.push(t));
+        found.sort_by(f64::total_cmp);
+        debug_assert!(found.len().is_multiple_of(2), "{} crossings of a closed mesh", found.len());
+        found
+    }
+
+    /// The same t, each with the unit normal of the triangle that is crossed; zero if that has no area.
+    #[must_use]
+    pub fn faces(&self, origin: DVec3, direction: DVec3) -> Vec<(f64, DVec3)> {
+        let mut found = Vec::new();
+        self.cross(origin, direction, |t, [a, b, c]| found.push((t, (b - a).cross(c - a).normalize_or_zero())));
+        found.sort_by(|a, b| a.0.total_cmp(&b.0));
+        found
+    }
+
+    /// Calls `found` for every triangle that a line crosses, with t and its corners, in no order.
+    fn cross(&self, origin: DVec3, direction: DVec3, mut found: impl FnMut(f64, [DVec3; 3])) {
         // Start near the mesh's middle, so that a distant eye costs no precision.
         let start = (self.middle - origin).dot(direction) / direction.length_squared();
-        let Some(line) = Line::new(origin + start * direction, direction) else { return Vec::new() };
-        let mut found = Vec::new();
+        let Some(line) = Line::new(origin + start * direction, direction) else { return };
         let mut stack = vec![0];
         while let Some(node) = stack.pop() {
             let node = &self.nodes[node as usize];
@@ -128,12 +145,13 @@ impl ClosedMesh {
             if node.count == 0 {
                 stack.extend([node.first, node.first + 1]);
             }
-            let triangles = &self.triangles[first..first + node.count as usize];
-            found.extend(triangles.iter().filter_map(|t| line.crossing(self.corners(*t))).map(|t| start + t));
+            for triangle in &self.triangles[first..first + node.count as usize] {
+                let corners = self.corners(*triangle);
+                if let Some(t) = line.crossing(corners) {
+                    found(start + t, corners);
+                }
+            }
         }
-        found.sort_by(f64::total_cmp);
-        debug_assert!(found.len().is_multiple_of(2), "{} crossings of a closed mesh", found.len());
-        found
     }
 
     /// Whether a triangle may reach into the box between two corners. The answer `false` is certain.
