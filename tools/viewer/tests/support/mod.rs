@@ -26,10 +26,11 @@ use supervol_viewer::worker::{Export, Settings};
 
 /// Longer than any step takes, even on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(120);
-/// Size of the window unless a test says otherwise: the smallest, so that pictures take little time.
-pub const WINDOW: [f32; 2] = [800.0, 500.0];
-/// Size of a window in which the status takes one line, so that the picture keeps its size whatever is told.
-pub const WIDE: [f32; 2] = [1280.0, 500.0];
+/// Size of the window unless a test says otherwise: low, so that pictures take little time, and so wide that the status takes
+/// one line: another line would make the picture lower at some moment.
+pub const WINDOW: [f32; 2] = [1280.0, 500.0];
+/// Size of the smallest window.
+pub const SMALL: [f32; 2] = [800.0, 500.0];
 /// Size of a usual window.
 pub const ROOMY: [f32; 2] = [1280.0, 800.0];
 /// Environment variable with a folder for screenshots.
@@ -130,6 +131,11 @@ impl Session {
         Self::with(name, edges, scene, (WINDOW, 1.0), settings)
     }
 
+    /// As [`Self::in_bricks`], in the smallest window, so that many pictures take little time.
+    pub fn small_in_bricks(name: &str, edges: [u64; 2], scene: Scene, settings: Settings) -> Self {
+        Self::with(name, edges, scene, (SMALL, 1.0), settings)
+    }
+
     /// A window of another size and scale, with render settings.
     pub fn in_window(name: &str, window: ([f32; 2], f32), settings: Settings) -> Self {
         Self::new(name, window.0, window.1, settings)
@@ -197,13 +203,17 @@ impl Session {
         }
     }
 
-    /// Runs frames until the wanted picture has converged.
+    /// Runs frames until the wanted picture has converged and keeps its size, now that it is told so.
     pub fn rest(&mut self) {
         self.frames(3);
-        self.until("the picture has converged", |session| {
-            session.viewer().is_idle() && session.viewer().opened().is_some()
-        });
-        self.frames(2);
+        let is_done = |session: &Self| session.viewer().is_idle() && session.viewer().opened().is_some();
+        loop {
+            self.until("the picture has converged", is_done);
+            self.frames(2);
+            if is_done(self) {
+                break;
+            }
+        }
         if self.first == Scene::default() {
             self.first = self.viewer().scene().clone();
         }

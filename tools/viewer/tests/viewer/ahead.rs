@@ -26,7 +26,7 @@ fn from_within() -> Scene {
 }
 
 fn session() -> Session {
-    Session::in_bricks("marschner-lobb", [EDGE, u64::from(BRICK)], from_within(), Settings::default())
+    Session::small_in_bricks("marschner-lobb", [EDGE, u64::from(BRICK)], from_within(), Settings::default())
 }
 
 #[test]

@@ -13,7 +13,7 @@ use supervol_sources::open::OpenOptions;
 use supervol_viewer::worker::{Message, Settings};
 
 use crate::support;
-use support::{ROOMY, Session, WIDE, npy_of};
+use support::{ROOMY, Session, npy_of};
 
 /// Voxels along each edge: the build takes long enough to press a button.
 const EDGE: usize = 320;
@@ -263,7 +263,7 @@ fn a_large_volume_is_looked_at_while_it_is_built() {
 
 #[test]
 fn an_untouched_preview_becomes_the_default_picture_and_a_cancelled_one_stays() {
-    let mut session = Session::sized("sphere", WIDE, 1.0);
+    let mut session = Session::of("sphere");
     session.rest();
     let file = large(session.folder.path());
     session.harness.state_mut().open(&file);

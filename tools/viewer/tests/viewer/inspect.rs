@@ -10,7 +10,7 @@ use supervol_scene::slices::{Interpolation, SliceSpec};
 use supervol_viewer::worker::{Export, Message, Settings};
 
 use crate::support;
-use support::{Fault, Session, WIDE};
+use support::{Fault, Session};
 
 fn session() -> Session {
     let settings = Settings { threads: Some(2), ..Settings::default() };
@@ -60,7 +60,6 @@ fn errors_are_those_that_render_writes() {
 #[test]
 fn work_is_what_render_writes() {
     let mut session = session();
-    session.harness.set_size(WIDE.into());
     session.rest();
     let plain = session.pixels();
     session.click("work");

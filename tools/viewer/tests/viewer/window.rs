@@ -14,7 +14,7 @@ use supervol_scene::slices::filter::{FilterKind, FilterSpec};
 use supervol_viewer::command::{BINDINGS, Command};
 use supervol_viewer::worker::{Message, Settings};
 
-use support::{ROOMY, Session, WINDOW, headless};
+use support::{ROOMY, SMALL, Session, headless};
 
 #[test]
 fn a_container_is_shown_as_render_draws_it() {
@@ -281,7 +281,7 @@ fn a_source_file_is_built_into_the_cache_once() {
 
 #[test]
 fn every_panel_fits_at_its_least_and_at_scale_2() {
-    for (name, size, scale) in [("1280x800", ROOMY, 1.0), ("scale2", ROOMY, 2.0), ("small", WINDOW, 1.0)] {
+    for (name, size, scale) in [("1280x800", ROOMY, 1.0), ("scale2", ROOMY, 2.0), ("small", SMALL, 1.0)] {
         let mut session = Session::sized("vessels", size, scale);
         session.rest();
         let window = eframe::egui::Rect::from_min_size(Pos2::ZERO, size.into());
