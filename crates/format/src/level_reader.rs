@@ -189,7 +189,7 @@ impl<'a> LevelReader<'a> {
                     let key = |x: u64| BrickKey::new(self.lod, BrickIndex([x, y, z].map(axis_number)));
                     let keys: Vec<BrickKey> = part.iter().map(|&x| key(x)).collect();
                     for (key, brick) in keys.iter().zip(&self.bricks(&keys)?) {
-                        self.runs_of(*key, brick, voxels, &mut take);
+                        self.runs_of((*key, brick), pyramid.core_box(*key).intersect(voxels), voxels, &mut take);
                     }
                 }
             }
@@ -217,7 +217,31 @@ impl<'a> LevelReader<'a> {
         }
     }
 
-    fn brick(&self, key: BrickKey) -> Result<StoredBrick, ContainerError> {
+    /// Fills `out` as [`Self::read_box`] does, but only from these bricks and their aprons. Fewer bricks are decoded than for
+    /// a box whose rim lies in neighbours. Where several bricks hold a voxel, the last one's is taken.
+    ///
+    /// # Errors
+    /// If a brick cannot be read or decoded.
+    ///
+    /// # Panics
+    /// If the length of `out` is not that of the box.
+    pub fn read_box_of(&self, keys: &[BrickKey], voxels: VoxelBox, out: &mut [u8]) -> Result<(), ContainerError> {
+        let Descriptor { voxel_type, pyramid, .. } = self.store.descriptor();
+        let (size, dims) = (voxel_type.bytes(), pyramid.level_at(self.lod).dims);
+        assert_eq!(out.len(), voxels.voxels() * size, "box {voxels:?}");
+        for &key in keys {
+            let held = pyramid.core_box(key).grown(APRON as u64, dims).intersect(voxels);
+            let mut copy = |at: usize, run: &[u8]| out[at * size..][..run.len()].copy_from_slice(run);
+            self.runs_of((key, &self.brick(key)?), held, voxels, &mut copy);
+        }
+        Ok(())
+    }
+
+    /// A decoded brick of this level, with its apron.
+    ///
+    /// # Errors
+    /// If it cannot be read or decoded.
+    pub fn brick(&self, key: BrickKey) -> Result<StoredBrick, ContainerError> {
         let lock = || self.kept.lock().unwrap_or_else(PoisonError::into_inner);
         let spare = {
             let mut kept = lock();
@@ -231,16 +255,20 @@ impl<'a> LevelReader<'a> {
         Ok(brick)
     }
 
-    /// Passes the part of the brick's core that lies in the box to `take`.
-    fn runs_of(&self, key: BrickKey, brick: &[u8], voxels: VoxelBox, take: &mut impl FnMut(usize, &[u8])) {
-        let descriptor = self.store.descriptor();
-        let size = descriptor.voxel_type.bytes();
-        let core = descriptor.pyramid.core_box(key);
-        let stored = descriptor.pyramid.stored_extent(key);
-        let part = core.intersect(voxels);
+    /// Passes a part of the box that the brick holds to `take`.
+    fn runs_of(
+        &self,
+        (key, brick): (BrickKey, &[u8]),
+        part: VoxelBox,
+        voxels: VoxelBox,
+        take: &mut impl FnMut(usize, &[u8]),
+    ) {
+        let Descriptor { voxel_type, pyramid, .. } = self.store.descriptor();
+        let size = voxel_type.bytes();
+        let (core, stored) = (pyramid.core_box(key), pyramid.stored_extent(key));
         let [nx, ny, nz] = part.extent();
         let extent = voxels.extent();
-        let from: [usize; 3] = std::array::from_fn(|a| cast::index(part.start[a] - core.start[a]) + APRON);
+        let from: [usize; 3] = std::array::from_fn(|a| cast::index(part.start[a] + APRON as u64 - core.start[a]));
         let to: [usize; 3] = std::array::from_fn(|a| cast::index(part.start[a] - voxels.start[a]));
         for z in 0..nz {
             for y in 0..ny {

@@ -29,13 +29,13 @@ use supervol_format::container::header::Descriptor;
 use supervol_format::container::toc::BrickEntry;
 use supervol_format::container::validate::{check_brick, check_coverage};
 use supervol_format::level_reader::LevelReader;
-use supervol_format::{BrickKey, Container, Level, Lod, VoxelBox};
+use supervol_format::{BrickKey, Container, Level, Lod, Pyramid, VoxelBox};
 
 use crate::error::{BuildError, MemoryPurpose};
 use crate::pipeline::encode::cut::cut_brick;
 use crate::pipeline::plan::memory::left_for_data;
 use crate::pipeline::record::manifest::{reduce_of, steps_of};
-use crate::pipeline::reduce::downsample::{Reduce, VoxelBlock, downsample, finer_box};
+use crate::pipeline::reduce::downsample::{Reduce, VoxelBlock, downsample, finer_box, rows_of};
 use crate::pipeline::reduce::error_bound::{Beneath, step_error};
 use crate::pipeline::reduce::quantizer_of;
 use crate::statistics::{Form, Statistics, Values, finite};
@@ -236,18 +236,51 @@ impl Verification<'_> {
         let level = pyramid.level_at(key.lod());
         let size = container.descriptor().voxel_type.bytes();
         let around = pyramid.core_box(key).grown(APRON, level.dims);
-        let mut voxels = vec![0; around.voxels() * size];
-        own.read_box(around, &mut voxels).map_err(wrong)?;
+        let voxels = in_grid(pyramid, key, size, &stored);
         let checked = Checked { path, container, key, entry, around, voxels };
         checked.check_apron(&stored)?;
+        for next in next_bricks(pyramid, key) {
+            let found = own.brick(next).map_err(wrong)?;
+            checked.check_shared(next, &found)?;
+        }
         let Some(finer) = finer else { return checked.check_moved() };
-        let fine_box = finer_box(around, level.factors, pyramid.level_at(Lod(key.lod().0 - 1)).dims);
+        // A coarse voxel beyond the core, for the errors: as far as the children's aprons reach. These were checked with
+        // their level.
+        let grown = pyramid.core_box(key).grown(1, level.dims);
+        let fine_box = finer_box(grown, level.factors, pyramid.level_at(Lod(key.lod().0 - 1)).dims);
+        let children: Vec<BrickKey> = pyramid.children(key).collect();
         let mut fine = vec![0; fine_box.voxels() * size];
-        finer.read_box(fine_box, &mut fine).map_err(wrong)?;
+        finer.read_box_of(&children, fine_box, &mut fine).map_err(wrong)?;
         let fine = VoxelBlock { voxels: fine_box, bytes: &fine };
         checked.check_reduced(coarser, fine)?;
         checked.check_error(fine)
     }
+}
+
+/// The voxels of a stored brick that lie in the grid, packed.
+fn in_grid(pyramid: &Pyramid, key: BrickKey, size: usize, stored: &[u8]) -> Vec<u8> {
+    let core = pyramid.core_box(key);
+    let around = core.grown(APRON, pyramid.level_at(key.lod()).dims);
+    let first = std::array::from_fn(|a| index(around.start[a] + APRON - core.start[a]));
+    let mut voxels = Vec::with_capacity(around.voxels() * size);
+    rows_of(stored, pyramid.stored_extent(key), (first, around.extent()), size)
+        .for_each(|row| voxels.extend_from_slice(row));
+    voxels
+}
+
+/// The first bytes in which two rows differ.
+fn first_difference(a: &[u8], b: &[u8]) -> (u8, u8) {
+    a.iter().copied().zip(b.iter().copied()).find(|(a, b)| a != b).unwrap_or_default()
+}
+
+/// The bricks behind this one along each axis, as far as there are some.
+fn next_bricks(pyramid: &Pyramid, key: BrickKey) -> impl Iterator<Item = BrickKey> {
+    let grid = pyramid.level_at(key.lod()).bricks;
+    (0..3).filter_map(move |axis| {
+        let mut next = key.brick();
+        next.0[axis] += 1;
+        (next.0[axis] < grid[axis]).then(|| BrickKey::new(key.lod(), next))
+    })
 }
 
 /// A brick, and the voxels around it.
@@ -270,7 +303,7 @@ impl Checked<'_> {
         VoxelBlock { voxels: self.around, bytes: &self.voxels }
     }
 
-    /// Rule 4: the apron holds the voxels that the neighbours own.
+    /// Rule 4 beyond the grid: the apron repeats the nearest voxels.
     fn check_apron(&self, stored: &[u8]) -> Result<(), BuildError> {
         let size = self.container.descriptor().voxel_type.bytes();
         let expected = cut_brick(self.container.pyramid(), self.key, size, self.block());
@@ -278,6 +311,24 @@ impl Checked<'_> {
             Some(at) => Err(self.broken("apron", format!("{} at byte {at}", expected[at]), stored[at].to_string())),
             None => Ok(()),
         }
+    }
+
+    /// Rule 4 in the grid: this brick and the next one along an axis hold the same voxels where their boxes overlap.
+    ///
+    /// It suffices for all neighbours. A voxel of an apron that lies outside the core along n axes is in the box of the next
+    /// brick along one of them, outside of whose core it lies along n - 1 axes. The last one of these bricks owns it.
+    fn check_shared(&self, next: BrickKey, stored: &[u8]) -> Result<(), BuildError> {
+        let pyramid = self.container.pyramid();
+        let size = self.container.descriptor().voxel_type.bytes();
+        let core = pyramid.core_box(next);
+        let shared = self.around.intersect(core.grown(APRON, pyramid.level_at(next.lod()).dims));
+        let first = std::array::from_fn(|a| index(shared.start[a] + APRON - core.start[a]));
+        let theirs = rows_of(stored, pyramid.stored_extent(next), (first, shared.extent()), size);
+        let mut rows = self.block().rows(shared, size).zip(theirs);
+        let Some((ours, theirs)) = rows.find(|(ours, theirs)| ours != theirs) else { return Ok(()) };
+        let (found, expected) = first_difference(ours, theirs);
+        let rule = format!("apron between it and {next}");
+        Err(self.broken(&rule, format!("a byte of {expected}, as there"), found.to_string()))
     }
 
     /// Rule 5 at level 0: voxels are multiples of the step, if there is one.
@@ -299,14 +350,22 @@ impl Checked<'_> {
         let Coarser { reduce, ref steps } = *coarser;
         let lod = self.key.lod();
         let factors = self.container.pyramid().level_at(lod).factors;
-        let mut reduced = vec![0; self.voxels.len()];
-        downsample(reduce, voxel_type, absence, factors, fine, self.around, &mut reduced);
+        let core = self.container.pyramid().core_box(self.key);
+        let voxel_bytes = voxel_type.bytes();
+        let mut reduced = vec![0; core.voxels() * voxel_bytes];
+        downsample(reduce, voxel_type, absence, factors, fine, core, &mut reduced);
         if let Some(quantizer) = quantizer_of(descriptor, steps, lod) {
             quantizer.snap(voxel_type, absence, &mut reduced);
         }
-        let Some(at) = reduced.iter().zip(&self.voxels).position(|(a, v)| a != v) else { return Ok(()) };
+        // Aprons repeat what other bricks own, and are checked there.
+        let row_bytes = core.extent()[0] * voxel_bytes;
+        let own = self.block().rows(core, voxel_bytes);
+        let Some((found, expected)) = own.zip(reduced.chunks(row_bytes)).find(|(own, reduced)| own != reduced) else {
+            return Ok(());
+        };
         let rule = format!("{} of the finer level", reduce.name());
-        Err(self.broken(&rule, format!("{} at byte {at}", reduced[at]), self.voxels[at].to_string()))
+        let (expected, found) = first_difference(expected, found);
+        Err(self.broken(&rule, expected.to_string(), found.to_string()))
     }
 
     /// Rule 6: the error bound.

@@ -165,13 +165,21 @@ fn error_bounds_of_macro_cells() {
 
 #[test]
 fn aprons() {
-    let mut forge = container();
-    let key = key(0, VARIED);
-    let mut voxels = forge.original.read_brick(key, &forge.entry(key)).expect("the container is whole");
-    // The corner of the apron is used by gradients, not by interpolation.
-    voxels[..4].copy_from_slice(&1001.0f32.to_le_bytes());
-    forge.set_voxels(key, &voxels);
-    assert_names(&forge, &["apron", "LOD 0"]);
+    // A voxel on each side, edge and corner of the apron, between bricks and beyond the grid. The corners are used by
+    // gradients, not by interpolation.
+    let sides = (0..27).map(|i| [i % 3, i / 3 % 3, i / 9]).filter(|side| *side != [1; 3]);
+    for (brick, side) in [VARIED, [1, 1, 1]].into_iter().flat_map(|brick| sides.clone().map(move |side| (brick, side)))
+    {
+        let key = key(0, brick);
+        let mut forge = container();
+        let extent = forge.original.shape(key).extent;
+        let [x, y, z] = std::array::from_fn(|a| [side[a] % 2, extent[a] / 2, extent[a] - 1 - side[a] % 2][side[a]]);
+        let at = 4 * (x + extent[0] * (y + extent[1] * z));
+        let mut voxels = forge.original.read_brick(key, &forge.entry(key)).expect("the container is whole");
+        voxels[at..at + 4].copy_from_slice(&1001.0f32.to_le_bytes());
+        forge.set_voxels(key, &voxels);
+        assert_names(&forge, &["apron", "LOD 0"]);
+    }
 }
 
 #[test]

@@ -3,9 +3,10 @@
 //!
 //! Voxels are in the data's own units. Without a scale they have the stored type. Scaled 32- and 64-bit integer and
 //! 64-bit float voxels become f64, all others f32, which holds every scaled 8- or 16-bit voxel to 24 bits. Absent
-//! voxels of scaled volumes become NaN; unscaled ones keep the nodata value. Voxels are written in file order within a
-//! memory limit, whatever the box's shape. The file has a temporary name until it is whole.
+//! voxels of scaled volumes become NaN; unscaled ones keep the nodata value. Voxels are written within a memory limit,
+//! whatever the box's shape: brick by brick (`by_brick`), or in file order where the output is compressed or a stream. The file has a temporary name until it is whole.
 
+mod by_brick;
 mod headers;
 mod segy;
 mod zarr;
@@ -81,25 +82,33 @@ pub fn extract(container: &Container, output: &Path, what: &Extraction) -> Resul
     }
     let write_error = |e| BuildError::write(output, e);
     let file = OutputFile::begin(output, what.existing)?;
-    let mut plain = BufWriter::with_capacity(WRITE_BUFFER_BYTES, file.file());
     // A TIFF's directories stay in memory until they are written.
     let trailer = place.trailer(format);
     let memory_bytes = what.memory_bytes.saturating_sub(trailer.len() as u64);
     let part = Extraction { memory_bytes, ..*what };
-    let whole = |out: &mut (dyn Write + Send)| {
-        out.write_all(&place.header(format)).map_err(write_error)?;
-        write_voxels(container, &part, voxels, written_type, &mut |bytes| out.write_all(bytes).map_err(write_error))?;
-        out.write_all(&trailer).map_err(write_error)
-    };
-    if is_compressed {
-        let mut gzip = GzEncoder::new(&mut plain, Compression::fast());
-        whole(&mut gzip)?;
-        gzip.finish().map_err(write_error)?;
+    if is_compressed || file.is_stream() {
+        let mut plain = BufWriter::with_capacity(WRITE_BUFFER_BYTES, file.file());
+        let whole = |out: &mut (dyn Write + Send)| {
+            out.write_all(&place.header(format)).map_err(write_error)?;
+            write_in_order(container, &part, (voxels, written_type), &mut |bytes| {
+                out.write_all(bytes).map_err(write_error)
+            })?;
+            out.write_all(&trailer).map_err(write_error)
+        };
+        if is_compressed {
+            let mut gzip = GzEncoder::new(&mut plain, Compression::fast());
+            whole(&mut gzip)?;
+            gzip.finish().map_err(write_error)?;
+        } else {
+            whole(&mut plain)?;
+        }
+        plain.flush().map_err(write_error)?;
     } else {
-        whole(&mut plain)?;
+        let mut out = file.file();
+        out.write_all(&place.header(format)).map_err(write_error)?;
+        by_brick::write_bricks(container, &part, (voxels, written_type), &mut out, &write_error)?;
+        out.write_all(&trailer).map_err(write_error)?;
     }
-    plain.flush().map_err(write_error)?;
-    drop(plain);
     file.publish()?;
     Ok((voxels, written_type))
 }
@@ -145,6 +154,7 @@ fn needs_scaling(descriptor: &Descriptor, written_type: VoxelType) -> bool {
 /// Number of threads, and the division of the memory among the buffers.
 struct Plan {
     threads: usize,
+    /// Bytes of decoded bricks, besides those that threads work on.
     cache_bytes: usize,
     /// Voxels of a box that is read, scaled and written as one.
     box_voxels: u64,
@@ -190,11 +200,11 @@ impl Plan {
     }
 }
 
-fn write_voxels(
+/// Writes voxels in file order: for what cannot be sought.
+fn write_in_order(
     container: &Container,
     what: &Extraction,
-    voxels: VoxelBox,
-    written_type: VoxelType,
+    (voxels, written_type): (VoxelBox, VoxelType),
     write: &mut (dyn FnMut(&[u8]) -> Result<(), BuildError> + Send),
 ) -> Result<(), BuildError> {
     let descriptor = container.descriptor();

@@ -295,3 +295,24 @@ fn zarr_and_segy_in_little_memory() {
         assert!(!output.exists());
     }
 }
+
+/// A brick at a time or all of them, as stored or scaled: the same file.
+#[test]
+fn little_memory_changes_no_byte() {
+    let folder = tempfile::tempdir().unwrap();
+    for scale in [1.0, 0.5] {
+        let container = built(folder.path(), VoxelType::U16, |info| info.scale = scale);
+        for end in ["raw", "tif", "npy"] {
+            for voxels in [None, Some(VoxelBox { start: [3, 15, 0], end: [19, 18, 17] })] {
+                let [much, little] = ["much", "little"].map(|name| folder.path().join(format!("{name}.{end}")));
+                extract(&container, &much, &extraction(0, voxels)).unwrap();
+                let refused = extract(&container, &little, &Extraction { memory_bytes: 0, ..extraction(0, voxels) });
+                let refused = refused.unwrap_err().to_string();
+                let needed: u64 = refused.split(' ').next().unwrap().parse().unwrap();
+                let least = Extraction { memory_bytes: needed << 20, ..extraction(0, voxels) };
+                extract(&container, &little, &least).unwrap();
+                assert!(std::fs::read(&much).unwrap() == std::fs::read(&little).unwrap(), "{end}, {scale}, {voxels:?}");
+            }
+        }
+    }
+}

@@ -490,6 +490,27 @@ fn bench_moves_along_camera_paths() {
     assert!(folder.expect(2, &["bench", "--path", "two.json"]).contains("two.json"));
 }
 
+/// On every look the default keeps what is asked and stated, is as exact as all of level 0, and more so than samples.
+fn default_is_near_exact_at_level_0(points: &[serde_json::Value]) {
+    let looks = ["smooth", "smooth shaded", "spike"];
+    for look in looks {
+        let number = |method: &str, parameters: &str, key: &str| {
+            let is = |p: &&serde_json::Value| {
+                p["transfer_function"] == look && p["method"] == method && p["parameters"] == parameters
+            };
+            let point = points.iter().find(is).unwrap_or_else(|| panic!("{method} {parameters} on {look}"));
+            point[key].as_f64()
+        };
+        let default = |key: &str| number("default", "--max-error 0.5/255", key).expect("a number");
+        assert!(default("p999") < 0.5 / 255.0 && default("cpu_ms") > 0.0, "{look}");
+        assert!(default("linf") <= default("stated") && default("stated") <= default("max_error"), "{look}");
+        assert_eq!(number("level of detail", "level 0", "linf"), Some(default("linf")), "{look}");
+        let sampled = |key: &str| number("midpoint samples", "step 1 voxel", key);
+        assert!(sampled("stated").is_none() && sampled("linf").expect("a number") > default("linf"), "{look}");
+    }
+    assert!(points.iter().filter(|p| p["pareto"] == true).count() >= looks.len());
+}
+
 #[test]
 fn a_chart_is_written_as_a_page_and_as_points() {
     let folder = Folder::new();
@@ -532,8 +553,12 @@ fn a_chart_is_written_as_a_page_and_as_points() {
             "methods of comparison are asked for no error"
         );
     }
+    default_is_near_exact_at_level_0(points);
     let page = read("report.html");
     assert!(page.contains("<svg") && page.contains("supervol chart --quick --scene marschner-lobb"));
+    for look in ["smooth shaded", "spike"] {
+        assert!(page.contains(&format!("marschner-lobb, {look}: pictures and where they are wrong")), "{look}");
+    }
     // The report compares stated errors at two levels; no picture of any look contradicts them.
     let section =
         |id: &str| page.split(&format!("id=\"{id}\"")).nth(1).and_then(|rest| rest.split("</section>").next());

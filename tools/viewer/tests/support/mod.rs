@@ -26,6 +26,13 @@ use supervol_viewer::worker::{Export, Settings};
 
 /// Longer than any step takes, even on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(120);
+/// Size of the window unless a test says otherwise: low, so that pictures take little time, and so wide that the status takes
+/// one line: another line would make the picture lower at some moment.
+pub const WINDOW: [f32; 2] = [1280.0, 500.0];
+/// Size of the smallest window.
+pub const SMALL: [f32; 2] = [800.0, 500.0];
+/// Size of a usual window.
+pub const ROOMY: [f32; 2] = [1280.0, 800.0];
 /// Environment variable with a folder for screenshots.
 const SCREENSHOTS: &str = "SUPERVOL_SCREENSHOTS";
 
@@ -94,19 +101,14 @@ pub struct Session {
 }
 
 impl Session {
-    /// A synthetic volume in a window of 1280 x 800.
+    /// A synthetic volume in a window of the usual size of tests.
     pub fn of(name: &str) -> Self {
-        Self::new(name, [1280.0, 800.0], 1.0, Settings::default())
+        Self::new(name, WINDOW, 1.0, Settings::default())
     }
 
     /// As [`Self::of`], with a memory budget.
     pub fn with_budget(name: &str, host_memory_bytes: u64) -> Self {
-        Self::new(name, [1280.0, 800.0], 1.0, Settings { host_memory_bytes, ..Settings::default() })
-    }
-
-    /// As [`Self::in_bricks`], in the smallest window, so that many pictures take little time.
-    pub fn small_in_bricks(name: &str, edges: [u64; 2], scene: Scene, settings: Settings) -> Self {
-        Self::with(name, edges, scene, ([800.0, 500.0], 1.0), settings)
+        Self::new(name, WINDOW, 1.0, Settings { host_memory_bytes, ..Settings::default() })
     }
 
     /// As [`Self::of`], in a window of another size.
@@ -126,7 +128,12 @@ impl Session {
 
     /// A volume and bricks of other edges, with a scene.
     pub fn in_bricks(name: &str, edges: [u64; 2], scene: Scene, settings: Settings) -> Self {
-        Self::with(name, edges, scene, ([1280.0, 800.0], 1.0), settings)
+        Self::with(name, edges, scene, (WINDOW, 1.0), settings)
+    }
+
+    /// As [`Self::in_bricks`], in the smallest window, so that many pictures take little time.
+    pub fn small_in_bricks(name: &str, edges: [u64; 2], scene: Scene, settings: Settings) -> Self {
+        Self::with(name, edges, scene, (SMALL, 1.0), settings)
     }
 
     /// A window of another size and scale, with render settings.
@@ -196,13 +203,17 @@ impl Session {
         }
     }
 
-    /// Runs frames until the wanted picture has converged.
+    /// Runs frames until the wanted picture has converged and keeps its size, now that it is told so.
     pub fn rest(&mut self) {
         self.frames(3);
-        self.until("the picture has converged", |session| {
-            session.viewer().is_idle() && session.viewer().opened().is_some()
-        });
-        self.frames(2);
+        let is_done = |session: &Self| session.viewer().is_idle() && session.viewer().opened().is_some();
+        loop {
+            self.until("the picture has converged", is_done);
+            self.frames(2);
+            if is_done(self) {
+                break;
+            }
+        }
         if self.first == Scene::default() {
             self.first = self.viewer().scene().clone();
         }

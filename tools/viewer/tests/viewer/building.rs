@@ -13,7 +13,7 @@ use supervol_sources::open::OpenOptions;
 use supervol_viewer::worker::{Message, Settings};
 
 use crate::support;
-use support::{Session, npy_of};
+use support::{ROOMY, Session, npy_of};
 
 /// Voxels along each edge: the build takes long enough to press a button.
 const EDGE: usize = 320;
@@ -124,7 +124,7 @@ fn a_headerless_file_is_read_as_the_command_line_says() {
         nodata: None,
     };
     let reading = Reading { options: OpenOptions { raw: Some(raw), ..OpenOptions::default() }, placing: None };
-    let window = ([1280.0, 800.0], 1.0);
+    let window = (ROOMY, 1.0);
     let mut session = Session::launched(folder, (file.clone(), reading), Scene::default(), window, Settings::default());
     session.rest();
     assert_eq!(session.viewer().opened().expect("open").facts().dims.0, [40, 30, 20]);

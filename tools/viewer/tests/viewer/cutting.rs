@@ -4,7 +4,7 @@ use eframe::egui::{Key, Modifiers, PointerButton, Vec2};
 use supervol_scene::clip::solids::Keep;
 
 use crate::support;
-use support::Session;
+use support::{ROOMY, Session};
 
 fn with_handles() -> Session {
     let mut session = Session::of("sphere");
@@ -134,7 +134,7 @@ fn a_mesh_that_is_no_closed_one_is_refused_in_words() {
 #[test]
 fn handles_and_controls_fit() {
     for (name, scale) in [("cutting-1280x800", 1.0), ("cutting-scale2", 2.0)] {
-        let mut session = Session::sized("vessels", [1280.0, 800.0], scale);
+        let mut session = Session::sized("vessels", ROOMY, scale);
         session.rest();
         session.press(Modifiers::NONE, Key::B);
         session.click("+ plane");

@@ -15,7 +15,7 @@ use supervol_scene::slices::Interpolation;
 use supervol_viewer::sections::{Layout, describe_point, place, short};
 
 use crate::support;
-use support::Session;
+use support::{ROOMY, Session};
 
 /// Names of the panels of synthetic volumes, by axis.
 const NAMES: [&str; 3] = ["Section x", "Section y", "Section z"];
@@ -46,6 +46,8 @@ fn wheel(session: &mut Session, at: Pos2, notches: f32, modifiers: Modifiers) {
 #[test]
 fn three_panels_and_the_picture_are_what_render_draws() {
     let mut session = at_rest_with_three();
+    session.harness.set_size(ROOMY.into());
+    session.rest();
     assert_eq!(session.viewer().sections().cursor(), [32.0; 3]);
     for axis in 0..3 {
         assert_eq!(
@@ -402,11 +404,9 @@ fn slices_alone_and_slices_in_a_fainter_volume() {
 
 #[test]
 fn panels_fit_at_every_size() {
-    for (name, size, scale) in [
-        ("panels-1280x800", [1280.0, 800.0], 1.0),
-        ("panels-scale2", [1280.0, 800.0], 2.0),
-        ("panels-small", [800.0, 500.0], 1.0),
-    ] {
+    for (name, size, scale) in
+        [("panels-1280x800", ROOMY, 1.0), ("panels-scale2", ROOMY, 2.0), ("panels-small", [800.0, 500.0], 1.0)]
+    {
         let mut session = Session::sized("vessels", size, scale);
         session.rest();
         session.press(Modifiers::NONE, Key::T);

@@ -14,11 +14,11 @@ use supervol_scene::slices::filter::{FilterKind, FilterSpec};
 use supervol_viewer::command::{BINDINGS, Command};
 use supervol_viewer::worker::{Message, Settings};
 
-use support::{Session, headless};
+use support::{ROOMY, SMALL, Session, headless};
 
 #[test]
 fn a_container_is_shown_as_render_draws_it() {
-    let mut session = Session::of("vessels");
+    let mut session = Session::sized("vessels", ROOMY, 1.0);
     session.rest();
     session.assert_is_as_rendered();
     let viewer = session.viewer();
@@ -281,9 +281,7 @@ fn a_source_file_is_built_into_the_cache_once() {
 
 #[test]
 fn every_panel_fits_at_its_least_and_at_scale_2() {
-    for (name, size, scale) in
-        [("1280x800", [1280.0, 800.0], 1.0), ("scale2", [1280.0, 800.0], 2.0), ("small", [800.0, 500.0], 1.0)]
-    {
+    for (name, size, scale) in [("1280x800", ROOMY, 1.0), ("scale2", ROOMY, 2.0), ("small", SMALL, 1.0)] {
         let mut session = Session::sized("vessels", size, scale);
         session.rest();
         let window = eframe::egui::Rect::from_min_size(Pos2::ZERO, size.into());
@@ -463,7 +461,7 @@ fn the_controls_of_slices_fit() {
     for (name, scale) in [("slices-1280x800", 1.0), ("slices-scale2", 2.0)] {
         // Pictures between slices take more memory than the default for a window of this size.
         let settings = Settings { host_memory_bytes: 2 << 30, ..Settings::default() };
-        let mut session = Session::in_window("vessels", ([1280.0, 800.0], scale), settings);
+        let mut session = Session::in_window("vessels", (ROOMY, scale), settings);
         session.rest();
         session.click("Volume");
         session.click("+ y");

@@ -7,6 +7,7 @@
 
 use std::marker::PhantomData;
 
+use supervol_format::cast::index;
 use supervol_format::vectors::{Vectorized, vectorized};
 use supervol_format::voxel_type::{Absence, Voxel};
 use supervol_format::{Dims, VoxelBox, VoxelType, with_voxel};
@@ -43,6 +44,31 @@ pub struct VoxelBlock<'a> {
     pub voxels: VoxelBox,
     /// Bytes of the voxels.
     pub bytes: &'a [u8],
+}
+
+impl<'a> VoxelBlock<'a> {
+    /// Bytes of the voxels of a part, row by row.
+    ///
+    /// # Panics
+    /// If the part leaves the block.
+    pub fn rows(self, part: VoxelBox, voxel_bytes: usize) -> impl Iterator<Item = &'a [u8]> {
+        let first = std::array::from_fn(|a| index(part.start[a] - self.voxels.start[a]));
+        rows_of(self.bytes, self.voxels.extent(), (first, part.extent()), voxel_bytes)
+    }
+}
+
+/// Rows of a part of packed voxels with this extent. The part is given by its first voxel and its extent.
+///
+/// # Panics
+/// If the part leaves the voxels.
+pub fn rows_of(
+    bytes: &[u8],
+    [nx, ny, _]: [usize; 3],
+    ([x, y, z], [columns, rows, slices]): ([usize; 3], [usize; 3]),
+    voxel_bytes: usize,
+) -> impl Iterator<Item = &[u8]> {
+    let starts = (0..slices).flat_map(move |k| (0..rows).map(move |j| ((z + k) * ny + y + j) * nx + x));
+    starts.map(move |start| &bytes[start * voxel_bytes..(start + columns) * voxel_bytes])
 }
 
 /// Reduces `fine` to the coarse voxels of `coarse` and writes them to `out`, one z-slice per task.
