@@ -12,7 +12,7 @@ use supervol_scene::scene::{IsoSpec, Mode, ResolvedScene};
 use supervol_scene::transfer_function::{RenderTransferFunction, TransferFunction};
 use supervol_scene::value_map::ValueMap;
 
-use super::cells::modulated::Modulation;
+use super::cells::bounded::Modulation;
 use super::cells::shade::Lighting;
 use super::ray::{RayState, pixel_of_light};
 use super::rules::TERMINATION_OPACITY;
@@ -72,6 +72,8 @@ pub struct RayScene {
     pub(crate) lighting: Option<Lighting>,
     /// Opacity by the gradient and light by the normals of cuts, of the volume in mode `dvr`.
     pub(crate) modulation: Option<Modulation>,
+    /// The same without both, for cells that are integrated in `f64`.
+    pub(crate) plain: Modulation,
     pub(crate) iso: Vec<IsoSurface>,
     /// Whether crossings are listed, all of them, and not composited.
     pub(crate) lists_crossings: bool,
@@ -104,6 +106,7 @@ impl RayScene {
         let is_dvr = scene.mode == Mode::Dvr;
         let ramp = scene.gradient_opacity.filter(|_| is_dvr);
         let cuts = scene.cut_normals.as_ref().filter(|_| is_dvr && scene.shading.is_some());
+        let plain = Modulation::plain(&volume_only);
         Self {
             field: Field::FIRST,
             pyramid: pyramid.clone(),
@@ -114,7 +117,8 @@ impl RayScene {
             clip: scene.clip.clone(),
             mode: scene.mode,
             transfer_function: RenderTransferFunction::new(&volume_only, map.shift),
-            modulation: Modulation::of(ramp, cuts, &volume_only),
+            modulation: plain.with(ramp, cuts),
+            plain,
             data_transfer_function: volume_only,
             lighting: scene.shading.as_ref().map(|s| Lighting::new(s, geometry, value_range.width())),
             iso: scene.iso.iter().map(surface).collect(),

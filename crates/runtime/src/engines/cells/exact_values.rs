@@ -5,8 +5,8 @@
 use supervol_format::BrickKey;
 use supervol_scene::scene::Mode;
 
+use super::bounded::present;
 use super::cell::{cubic_extremes, cubic_mean, cubic_of_cell, monotone_intervals};
-use super::exact::present;
 use super::integrator::Integrator;
 use super::visit::{BrickVisit, LevelVisit, StoredVoxel};
 use crate::engines::ray::RayState;

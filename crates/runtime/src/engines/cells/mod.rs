@@ -12,19 +12,19 @@
 //! - [`visit`]: one brick, macro cell by macro cell, and access to its voxels;
 //! - [`integrator`]: the interface; [`cell_by_cell`]: the integrator of this caster;
 //! - [`frame`], [`rays`]: a picture by this caster, and its rays between passes;
-//! - `modulated`, with `polynomials` and `shown_cells`: light with opacity by the gradient;
-//! - `exact`, `exact_values`: light and values from the container's own numbers, where `f32` does not suffice;
+//! - `bounded`, with `polynomials` and `shown_cells`: light with a proven bound, with opacity by the gradient and where `f32` does
+//!   not suffice;
+//! - `exact_values`: values from the container's own numbers;
 //! - [`cell`], [`quadrature`], [`shade`], [`modes`]: one cell, and what a chord through it contributes.
 
+pub(crate) mod bounded;
 pub mod cell;
 pub mod cell_by_cell;
-mod exact;
 mod exact_values;
 pub mod frame;
 pub mod integrator;
 mod march;
 pub mod modes;
-pub(crate) mod modulated;
 mod polynomials;
 pub mod quadrature;
 pub mod rays;
@@ -35,7 +35,6 @@ pub mod walk;
 
 pub(crate) use cell_by_cell::gather_exact_cell;
 pub use cell_by_cell::{CellByCell, CellRule, Pairs};
-pub(crate) use exact::exact_cell;
 pub(crate) use exact_values::{gather_exact_uniform, gather_exact_value_cell, gather_exact_values};
 pub use integrator::{Integration, Integrator};
 pub(crate) use visit::CastRay;

@@ -8,7 +8,7 @@ use glam::{DMat3, DVec3};
 use supervol_format::brick::{APRON, MACRO_CELL};
 use supervol_scene::value_map::ValueMap;
 
-use super::modulated::Modulation;
+use super::bounded::Modulation;
 use super::visit::StoredVoxel;
 use crate::stream::residency::{DecodedBrick, Voxels};
 

@@ -56,7 +56,7 @@ impl PacketFrame {
             surfaces.lists_crossings = true;
             inner = Some(Arc::new(Self::of(surfaces, &scene, rule, (made_bytes, None), None)));
         }
-        // Packets end rays themselves; a cell that is integrated exactly is integrated to its end.
+        // Packets end rays themselves; a cell that is integrated in `f64` is integrated to its end.
         let ends_at = if scene.mode == Mode::Dvr { NEVER } else { TERMINATION_OPACITY };
         let ray_scene = RayScene::new(scene, volume, bricks, ends_at);
         Self::of(ray_scene, scene, rule, (made_bytes, plans), inner)

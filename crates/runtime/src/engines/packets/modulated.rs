@@ -10,7 +10,7 @@ use supervol_scene::clip::faces::CutFace;
 
 use super::places::{TILE_RAYS, place_of};
 use super::visit::{CastTile, cast_ray};
-use crate::engines::cells::modulated::{CellBudget, ModulatedBrick, ModulatedChord, Modulation, Seen};
+use crate::engines::cells::bounded::{BoundedBrick, BoundedChord, CellBudget, Modulation, Seen};
 use crate::engines::cells::shown_cells::ShownCells;
 use crate::engines::cells::{BrickVisit, LevelVisit};
 use crate::engines::rules::BY_OPACITY;
@@ -43,7 +43,7 @@ impl CastTile<'_> {
         self.go_behind_faces(modulation, |tile, ray, lit| {
             let cast = cast_ray(tile.frame, tile.rays, tile.corner, ray);
             let setup = LevelVisit::new(&tile.frame.scene, &cast, key).setup;
-            let chord = ModulatedChord::even(modulation, &setup, value, lit);
+            let chord = BoundedChord::even(modulation, &setup, value, lit);
             let mut budget = tile.budget(ray);
             let (seen, spent) = chord.seen(&budget, &mut tile.feedback.counters.samples);
             budget.left -= spent;
@@ -86,7 +86,7 @@ impl CastTile<'_> {
     ) {
         let frame = self.frame;
         let world_from_level = frame.scene.world_from_level_gradient(key.lod());
-        let modulated = ModulatedBrick { modulation, world_from_level, shown, face };
+        let modulated = BoundedBrick { modulation, world_from_level, shown, face };
         let cast = cast_ray(frame, self.rays, self.corner, ray);
         let visit = BrickVisit::new(LevelVisit::new(&frame.scene, &cast, key), brick, key);
         let last = f64::from(self.tables.precision.last_transmittance);

@@ -29,6 +29,7 @@ use super::shaded_cells::{AlongRay, CellShader, SHADE_NUMBERS, ShadeCells, Shade
 use super::simd::{LANES_LIMIT, Places, Simd, for_three};
 use super::uneven::{Located, locate};
 use super::walk::{CellStep, Packet, PacketBrick, PerLane, ROUND, Walker, places_along};
+use crate::engines::cells::bounded::Seen;
 use crate::engines::rules::{ORDER_SHARE, POSITION_ERROR, RESERVE_SHARE, VALUE_ERROR};
 use crate::stream::counters::RayCounters;
 
@@ -81,9 +82,9 @@ pub trait Host {
     /// Takes a ray back with its gathered light.
     fn take_back(&mut self, lane: usize, packet: &Packet);
 
-    /// Colour and transmittance of a ray in the cell whose first corner lies at `base`. For cells that `f32` and a
-    /// bounded number of refinements do not settle.
-    fn integrate_exactly(&mut self, ray: u16, base: i32) -> [f32; 4];
+    /// Light of a ray in the cell whose first corner lies at `base`, off by no more than `tolerance` if rounding allows that. For
+    /// cells that `f32` and a bounded number of refinements do not settle. Counts parts.
+    fn integrate_in_f64(&mut self, ray: u16, base: i32, tolerance: f32, parts: &mut u64) -> Seen;
 }
 
 /// Data about the rays of a packet for the later stages.

@@ -4,11 +4,11 @@
 //! The length of the first part follows from the square root of the error: in a smooth cell, the rule's error falls
 //! with the square of the number of parts. Parts that are still too inaccurate are halved. They lengthen again behind
 //! the difficult place, such as a step of the transfer function or a turn of the normal. If no part of [`LEAST_PART`]
-//! suffices, for example where a ray grazes a step, or what rounding makes is too much, the cell is integrated by roots in `f64`
-//! ([`Host::integrate_exactly`]). A lane's parts depend on its own error alone, so pictures do not depend on the
+//! suffices, for example where a ray grazes a step, or what rounding makes is too much, the cell is integrated in `f64`
+//! ([`Host::integrate_in_f64`]). A lane's parts depend on its own error alone, so pictures do not depend on the
 //! packing of lanes.
 
-use supervol_format::cast::narrow;
+use supervol_format::cast::{narrow, single};
 
 use super::chord::{Chord, cubic_at, cubic_through};
 use super::integrate::{Part, Wanted, integrate};
@@ -20,7 +20,7 @@ use super::shade::{LightAt, PacketLighting, Shaded};
 use super::simd::{LANES_LIMIT, Simd, Task, for_three, lanes};
 use crate::engines::rules::{
     EASY, EXACT_FROM, HARD, LEAST_PART, LEAST_SHARE, PARTS_LIMIT, PARTS_PER_ROOT, PARTS_SHARE, ROUNDED_BELOW, SHORTEST,
-    TRIES_LIMIT,
+    TRIES_LIMITS,
 };
 use crate::stream::counters::RayCounters;
 
@@ -219,7 +219,7 @@ impl<L: PieceLookup> Refine<'_, L> {
         }
         cuts.at = S::select(new, zero, cuts.at);
         cuts.next = S::select(new, first_part::<S>(*error * *per_error), cuts.next);
-        cuts.tries = S::select(new, S::splat(TRIES_LIMIT), cuts.tries);
+        cuts.tries = S::select(new, S::splat(TRIES_LIMITS[usize::from(self.lighting.is_some())]), cuts.tries);
         let sum = &mut cuts.sum;
         for c in 0..3 {
             sum.color[c] = S::select(new, zero, sum.color[c]);
@@ -254,10 +254,10 @@ impl<L: PieceLookup> Refine<'_, L> {
                 (narrow::<usize>(slots[lane]) / LANES_LIMIT, narrow::<usize>(slots[lane]) % LANES_LIMIT);
             let mut part = numbers.map(|values| values[lane]);
             if exact >> lane & 1 == 1 {
-                let [r, g, b, transmittance] = self.host.integrate_exactly(self.lanes.rays[ray], bases[lane]);
-                // The error of roots is unknown: assume that of a cell that is not refined.
-                let error = 1.0 / per_error[lane];
-                part = [r, g, b, error, -transmittance.max(f32::MIN_POSITIVE).ln()];
+                let (ray, base, tolerance) = (self.lanes.rays[ray], bases[lane], 1.0 / per_error[lane]);
+                let found = self.host.integrate_in_f64(ray, base, tolerance, &mut work.samples);
+                let [r, g, b] = found.color.to_array().map(single);
+                part = [r, g, b, single(found.error), -single(found.transmittance).max(f32::MIN_POSITIVE).ln()];
             }
             for (into, value) in self.pending.parts[number % PENDING_LIMIT].iter_mut().zip(part) {
                 into[ray] = value;

@@ -20,8 +20,9 @@ use super::tables::PacketTables;
 use super::tile::{BrickGrid, IndexBox, TileRays};
 use super::walk::{Packet, PacketBrick};
 use crate::engines::blocks::BLOCK;
+use crate::engines::cells::bounded::{Seen, bounded_cell};
 use crate::engines::cells::walk::AxisRay;
-use crate::engines::cells::{CastRay, LevelVisit, exact_cell};
+use crate::engines::cells::{CastRay, LevelVisit};
 use crate::engines::feedback::BlockFeedback;
 use crate::stream::classify::Skipping;
 use crate::stream::counters::RayCounters;
@@ -349,12 +350,12 @@ impl Host for TileHost<'_> {
         self.rays.add(packet.rays[lane], color, packet.transmittance[lane], last);
     }
 
-    /// By roots in `f64`.
     #[cold]
-    fn integrate_exactly(&mut self, ray: u16, base: i32) -> [f32; 4] {
+    fn integrate_in_f64(&mut self, ray: u16, base: i32, tolerance: f32, parts: &mut u64) -> Seen {
         let t = self.rays.interval(ray);
         let ray = cast_ray(self.frame, self.rays, self.corner, ray);
         let base = usize::try_from(base).expect("cells of a brick lie behind its first voxel");
-        exact_cell(LevelVisit::new(&self.frame.scene, &ray, self.key), self.brick, self.key, base, t)
+        let level = LevelVisit::new(&self.frame.scene, &ray, self.key);
+        bounded_cell(level, (self.key, self.brick), (base, t), f64::from(tolerance), parts)
     }
 }

@@ -5,7 +5,7 @@
 //! a bound; the total is a bound if all terms are. A term that is no bound is an estimate from above:
 //! - *cells*: error of the integration rule in each cell (the final cells, after refinement), times the transmittance
 //!   in front, summed up along each ray. The ray with the greatest sum counts. Errors of both signs add up, so the sum
-//!   is usually several times the true error. docs/bounds.md proves each cell's error, but for cells that are integrated exactly.
+//!   is usually several times the true error. docs/bounds.md proves each cell's error, but for roundings that it does not name.
 //! - *ray ends*: light behind the end of rays that end early. A bound, because no channel exceeds 1.
 //! - *transfer function*: extinction and emission are fitted by quadratic pieces, within a share of the extinction. Proven but for
 //!   roundings.

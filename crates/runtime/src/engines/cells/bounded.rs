@@ -1,5 +1,6 @@
-//! One trilinear cell with opacity by the gradient, or lit by the normal of a cut face in front of it: in `f64`, with a proven bound
-//! (docs/bounds.md, section 12).
+//! One trilinear cell in `f64`, with a proven bound (docs/bounds.md, section 12): with opacity by the gradient, lit by the normal of a
+//! cut face in front of it, or a cell that packets do not settle in `f32`. Those are cells in which a ray grazes a step of the
+//! transfer function, or in which a normal turns over.
 //!
 //! Along a chord the field and each component of the gradient are cubics. The chord is cut where extinction or light may have a
 //! kink or a step. On a part, all functions between field and light are polynomials with a bound on the rest
@@ -9,20 +10,20 @@
 use std::sync::Arc;
 
 use glam::{DMat3, DVec3};
+use supervol_format::BrickKey;
 use supervol_scene::clip::faces::{CutFace, CutNormals};
 use supervol_scene::scene::GradientOpacity;
 use supervol_scene::transfer_function::{ALPHA_LIMIT, Intervals, TransferFunction};
 
-use super::cell::{Real, cubic_at, cubic_of_cell, monotone_intervals};
-use super::exact::{add_crossings, present};
+use super::cell::{Real, cubic_at, cubic_of_cell, monotone_intervals, monotone_root, replace_unreached};
 use super::modes::ShadeSetup;
 use super::polynomials::Model;
 use super::shade::Lighting;
 use super::shown_cells::ShownCells;
-use super::visit::{BrickVisit, StoredVoxel};
+use super::visit::{BrickVisit, LevelVisit, StoredVoxel};
 use crate::engines::rules::RESERVE_SHARE;
 use crate::stream::counters::RayCounters;
-use crate::stream::residency::Voxels;
+use crate::stream::residency::{DecodedBrick, Voxels};
 
 /// Part of a chord before and behind a crossing of a control point that is left to ranges: farther away than roots are off, and
 /// short enough to show nothing.
@@ -32,10 +33,13 @@ const HALVINGS: u32 = 44;
 /// Parts of a chord after which no more are halved: where rounding decides on which side of a step the field lies, none is short
 /// enough.
 const PARTS_LIMIT: u64 = 4000;
+/// Share of a cell's budget that its parts may spend by their lengths. The rest is for [`PARTS_LIMIT`] parts, alike: around steps and
+/// turns of the normal, short parts need more than their length gives them.
+const BY_LENGTH: f64 = 0.6;
 /// Halvings in the search for a place at which the gradient has a length.
 const ROOT_HALVINGS: u32 = 34;
 
-/// Opacity by the gradient and light by the normals of cuts, for all rays of a frame.
+/// Extinction and light along chords, for all rays of a frame.
 #[derive(Debug, Clone)]
 pub struct Modulation {
     /// The ramp of opacity by the gradient; without one, the whole extinction counts.
@@ -49,12 +53,9 @@ pub struct Modulation {
 }
 
 impl Modulation {
-    /// Ramp and cuts, with a transfer function over data values; `None` without either.
+    /// A transfer function over data values, without ramp and cuts.
     #[must_use]
-    pub fn of(ramp: Option<GradientOpacity>, cuts: Option<&CutNormals>, function: &TransferFunction) -> Option<Self> {
-        if ramp.is_none() && cuts.is_none() {
-            return None;
-        }
+    pub fn plain(function: &TransferFunction) -> Self {
         let points = function.points();
         let mut knots: Vec<f64> = points.iter().map(|point| point.value).collect();
         for pair in points.windows(2) {
@@ -67,7 +68,13 @@ impl Modulation {
         knots.sort_by(f64::total_cmp);
         knots.dedup();
         let intervals = Arc::new(Intervals::new(function));
-        Some(Self { ramp, cuts: cuts.cloned(), intervals, knots: knots.into() })
+        Self { ramp: None, cuts: None, intervals, knots: knots.into() }
+    }
+
+    /// The same with ramp and cuts; `None` without either.
+    #[must_use]
+    pub fn with(&self, ramp: Option<GradientOpacity>, cuts: Option<&CutNormals>) -> Option<Self> {
+        (ramp.is_some() || cuts.is_some()).then(|| Self { ramp, cuts: cuts.cloned(), ..self.clone() })
     }
 
     /// Whether a field between these values may show, if the gradient is nowhere longer than the root of this square.
@@ -91,6 +98,13 @@ pub struct CellBudget {
     pub left: f64,
     /// Light from behind the cell that reaches the eye, at most.
     pub weight: f64,
+}
+
+impl CellBudget {
+    /// The budget of a cell that may be off by so much.
+    fn of_one(tolerance: f64) -> Self {
+        Self { by_opacity: 0.0, left: tolerance / f64::from(RESERVE_SHARE), weight: 1.0 }
+    }
 }
 
 /// Light of a chord, or of a part of it.
@@ -121,7 +135,7 @@ impl Seen {
 
 /// A brick whose cells are integrated in `f64`.
 #[derive(Debug)]
-pub(crate) struct ModulatedBrick<'a> {
+pub(crate) struct BoundedBrick<'a> {
     pub(crate) modulation: &'a Modulation,
     /// World gradient from central differences at the brick's level.
     pub(crate) world_from_level: DMat3,
@@ -131,7 +145,29 @@ pub(crate) struct ModulatedBrick<'a> {
     pub(crate) face: Option<CutFace>,
 }
 
-impl ModulatedBrick<'_> {
+/// Light of the part of a ray in one cell of a brick, without ramp and cuts, off by no more than `tolerance` if rounding allows that.
+/// The cell's first corner lies `base` voxels from the brick's first; `t` is the ray's interval in the brick. Counts parts.
+pub(crate) fn bounded_cell(
+    level: LevelVisit<'_>,
+    (key, brick): (BrickKey, &DecodedBrick),
+    (base, t): (usize, [f64; 2]),
+    tolerance: f64,
+    parts: &mut u64,
+) -> Seen {
+    let (modulation, world_from_level) = (&level.scene.plain, level.scene.world_from_level_gradient(key.lod()));
+    let whole = BoundedBrick { modulation, world_from_level, shown: None, face: None };
+    let visit = BrickVisit::new(level, brick, key);
+    let part = visit.chord_at_base(base, t);
+    let chord = match visit.voxels() {
+        _ if part.1[0] >= part.1[1] => None,
+        Voxels::U8(voxels) => BoundedChord::new(&visit, &whole, voxels, part),
+        Voxels::U16(voxels) => BoundedChord::new(&visit, &whole, voxels, part),
+        Voxels::F32(voxels) => BoundedChord::new(&visit, &whole, voxels, part),
+    };
+    chord.map_or(Seen::CLEAR, |chord| chord.seen(&CellBudget::of_one(tolerance), parts).0)
+}
+
+impl BoundedBrick<'_> {
     /// Light of a part `t` of a ray through the brick, until at most `last` of the light from behind reaches the eye. The budget is
     /// that in front of it, and then what is left.
     pub(crate) fn gather(
@@ -166,7 +202,7 @@ impl ModulatedBrick<'_> {
             visit.for_each_cell(index, t, |cell, t| {
                 if self.may_show(visit, voxels, cell) {
                     counters.cells += 1;
-                    if let Some(chord) = ModulatedChord::new(visit, self, voxels, (cell, t)) {
+                    if let Some(chord) = BoundedChord::new(visit, self, voxels, (cell, t)) {
                         budget.weight = front * (seen.transmittance + seen.error).min(1.0);
                         let (of_cell, spent) = chord.seen(budget, &mut counters.samples);
                         budget.left -= spent;
@@ -192,7 +228,7 @@ impl ModulatedBrick<'_> {
 }
 
 /// A chord, and everything that its light depends on.
-pub(crate) struct ModulatedChord<'a> {
+pub(crate) struct BoundedChord<'a> {
     modulation: &'a Modulation,
     lighting: Option<&'a Lighting>,
     /// Unit vectors to each light and half way from it to the eye, and its intensity.
@@ -230,11 +266,11 @@ impl LightOfFace {
     }
 }
 
-impl<'a> ModulatedChord<'a> {
+impl<'a> BoundedChord<'a> {
     /// The chord of a ray through a cell; `None` if nothing shows there. Beside a hole the gradient is unknown, and counts as none.
     pub(super) fn new<T: StoredVoxel>(
         visit: &BrickVisit<'a>,
-        brick: &ModulatedBrick<'a>,
+        brick: &BoundedBrick<'a>,
         voxels: &[T],
         (index, [t0, t1]): ([i64; 3], [f64; 2]),
     ) -> Option<Self> {
@@ -545,6 +581,19 @@ fn highlight(cosine: &Model, shininess: f64) -> Model {
     }
 }
 
+/// Adds the places at which a cubic has a value. `ends`: those of its monotone intervals.
+fn add_crossings(cuts: &mut Vec<f64>, cubic: &[Real; 4], ends: &[f64], value: f64) {
+    cuts.extend(ends.windows(2).filter_map(|ends| monotone_root(cubic, ends[0], ends[1], value)));
+}
+
+/// Corners of which none is absent that has a weight on the chord from `a` to `b`.
+pub(super) fn present(mut corners: [f64; 8], a: [Real; 3], b: [Real; 3]) -> Option<[f64; 8]> {
+    if corners.iter().any(|c| c.is_nan()) {
+        replace_unreached(&mut corners, a, b);
+    }
+    (!corners.iter().any(|c| c.is_nan())).then_some(corners)
+}
+
 /// Light of a chord so far.
 struct Gathered<'a> {
     budget: &'a CellBudget,
@@ -565,8 +614,8 @@ impl Gathered<'_> {
     /// Whether a part that takes this share of the chord may be added: it may spend a share of its opacity, and its share of what
     /// a cell may take of the reserve.
     fn allows(&self, part: &Seen, share: f64) -> bool {
-        let weight = self.weight();
-        weight * part.error - self.by_opacity(part) <= share * f64::from(RESERVE_SHARE) * self.budget.left
+        let share = (BY_LENGTH * share).max((1.0 - BY_LENGTH) / PARTS_LIMIT as f64);
+        self.weight() * part.error - self.by_opacity(part) <= share * f64::from(RESERVE_SHARE) * self.budget.left
     }
 
     fn by_opacity(&self, part: &Seen) -> f64 {
@@ -578,3 +627,6 @@ impl Gathered<'_> {
         self.seen = self.seen.before(part);
     }
 }
+
+#[cfg(test)]
+mod tests;
