@@ -78,16 +78,13 @@ const FEW_LANES: usize = 4;
 /// The pieces in the smallest table that holds them.
 #[derive(Debug)]
 enum PieceTable {
-    UpTo16(Box<FewPieces<16>>),
-    UpTo32(Box<FewPieces<32>>),
+    Few(Box<FewPieces>),
     Many,
 }
 
 impl PieceTable {
     fn new(pieces: &TransferPieces) -> Self {
-        let up_to_16 = FewPieces::new(pieces).map(|few| Self::UpTo16(Box::new(few)));
-        let up_to_32 = || FewPieces::new(pieces).map(|few| Self::UpTo32(Box::new(few)));
-        up_to_16.or_else(up_to_32).unwrap_or(Self::Many)
+        FewPieces::new(pieces).map_or(Self::Many, |few| Self::Few(Box::new(few)))
     }
 }
 
@@ -108,8 +105,7 @@ impl<T: ClassifyTask> Task for WithTable<'_, T> {
             return task.run::<S, _>(&PacketTransfer { table: &ManyPieces::new(pieces), limits, clear });
         }
         match table {
-            PieceTable::UpTo16(few) => task.run::<S, _>(&PacketTransfer { table: &**few, limits, clear }),
-            PieceTable::UpTo32(few) => task.run::<S, _>(&PacketTransfer { table: &**few, limits, clear }),
+            PieceTable::Few(few) => task.run::<S, _>(&PacketTransfer { table: &**few, limits, clear }),
             PieceTable::Many => task.run::<S, _>(&PacketTransfer { table: &ManyPieces::new(pieces), limits, clear }),
         }
     }
