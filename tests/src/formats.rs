@@ -186,6 +186,11 @@ the spacing and the place of an axis; uneven ones are noted.
 Arrays with axes inline, crossline, and time, twt, depth or samples are surveys. Their line numbers, CDP coordinates, units and missing
 traces are read. `--axes NAME,...` names the axes of an array (Zarr, N5, HDF5, NumPy), the slowest first.
 
+For VTK, write `.vti`: VTK 9.7.2 reads its dimensions, spacing and directions as they
+are. Its NRRD reader takes the first axis of a volume for numbers of a pixel: 4 x 3 x 2 voxels become a flat picture of 3 x 2 pixels
+with 4 numbers each (`findings/vtk-nrrd-flat.sh`). Its MetaImage reader transposes the directions of turned axes, so that a volume
+turns the opposite way (`findings/vtk-metaimage-transposed.sh`). SimpleITK reads both as they are meant.
+
 `tools/ci.sh readers` holds all of this against
 SimpleITK, VTK, pydicom, tifffile, zarr, tensorstore, nibabel, pynrrd, segyio and h5py.
 

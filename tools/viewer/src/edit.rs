@@ -14,6 +14,10 @@ use crate::worker::OpenVolume;
 /// Most control points that can be edited individually; a function with more is a table.
 pub const POINT_LIMIT: usize = 256;
 
+/// Least distance of the ends of the ramp of opacity by the gradient, as a share of the greater one. Scenes may have narrower
+/// ramps, which nobody can tell from steps.
+const LEAST_GRADIENT_RAMP: f64 = 1e-3;
+
 /// The stage of a volume for camera motion.
 #[must_use]
 pub fn stage(facts: &VolumeFacts) -> Stage {
@@ -180,6 +184,18 @@ pub fn remove_point(points: &mut Vec<PointSpec>, i: usize) {
     }
 }
 
+/// The ramp of opacity by the gradient with another end: 0, where opacity begins, or 1, where it is full. An end moves at most up
+/// to the other one.
+#[must_use]
+pub fn with_gradient_end(ramp: [f64; 2], end: usize, length: f64) -> [f64; 2] {
+    let [from, to] = ramp;
+    let moved = match end {
+        0 => [length.max(0.0).min((1.0 - LEAST_GRADIENT_RAMP) * to), to],
+        _ => [from, length.max(from / (1.0 - LEAST_GRADIENT_RAMP))],
+    };
+    if length.is_finite() && moved[1] > 0.0 { moved } else { ramp }
+}
+
 /// One slice inside the scene's clip box, face on, as `render --slice` shows it. `None` if nothing of it is left.
 #[must_use]
 pub fn sliced(scene: &Scene, opened: &OpenVolume, axis: usize, at: u64) -> Option<Scene> {
@@ -253,6 +269,25 @@ mod tests {
         assert_eq!(points.len(), POINT_LIMIT);
         (0..POINT_LIMIT + 5).for_each(|_| remove_point(&mut points, 0));
         assert_eq!(points.len(), 1, "the last point stays");
+    }
+
+    #[test]
+    fn ends_of_the_gradient_ramp_keep_their_order() {
+        let ramp = [5.0, 25.0];
+        assert_eq!(with_gradient_end(ramp, 0, 7.0), [7.0, 25.0]);
+        assert_eq!(with_gradient_end(ramp, 0, -1.0), [0.0, 25.0]);
+        assert_eq!(with_gradient_end(ramp, 0, 30.0), [24.975, 25.0]);
+        assert_eq!(with_gradient_end(ramp, 1, 30.0), [5.0, 30.0]);
+        let [from, to] = with_gradient_end(ramp, 1, 1.0);
+        assert!(from == 5.0 && (to - 5.005).abs() < 1e-4, "{to}");
+        for length in [f64::NAN, f64::INFINITY] {
+            assert_eq!([0, 1].map(|end| with_gradient_end(ramp, end, length)), [ramp; 2]);
+        }
+        assert_eq!(with_gradient_end([0.0, 25.0], 1, 0.0), [0.0, 25.0], "a ramp has a width");
+        for ramp in [with_gradient_end(ramp, 0, 30.0), with_gradient_end(ramp, 1, 1.0)] {
+            let scene = Scene { mode: Some(Mode::Dvr), gradient_opacity: Some(ramp), ..Scene::default() };
+            scene.validate().unwrap_or_else(|e| panic!("{e}"));
+        }
     }
 
     #[test]

@@ -14,6 +14,7 @@ impl Viewer {
         self.start(&ctx);
         self.receive(&ctx);
         transfer::receive(self);
+        self.receive_gradients();
         for path in panels::dropped_files(&ctx) {
             self.open(&path);
         }

@@ -23,6 +23,8 @@ use crate::sections::{Layout, Sections, Shown};
 use crate::state::animation::KeyFrames;
 use crate::state::dialogs::Dialogs;
 use crate::state::file_options::FileOptions;
+pub use crate::state::gradients::GradientHistogram;
+use crate::state::gradients::GradientState;
 use crate::state::panels::{PanelState, StatusHeight};
 use crate::state::transfer::Transfer;
 use crate::worker::{
@@ -97,6 +99,7 @@ pub struct Viewer {
     pub(crate) sections: Sections,
     pub(crate) cine: Cine,
     pub(crate) transfer: Transfer,
+    pub(crate) gradients: GradientState,
     pub(crate) status_height: StatusHeight,
     /// Key frames of an animation.
     pub(crate) keys: KeyFrames,
@@ -152,6 +155,7 @@ impl Viewer {
             sections: Sections { layout: saved.layout, ..Sections::default() },
             cine: Cine::default(),
             transfer: Transfer::default(),
+            gradients: GradientState::default(),
             status_height: StatusHeight::default(),
             keys: KeyFrames::default(),
             saved,
@@ -231,7 +235,8 @@ impl Viewer {
     #[must_use]
     pub fn is_idle(&self) -> bool {
         let is_drawn = self.picture.as_ref().is_some_and(|p| p.is_converged) && self.is_up_to_date();
-        self.busy.is_none() && (self.opened.is_none() || is_drawn && self.sections.are_idle())
+        let is_quiet = self.busy.is_none() && !self.gradients.is_counting();
+        is_quiet && (self.opened.is_none() || is_drawn && self.sections.are_idle())
     }
 
     /// Shows the file's name in the window's title, and whether work is going on, for task bars and scripts.
@@ -344,6 +349,18 @@ impl Viewer {
         if let Some(probed) = messages.probed {
             self.receive_answer(probed);
         }
+    }
+
+    /// Receives the lengths of the gradient.
+    pub(crate) fn receive_gradients(&mut self) {
+        let told = self.gradients.receive(self.opened.as_deref(), &mut self.scene);
+        self.message = told.or(self.message.take());
+    }
+
+    /// The histogram of the lengths of the gradient, as the editor shows it. `None` until they are counted.
+    #[must_use]
+    pub fn gradient_histogram(&self) -> Option<GradientHistogram> {
+        self.gradients.histogram(self.scene.gradient_opacity.map_or(0.0, |[_, to]| to))
     }
 
     /// Receives the answer to a probe.

@@ -12,13 +12,10 @@ use supervol_preprocess::statistics::PERCENTS;
 
 use super::{Arguments, BAR, short};
 
-/// Percentile at which the rows end: a few steep places would make all others one row.
-const LAST_ROW: f64 = 99.9;
-
 /// Counts the gradients of a container, and prints them.
 pub fn print(path: &Path, container: &Container, arguments: &Arguments) -> Result<(), Failure> {
     let gradients = Gradients::of(container, &|_, _| ()).map_err(|e| with_container(path, e))?;
-    let end = gradients.percentile(LAST_ROW);
+    let end = gradients.histogram_end();
     let (counts, beyond) = gradients.counts(arguments.rows, end);
     let low = |row: usize| end * row as f64 / arguments.rows as f64;
     let manifest = container.manifest();
@@ -31,8 +28,8 @@ pub fn print(path: &Path, container: &Container, arguments: &Arguments) -> Resul
             "gradient": {
                 "data_unit": manifest.unit, "world_units": manifest.axes.each_ref().map(|axis| &axis.unit),
                 "end": end, "rows": rows, "beyond": beyond,
-                "greatest": gradients.greatest, "percentiles": percentiles,
-                "known_voxels": gradients.known, "unknown_voxels": gradients.unknown,
+                "greatest": gradients.greatest, "percentiles": percentiles, "usual_ramp": gradients.usual_ramp(),
+                "known_voxels": gradients.known, "flat_voxels": gradients.flat, "unknown_voxels": gradients.unknown,
             }
         });
         return writeln!(out, "{found:#}").map_err(with_output);
@@ -62,6 +59,9 @@ fn write(
     }
     for percent in PERCENTS {
         writeln!(out, "{percent:>13} %  {:>14}", short(gradients.percentile(percent)))?;
+    }
+    if let Some([from, to]) = gradients.usual_ramp() {
+        writeln!(out, "usual ramp: --gradient-opacity {},{}", short(from), short(to))?;
     }
     Ok(())
 }

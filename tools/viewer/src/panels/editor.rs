@@ -19,7 +19,7 @@ const STRIP: f32 = 14.0;
 /// Distance in points at which the mouse picks a control point.
 const REACH: f32 = 9.0;
 /// Radius of a control point, in points.
-const RADIUS: f32 = 4.5;
+pub(super) const RADIUS: f32 = 4.5;
 /// Degree of the root at which opacities are drawn.
 const ROOT: f64 = 3.0;
 /// Free share of the diagram's width beyond the values shown.
@@ -137,19 +137,23 @@ fn paint(ui: &Ui, axes: &Axes, rect: Rect, facts: &VolumeFacts, points: &[PointS
 }
 
 fn histogram(painter: &egui::Painter, axes: &Axes, facts: &VolumeFacts, fill: Color32) {
-    let counts = &facts.histogram;
+    let (counts, range) = (&facts.histogram, facts.central_range);
+    let x = |bar: usize| axes.x(range.min + range.width() * bar as f64 / counts.len() as f64);
+    bars(painter, axes.rect, counts, x, fill);
+}
+
+/// Draws bars by the logarithms of counts. `x` returns the left end of a bar.
+pub(super) fn bars(painter: &egui::Painter, rect: Rect, counts: &[u64], x: impl Fn(usize) -> f32, fill: Color32) {
     let most = counts.iter().copied().max().unwrap_or(0) as f64;
     if most < 1.0 {
         return;
     }
-    let range = facts.central_range;
-    let x = |bin: usize| axes.x(range.min + range.width() * bin as f64 / counts.len() as f64);
-    let bottom = axes.rect.bottom();
+    let bottom = rect.bottom();
     // One mesh: separate rectangles would be rounded to pixels individually and leave gaps.
     let mut mesh = egui::Mesh::default();
-    for (bin, &count) in counts.iter().enumerate().filter(|(_, count)| **count > 0) {
-        let height = single((count as f64 + 1.0).ln() / (most + 1.0).ln()) * axes.rect.height();
-        mesh.add_colored_rect(Rect::from_x_y_ranges(x(bin)..=x(bin + 1), bottom - height..=bottom), fill);
+    for (bar, &count) in counts.iter().enumerate().filter(|(_, count)| **count > 0) {
+        let height = single((count as f64 + 1.0).ln() / (most + 1.0).ln()) * rect.height();
+        mesh.add_colored_rect(Rect::from_x_y_ranges(x(bar)..=x(bar + 1), bottom - height..=bottom), fill);
     }
     painter.add(Shape::mesh(mesh));
 }

@@ -6,6 +6,7 @@ mod cutting;
 pub(crate) mod dialogs;
 mod editor;
 mod file_options;
+mod gradient;
 mod handles;
 mod marks;
 pub(crate) mod picture;

@@ -11,7 +11,7 @@ use supervol_scene::preset::{colormap, looks};
 use supervol_scene::scene::{INNER_SURFACE_LIMIT, ISO_LIMIT, IsoSpec, LightSpec, Mode, ShadingSpec};
 
 use super::widgets::{heading, scrolled};
-use super::{editor, transfer};
+use super::{editor, gradient, transfer};
 use crate::edit;
 use crate::sections::short;
 use crate::state::panels::PanelState;
@@ -268,6 +268,7 @@ fn colors(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
     });
     if viewer.scene.mode == Some(Mode::Dvr) {
         density(viewer, ui);
+        gradient::show(viewer, opened, ui);
     }
 }
 

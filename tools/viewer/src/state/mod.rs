@@ -4,5 +4,6 @@ pub(crate) mod animation;
 pub(crate) mod browser;
 pub(crate) mod dialogs;
 pub(crate) mod file_options;
+pub(crate) mod gradients;
 pub(crate) mod panels;
 pub(crate) mod transfer;

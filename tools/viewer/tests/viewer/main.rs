@@ -15,6 +15,7 @@ mod ahead;
 mod animations;
 mod building;
 mod cutting;
+mod gradient;
 mod inspect;
 mod sections;
 mod window;
