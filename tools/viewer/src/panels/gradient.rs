@@ -104,7 +104,7 @@ fn numbers(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
     let speed = viewer.gradient_histogram().map_or(ramp[1], |h| h.end) / PARTS;
     let unit = gradients::unit(opened.container().manifest());
     let mut changed = None;
-    ui.horizontal_wrapped(|ui| {
+    ui.horizontal(|ui| {
         for (i, (word, (name, words))) in ["From", "to"].into_iter().zip(ENDS).enumerate() {
             let mut length = ramp[i];
             ui.label(word);
@@ -116,8 +116,8 @@ fn numbers(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
                 changed = Some((i, length));
             }
         }
-        ui.weak(&unit);
     });
+    ui.weak(&unit);
     if let Some((i, length)) = changed {
         viewer.scene.gradient_opacity = Some(edit::with_gradient_end(ramp, i, length));
     }
