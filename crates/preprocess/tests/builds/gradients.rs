@@ -18,7 +18,7 @@ fn ramp(hole: Option<[u64; 3]>) -> Gradients {
     counted(value, SPACING, |container| Gradients::of(container, &|_, _| ()).unwrap_or_else(|e| panic!("{e}")))
 }
 
-/// What a function finds in the container of a field.
+/// Result of a function for the container of a field.
 fn counted<T>(
     value: impl Fn([u64; 3]) -> f64 + Send + Sync + 'static,
     spacing: [f64; 3],

@@ -70,10 +70,8 @@ pub struct RayScene {
     /// The same over data values, in `f64`.
     pub(crate) data_transfer_function: TransferFunction,
     pub(crate) lighting: Option<Lighting>,
-    /// Opacity by the gradient and light by the normals of cuts, of the volume in mode `dvr`.
-    pub(crate) modulation: Option<Modulation>,
-    /// The same without both, for cells that are integrated in `f64`.
-    pub(crate) plain: Modulation,
+    /// Extinction and light of cells that are integrated in `f64`; opacity by the gradient and normals of cuts in mode `dvr` alone.
+    pub(crate) modulation: Modulation,
     pub(crate) iso: Vec<IsoSurface>,
     /// Whether crossings are listed, all of them, and not composited.
     pub(crate) lists_crossings: bool,
@@ -106,7 +104,6 @@ impl RayScene {
         let is_dvr = scene.mode == Mode::Dvr;
         let ramp = scene.gradient_opacity.filter(|_| is_dvr);
         let cuts = scene.cut_normals.as_ref().filter(|_| is_dvr && scene.shading.is_some());
-        let plain = Modulation::plain(&volume_only);
         Self {
             field: Field::FIRST,
             pyramid: pyramid.clone(),
@@ -117,8 +114,7 @@ impl RayScene {
             clip: scene.clip.clone(),
             mode: scene.mode,
             transfer_function: RenderTransferFunction::new(&volume_only, map.shift),
-            modulation: plain.with(ramp, cuts),
-            plain,
+            modulation: Modulation::new(ramp, cuts, &volume_only),
             data_transfer_function: volume_only,
             lighting: scene.shading.as_ref().map(|s| Lighting::new(s, geometry, value_range.width())),
             iso: scene.iso.iter().map(surface).collect(),

@@ -170,9 +170,7 @@ impl Shape {
         };
         one.into_iter().filter(|(t0, t1)| t0 < t1).collect()
     }
-}
 
-impl Shape {
     /// The unit normal where a ray enters or leaves the solid, at an end of one of its spans. Where faces meet, the first counts.
     fn normal_at(&self, ray: &Ray, t: f64) -> DVec3 {
         let point = ray.origin + t * ray.direction;

@@ -135,7 +135,7 @@ impl Scene {
     /// Whether a complete scene may have `cut_normals`: mode `dvr`, with a cut, and with light.
     #[must_use]
     pub fn may_light_cuts(&self) -> bool {
-        self.effective_mode() == Mode::Dvr && Self { cut_normals: true, ..self.clone() }.validate_cuts().is_ok()
+        self.effective_mode() == Mode::Dvr && self.check_cuts().is_ok()
     }
 
     /// Checks that a complete scene with `cut_normals` has a cut, and light for its faces.
@@ -143,9 +143,11 @@ impl Scene {
     /// # Errors
     /// If one of them is missing.
     pub fn validate_cuts(&self) -> Result<(), SceneError> {
-        if !self.cut_normals {
-            return Ok(());
-        }
+        if self.cut_normals { self.check_cuts() } else { Ok(()) }
+    }
+
+    /// Checks that there is a cut, and light for its faces.
+    fn check_cuts(&self) -> Result<(), SceneError> {
         let expected = || "a cut whose faces it lights: `clip` with a box, a plane or a solid".into();
         check(self.clip != ClipSpec::default(), "cut_normals", expected, "no cut")?;
         let expected = || "`shading`, which lights the faces of cuts (`{}` is the default light)".into();

@@ -8,7 +8,7 @@ use supervol_preprocess::gradients;
 use super::editor::{RADIUS, bars};
 use crate::edit;
 use crate::state::gradients::CountState;
-use crate::viewer::Viewer;
+use crate::viewer::{GradientHistogram, Viewer};
 use crate::worker::OpenVolume;
 
 /// Height of the diagram, in points.
@@ -43,13 +43,14 @@ pub(super) fn show(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
     }
     if is_on {
         viewer.gradients.begin(ui.ctx(), opened);
-        diagram(viewer, ui);
-        numbers(viewer, opened, ui);
+        let histogram = viewer.gradient_histogram();
+        diagram(viewer, histogram.as_ref(), ui);
+        numbers(viewer, histogram.as_ref(), opened, ui);
     }
 }
 
 /// Draws the histogram, the ramp and its handles.
-fn diagram(viewer: &mut Viewer, ui: &mut Ui) {
+fn diagram(viewer: &mut Viewer, histogram: Option<&GradientHistogram>, ui: &mut Ui) {
     let (rect, response) = ui.allocate_exact_size(Vec2::new(ui.available_width(), HEIGHT), Sense::hover());
     response.on_hover_text_at_pointer(DIAGRAM);
     let painter = ui.painter().with_clip_rect(rect);
@@ -64,12 +65,11 @@ fn diagram(viewer: &mut Viewer, ui: &mut Ui) {
         painter.text(rect.center(), Align2::CENTER_CENTER, words, font, ui.visuals().weak_text_color());
     }
     let inner = rect.shrink2(BORDER);
-    let histogram = viewer.gradient_histogram();
-    let Some(end) = histogram.as_ref().map(|h| h.end).or(viewer.scene.gradient_opacity.map(|[_, to]| to)) else {
+    let Some(end) = histogram.map(|h| h.end).or(viewer.scene.gradient_opacity.map(|[_, to]| to)) else {
         return;
     };
     let x = |length: f64| inner.left() + single(length / end) * inner.width();
-    if let Some(histogram) = &histogram {
+    if let Some(histogram) = histogram {
         let fill = ui.visuals().weak_text_color().gamma_multiply(0.6);
         let parts = histogram.counts.len() as f64;
         bars(&painter, inner, &histogram.counts, |bar| x(end * bar as f64 / parts), fill);
@@ -99,9 +99,9 @@ fn line(painter: &Painter, ui: &Ui, inner: Rect, [from, to]: [Pos2; 2]) {
 }
 
 /// Draws the fields of the ramp's ends.
-fn numbers(viewer: &mut Viewer, opened: &OpenVolume, ui: &mut Ui) {
+fn numbers(viewer: &mut Viewer, histogram: Option<&GradientHistogram>, opened: &OpenVolume, ui: &mut Ui) {
     let Some(ramp) = viewer.scene.gradient_opacity else { return };
-    let speed = viewer.gradient_histogram().map_or(ramp[1], |h| h.end) / PARTS;
+    let speed = histogram.map_or(ramp[1], |h| h.end) / PARTS;
     let unit = gradients::unit(opened.container().manifest());
     let mut changed = None;
     ui.horizontal(|ui| {

@@ -53,9 +53,9 @@ pub struct Modulation {
 }
 
 impl Modulation {
-    /// A transfer function over data values, without ramp and cuts.
+    /// Ramp and cuts, if any, with a transfer function over data values.
     #[must_use]
-    pub fn plain(function: &TransferFunction) -> Self {
+    pub fn new(ramp: Option<GradientOpacity>, cuts: Option<&CutNormals>, function: &TransferFunction) -> Self {
         let points = function.points();
         let mut knots: Vec<f64> = points.iter().map(|point| point.value).collect();
         for pair in points.windows(2) {
@@ -68,13 +68,7 @@ impl Modulation {
         knots.sort_by(f64::total_cmp);
         knots.dedup();
         let intervals = Arc::new(Intervals::new(function));
-        Self { ramp: None, cuts: None, intervals, knots: knots.into() }
-    }
-
-    /// The same with ramp and cuts; `None` without either.
-    #[must_use]
-    pub fn with(&self, ramp: Option<GradientOpacity>, cuts: Option<&CutNormals>) -> Option<Self> {
-        (ramp.is_some() || cuts.is_some()).then(|| Self { ramp, cuts: cuts.cloned(), ..self.clone() })
+        Self { ramp, cuts: cuts.cloned(), intervals, knots: knots.into() }
     }
 
     /// Whether a field between these values may show, if the gradient is nowhere longer than the root of this square.
@@ -145,7 +139,7 @@ pub(crate) struct BoundedBrick<'a> {
     pub(crate) face: Option<CutFace>,
 }
 
-/// Light of the part of a ray in one cell of a brick, without ramp and cuts, off by no more than `tolerance` if rounding allows that.
+/// Light of the part of a ray in one cell of a brick, behind no cut face, off by no more than `tolerance` if rounding allows that.
 /// The cell's first corner lies `base` voxels from the brick's first; `t` is the ray's interval in the brick. Counts parts.
 pub(crate) fn bounded_cell(
     level: LevelVisit<'_>,
@@ -154,7 +148,7 @@ pub(crate) fn bounded_cell(
     tolerance: f64,
     parts: &mut u64,
 ) -> Seen {
-    let (modulation, world_from_level) = (&level.scene.plain, level.scene.world_from_level_gradient(key.lod()));
+    let (modulation, world_from_level) = (&level.scene.modulation, level.scene.world_from_level_gradient(key.lod()));
     let whole = BoundedBrick { modulation, world_from_level, shown: None, face: None };
     let visit = BrickVisit::new(level, brick, key);
     let part = visit.chord_at_base(base, t);

@@ -74,12 +74,7 @@ pub fn config(
     options: Exactness,
     places: FeedbackPlaces,
 ) -> Result<Config, GpuError> {
-    if scene.gradient_opacity.is_some() {
-        return Err(GpuError::Scene { reason: "opacity by the gradient is not available".to_owned() });
-    }
-    if scene.cut_normals.is_some() {
-        return Err(GpuError::Scene { reason: "light by the normals of cuts is not available".to_owned() });
-    }
+    check_available(scene)?;
     let core = volume.pyramid.layout().core();
     let Exactness { skipping, max_error, sums_errors } = options;
     let [light_centre, light_scale, light_offset] = light.values_of_stored(volume.storage, volume.value_map);
@@ -148,6 +143,18 @@ pub fn config(
         ..lit(lighting.as_ref(), volume, max_error)
     };
     Ok(config)
+}
+
+/// Refuses what this backend does not draw.
+fn check_available(scene: &ResolvedScene) -> Result<(), GpuError> {
+    let absent = [
+        (scene.gradient_opacity.is_some(), "opacity by the gradient"),
+        (scene.cut_normals.is_some(), "light by the normals of cuts"),
+    ];
+    match absent.iter().find(|(is_asked, _)| *is_asked) {
+        Some((_, what)) => Err(GpuError::Scene { reason: format!("{what} is not available") }),
+        None => Ok(()),
+    }
 }
 
 /// A configuration of which only the lighting is set, if there is any.

@@ -6,11 +6,11 @@
 
 use supervol_format::BrickKey;
 use supervol_format::cast::single;
-use supervol_scene::clip::faces::CutFace;
+use supervol_scene::clip::faces::{CutFace, CutNormals};
 
 use super::places::{TILE_RAYS, place_of};
 use super::visit::{CastTile, cast_ray};
-use crate::engines::cells::bounded::{BoundedBrick, BoundedChord, CellBudget, Modulation, Seen};
+use crate::engines::cells::bounded::{BoundedBrick, BoundedChord, CellBudget, Seen};
 use crate::engines::cells::shown_cells::ShownCells;
 use crate::engines::cells::{BrickVisit, LevelVisit};
 use crate::engines::rules::BY_OPACITY;
@@ -18,32 +18,27 @@ use crate::stream::residency::DecodedBrick;
 
 impl CastTile<'_> {
     /// Rays gather light in a brick of which these cells may show something.
-    pub(super) fn cast_modulated(
-        &mut self,
-        (key, brick): (BrickKey, &DecodedBrick),
-        modulation: &Modulation,
-        shown: &ShownCells,
-    ) {
+    pub(super) fn cast_modulated(&mut self, (key, brick): (BrickKey, &DecodedBrick), shown: &ShownCells) {
         for i in 0..self.rays.hits().len() {
             let ray = self.rays.hits()[i];
             let t = self.rays.interval(ray);
-            self.gather_cells(ray, (t, self.rays.face(ray)), (key, brick), (modulation, Some(shown)));
+            self.gather_cells(ray, (t, self.rays.face(ray)), (key, brick), Some(shown));
         }
     }
 
     /// Rays gather what cut faces light of a brick. Those that go on in it remain, and begin behind that.
-    pub(super) fn cast_behind_faces(&mut self, (key, brick): (BrickKey, &DecodedBrick), modulation: &Modulation) {
-        self.go_behind_faces(modulation, |tile, ray, lit| {
-            tile.gather_cells(ray, lit, (key, brick), (modulation, None));
+    pub(super) fn cast_behind_faces(&mut self, (key, brick): (BrickKey, &DecodedBrick), cuts: &CutNormals) {
+        self.go_behind_faces(cuts, |tile, ray, lit| {
+            tile.gather_cells(ray, lit, (key, brick), None);
         });
     }
 
     /// The same of a brick of one data value.
-    pub(super) fn cast_uniform_behind_faces(&mut self, key: BrickKey, value: f64, modulation: &Modulation) {
-        self.go_behind_faces(modulation, |tile, ray, lit| {
+    pub(super) fn cast_uniform_behind_faces(&mut self, key: BrickKey, value: f64, cuts: &CutNormals) {
+        self.go_behind_faces(cuts, |tile, ray, lit| {
             let cast = cast_ray(tile.frame, tile.rays, tile.corner, ray);
             let setup = LevelVisit::new(&tile.frame.scene, &cast, key).setup;
-            let chord = BoundedChord::even(modulation, &setup, value, lit);
+            let chord = BoundedChord::even(&tile.frame.scene.modulation, &setup, value, lit);
             let mut budget = tile.budget(ray);
             let (seen, spent) = chord.seen(&budget, &mut tile.feedback.counters.samples);
             budget.left -= spent;
@@ -55,10 +50,9 @@ impl CastTile<'_> {
     /// Calls `gather` for each ray of which a cut face lights something in the present brick, with that part and the face.
     fn go_behind_faces(
         &mut self,
-        modulation: &Modulation,
+        cuts: &CutNormals,
         mut gather: impl FnMut(&mut Self, u16, ([f64; 2], Option<CutFace>)),
     ) {
-        let Some(cuts) = &modulation.cuts else { return };
         let mut kept = Vec::with_capacity(TILE_RAYS);
         for i in 0..self.rays.hits().len() {
             let ray = self.rays.hits()[i];
@@ -82,11 +76,11 @@ impl CastTile<'_> {
         ray: u16,
         (t, face): ([f64; 2], Option<CutFace>),
         (key, brick): (BrickKey, &DecodedBrick),
-        (modulation, shown): (&Modulation, Option<&ShownCells>),
+        shown: Option<&ShownCells>,
     ) {
         let frame = self.frame;
         let world_from_level = frame.scene.world_from_level_gradient(key.lod());
-        let modulated = BoundedBrick { modulation, world_from_level, shown, face };
+        let modulated = BoundedBrick { modulation: &frame.scene.modulation, world_from_level, shown, face };
         let cast = cast_ray(frame, self.rays, self.corner, ray);
         let visit = BrickVisit::new(LevelVisit::new(&frame.scene, &cast, key), brick, key);
         let last = f64::from(self.tables.precision.last_transmittance);
@@ -95,7 +89,7 @@ impl CastTile<'_> {
         self.add_seen(ray, &seen, &budget);
     }
 
-    /// What the next cells of a ray may be off by.
+    /// Budget of the next cells of a ray.
     fn budget(&self, ray: u16) -> CellBudget {
         let (gathered, place) = (&self.rays.gathered, usize::from(ray));
         let by_opacity = BY_OPACITY * self.tables.max_error;
@@ -115,9 +109,7 @@ impl CastTile<'_> {
     /// Finds the cut faces in front of the parts that the rays are in, if they light something.
     pub(super) fn find_faces(&mut self) {
         let Self { frame, corner, .. } = *self;
-        let Some(cuts) = frame.scene.modulation.as_ref().and_then(|modulation| modulation.cuts.as_ref()) else {
-            return;
-        };
+        let Some(cuts) = &frame.scene.modulation.cuts else { return };
         let dims = frame.scene.finest_dims();
         self.rays.set_faces(|ray, end| {
             let [x, y] = place_of(ray);

@@ -94,7 +94,7 @@ impl BrickPlans {
             map: scene.map,
             rule: PacketRule { sums_errors: false, counts_work: false, ..rule },
             is_lit: scene.lighting.is_some(),
-            gradient_opacity: scene.modulation.as_ref().and_then(|modulation| modulation.ramp),
+            gradient_opacity: scene.modulation.ramp,
             skipping: scene.skipping,
             bytes_limit,
         };

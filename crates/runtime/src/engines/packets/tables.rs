@@ -228,9 +228,9 @@ impl PacketTables {
         (key, ahead): (BrickKey, [AxisDirection; 3]),
         brick: &DecodedBrick,
     ) -> BrickPlan {
-        if let Some(modulation) = scene.modulation.as_ref().filter(|modulation| modulation.ramp.is_some()) {
+        if scene.modulation.ramp.is_some() {
             let gradient = scene.world_from_level_gradient(key.lod());
-            return self.plan_of(scene, ahead, brick, ShownCells::new(modulation, &gradient, &scene.map, brick));
+            return self.plan_of(scene, ahead, brick, ShownCells::new(&scene.modulation, &gradient, &scene.map, brick));
         }
         let shows = |[low, high]: [f32; 2]| scene.transfer_function.is_visible(low, high);
         let cloud = cloud_of_blocks(brick, APRON, ahead, &scene.map, shows);

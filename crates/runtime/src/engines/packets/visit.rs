@@ -190,12 +190,13 @@ impl CastTile<'_> {
 
     /// All rays see one value all the way.
     fn cast_uniform(&mut self, key: BrickKey, value: f32) {
-        if let Some(modulation) = &self.frame.scene.modulation {
-            // Where all is even there is no gradient: with opacity by the gradient, nothing shows.
-            if modulation.ramp.is_some() {
-                return;
-            }
-            self.cast_uniform_behind_faces(key, self.data_value_of_uniform(key, value), modulation);
+        let modulation = &self.frame.scene.modulation;
+        if modulation.ramp.is_some() {
+            // Even values have no gradient: nothing shows.
+            return;
+        }
+        if let Some(cuts) = &modulation.cuts {
+            self.cast_uniform_behind_faces(key, self.data_value_of_uniform(key, value), cuts);
         }
         let [kappa, emission @ ..] = self.channels_of_uniform(key, value);
         if kappa <= 0.0 {
@@ -228,9 +229,9 @@ impl CastTile<'_> {
 
     fn cast_brick(&mut self, key: BrickKey, brick: &DecodedBrick) {
         let (frame, tables) = (self.frame, self.tables);
-        let of_cuts = frame.scene.modulation.as_ref().filter(|modulation| modulation.ramp.is_none());
-        if let Some(modulation) = of_cuts {
-            self.cast_behind_faces((key, brick), modulation);
+        let modulation = &frame.scene.modulation;
+        if let Some(cuts) = modulation.cuts.as_ref().filter(|_| modulation.ramp.is_none()) {
+            self.cast_behind_faces((key, brick), cuts);
             if self.rays.hits().is_empty() {
                 return;
             }
@@ -242,11 +243,11 @@ impl CastTile<'_> {
         }
         let (packet_brick, grid) = tables.packet_brick(&frame.scene, key, brick);
         // With opacity by the gradient, cells are integrated in `f64`.
-        if let (Some(modulation), Some(shown)) = (&frame.scene.modulation, &plan.shown) {
+        if let Some(shown) = &plan.shown {
             if plan.leaps && frame.inner.is_none() {
                 self.leave_out_unseen(key, &plan.cloud, &grid);
             }
-            self.cast_modulated((key, brick), modulation, shown);
+            self.cast_modulated((key, brick), shown);
             return;
         }
         // Between surfaces rays are cast piece by piece: the silhouette would be looked up for each piece.

@@ -11,7 +11,7 @@ use super::*;
 const TERMS: usize = 1 << 14;
 /// Least that is compared.
 const ROUNDED: f64 = 1e-9;
-/// What a cell may be off by: twentieths of a tenth of a grey level, and of eight.
+/// Tolerances of a cell: twentieths of a tenth of a grey level, and of eight.
 const TOLERANCES: [f64; 2] = [0.1 / 255.0 / 20.0, 8.0 / 255.0 / 20.0];
 
 /// A chord, with everything that its light depends on.
@@ -122,7 +122,7 @@ impl Case {
 
     /// True error, what that may be off by, and the stated error, for a cell that may be off by `tolerance`.
     fn errors(&self, tolerance: f64) -> [f64; 3] {
-        let (modulation, lighting) = (Modulation::plain(&self.function()), self.lighting());
+        let (modulation, lighting) = (Modulation::new(None, None, &self.function()), self.lighting());
         let setup =
             ShadeSetup { lighting: lighting.as_ref(), to_eye: TO_EYE, world_from_level_gradient: glam::Mat3::IDENTITY };
         let chord = BoundedChord::of(&modulation, &setup, self.value, ([0.0, self.length], None));
